@@ -427,6 +427,23 @@ def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
     assert reached.ends[0] == stuck.minimum.cost
 
 
+@pytest.mark.parametrize("knee", [20.0, 32.0])
+def test_a_search_comes_back_from_a_wrong_knee(knee):
+    """A command in steps makes a kink at every level, and beside a wrong knee the motor constant has no effect."""
+    rng, fixed = np.random.default_rng(2), {"resistance": 1.0, "rotor_viscous": 0.0, "rotor_friction.coulomb": 0.0}
+    true = {"motor_constant": 4.8, "rotor_inertia": 21.0, "voltage_dead_zone.half_width": 8.0}
+    true |= {"drive.knee": 64.0, "drive.beyond": 0.05}
+    u = np.round(250 * levels(1500, rng, 75))
+    speed = RIGID.with_values(fixed | true).simulate(u[:, None], 5e-3, np.zeros(3), (Signal.SPEED,))[:, 0]
+    record = Record(u, speed + 0.1 * rng.standard_normal(1500), 5e-3, output_units="rad/s")
+    off = {name: value * 2 ** rng.uniform(-1, 1) for name, value in true.items()} | {"drive.knee": knee}
+    start = RIGID.with_values(fixed | off)
+    task = prepare(start, record, free=tuple(true), fixed=fixed, from_datasheet=False)
+    stuck = continuation.search(task, start, 60)
+    assert stuck.cost > 1.2 * 0.5 * 1500 * 0.1**2
+    assert beside_kinks(task, stuck, 60).cost == pytest.approx(0.5 * 1500 * 0.1**2, rel=0.1)
+
+
 @pytest.mark.parametrize("lag", [0.5, 2.0])
 def test_a_search_comes_back_from_a_delay_beyond_a_whole_sample(lag):
     """A held command acts at other samples there, and a lag makes up for a part of it."""

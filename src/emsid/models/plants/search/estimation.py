@@ -226,8 +226,8 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
     Coulomb friction, a dead zone and a Stribeck excess with a low rate do nearly the same. A search that has taken one
     of them to zero does not come back, as the others make up for it. So it begins again where it ended, with that
     parameter inside, and usual rates. The effect of a delay has a kink at every whole number of samples, where a held
-    command changes. So a search begins again with a delay that is half a sample shorter or longer, and with parameters
-    exchanged that do nearly the same.
+    command changes, and that of a knee at every level of a command in steps. So a search begins again with a delay that
+    is half a sample shorter or longer, with other knees, and with parameters exchanged that do nearly the same.
     """
     driven = reached.problem.plant.driven
     if driven is None or driven.secondary:

@@ -1,7 +1,8 @@
 r"""Where a search begins again that has ended on the wrong side of what it does not cross.
 
-A cost has kinks where a parameter becomes zero, and where a delay is a whole number of samples. It also has a second
-minimum where two parameters that do nearly the same have changed places:
+A cost has kinks where a parameter becomes zero, where a delay is a whole number of samples, and where the knee of a
+drive is at a command that the record keeps for long. It also has a second minimum where two parameters that do nearly
+the same have changed places:
 
 - a Coulomb level and a Stribeck excess that hardly fades are both a constant friction;
 - a lag τ of the sensor and the time constant T of one mass commute in a linear system,
@@ -34,6 +35,8 @@ FADES = 0.1
 """An excess that falls by a smaller part up to the top speed is a part of the Coulomb level."""
 ASIDE = (-0.5, 0.5)
 """By how many samples a delay is moved where a search begins again."""
+KNEES = ((0.9, 1.1), (0.5, 2.0))
+"""By what factors a knee is moved where a search begins again: across a kink, and to another minimum."""
 INERTIA = ("kg*m^2", "kg")
 """Units of an inertia."""
 
@@ -52,6 +55,7 @@ def second_starts(task: Task, plant: DrivenPlant, names: Sequence[str]) -> Itera
     friction = [*_excess_again(task, plant), *_friction_exchanged(task, plant)]
     yield [*_inside(task, plant, names), *friction]
     yield _other_delays(task, plant, names)
+    yield from _other_knees(task, plant, names)
     yield _lag_exchanged(task, plant)
 
 
@@ -101,6 +105,18 @@ def _other_delays(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[
     """Delays beside that of a plant, where it is estimated."""
     here, dt = plant.value("drive.delay"), task.segments[0].dt
     return [_within(task, {"drive.delay": here + part * dt}) for part in ASIDE if "drive.delay" in names]
+
+
+def _other_knees(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[list[Values]]:
+    """Knees below and above that of a plant, where it is estimated.
+
+    All parameters are estimated again: beside the wrong knee, where the motor hardly answers larger commands, its
+    constant has no effect.
+    """
+    if "drive.knee" not in names:
+        return []
+    here = {name: plant.value(name) for name in task.asked}
+    return [[_within(task, {**here, "drive.knee": factor * here["drive.knee"]}) for factor in pair] for pair in KNEES]
 
 
 def _lag_exchanged(task: Task, plant: DrivenPlant) -> list[Values]:

@@ -325,7 +325,7 @@ def test_an_output_with_the_wrong_sign_is_refused(plant, noise):
     unit = "rad/s" if signal is Signal.SPEED else "m"
     record = Record(LEVELS, measured, DT, output_units=(unit,), input_names=("v",), output_names=("w",), name="log")
     assert simulation_error(plant, record).names
-    message = r"log: 'w' goes against 'v'; if that is how .* turn the sign of one of them \(scale w=-1\)"
+    message = r"log: 'w' goes against 'v'; if that is how .* turn the sign of one of them with scale w=-1"
     with pytest.raises(DataError, match=message):
         simulation_error(plant, replace(record, output=-record.output))
 
@@ -345,9 +345,9 @@ def test_channels_with_the_right_signs_are_fitted(noise):
 @pytest.mark.parametrize(
     ("signs", "words"),
     [
-        ((1, -1), r"'i' goes against 'v'; .* turn the sign of i \(scale i=-1\)"),
-        ((-1, 1), r"'w' goes against 'v'; .* turn the sign of w \(scale w=-1\)"),
-        ((-1, -1), r"'w' and 'i' go against 'v'; .* turn the sign of v \(scale v=-1\)"),
+        ((1, -1), r"'i' goes against 'v'; .* turn the sign of i with scale i=-1"),
+        ((-1, 1), r"'w' goes against 'v'; .* turn the sign of w with scale w=-1"),
+        ((-1, -1), r"'w' and 'i' go against 'v'; .* turn the sign of v with scale v=-1"),
     ],
 )
 def test_the_channel_with_the_wrong_sign_is_named(signs, words, noise):
@@ -358,7 +358,7 @@ def test_the_channel_with_the_wrong_sign_is_named(signs, words, noise):
 
 def test_a_current_alone_may_have_the_wrong_sign():
     record = replace(driven(signals=(Signal.CURRENT,)), input_names=("v",), output_names=("i",))
-    with pytest.raises(DataError, match=r"'i' goes against 'v'; .* turn the sign of one of them \(scale i=-1\)"):
+    with pytest.raises(DataError, match=r"'i' goes against 'v'; .* turn the sign of one of them with scale i=-1"):
         simulation_error(DrivenMotor(ONE_MASS), replace(record, output=-record.output))
 
 

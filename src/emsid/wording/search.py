@@ -26,8 +26,8 @@ def searches_agreeing(f: Finding, argument: Spelling) -> str:
     searches, compared = f.data["searches"], f.data["compared"]
     if searches > 1:
         return f"{f.data['agreeing']} of {searches} searches from different starts end at this minimum"
-    best = f" from the best of {compared} starts" if compared > 1 else ""
-    return f"one search ran to its end{best}; no other start was searched to its end"
+    best = f", from the best of {compared} starts," if compared > 1 else ""
+    return f"only one search{best} ran to its end"
 
 
 @words("steps-used-up", Severity.WARNING)

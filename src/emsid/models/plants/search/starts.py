@@ -219,7 +219,7 @@ def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
     raise DataError(
         f"{record.name}: {listed([repr(name) for name in shown])} {'go' if len(shown) > 1 else 'goes'} against "
         f"{command!r}; if that is how it was wired or logged, turn the sign of "
-        f"{'one of them' if outputs == 1 else listed(turned)} (scale {' '.join(f'{name}=-1' for name in turned)})",
+        f"{'one of them' if outputs == 1 else listed(turned)} with scale {' '.join(f'{name}=-1' for name in turned)}",
         arguments=("scale",),
     )
 

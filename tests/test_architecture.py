@@ -326,6 +326,12 @@ LONGEST = 60
 LONG = {"plant.taylor.run": "one compiled loop, in which every branch is a state of the motor"}
 
 
+def test_files_are_short_enough_to_be_read() -> None:
+    """A file of more lines than this mostly holds two subjects."""
+    lines = {module: len(path.read_text("utf-8").splitlines()) for module, path in SOURCES.items()}
+    assert {module: count for module, count in lines.items() if count > 500} == {}
+
+
 def test_functions_are_short_enough_to_be_read() -> None:
     long = {}
     for module in MODULES:

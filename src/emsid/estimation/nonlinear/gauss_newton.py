@@ -53,6 +53,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import Information
+from emsid.estimation.nonlinear.box import Box
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
@@ -75,30 +76,6 @@ MORE_DAMPING = 100.0
 # A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
 # weights of the penalties that are smaller by the second number, at most the third number of times.
 RAISED, LIGHTER, MOST_LIGHTENED = 0.05, 0.1, 8
-
-
-@dataclass(frozen=True, eq=False)
-class _Box:
-    """The bounds, and the indices of the parameters that are not fixed."""
-
-    low: Array
-    high: Array
-    varied: Indices
-
-    def limits(self, theta: Array) -> tuple[Array, Array]:
-        """The largest steps down and up that every varied parameter may take."""
-        return (self.low - theta)[self.varied], (self.high - theta)[self.varied]
-
-    def moved(self, theta: Array, step: Array) -> Array:
-        """θ after a step of the varied parameters; a step to a bound ends exactly on it."""
-        down, up = self.limits(theta)
-        new = theta.copy()
-        new[self.varied] = np.where(
-            step <= down,
-            self.low[self.varied],
-            np.where(step >= up, self.high[self.varied], theta[self.varied] + step),
-        )
-        return new
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +144,7 @@ class _Search:
     """A search, step by step; the arguments are those of `gauss_newton`."""
 
     problem: Problem
-    box: _Box
+    box: Box
     loss: Loss
     max_iterations: int
     tolerance: float
@@ -377,7 +354,7 @@ def gauss_newton(
     return _conclude(iterate, box, loss if covariances else None, labels, end, check)
 
 
-def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
+def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:
     theta = np.array(start, dtype=float)
     if theta.ndim != 1:
         raise ModelError(f"start values of shape {theta.shape}; give (p,)")
@@ -393,7 +370,7 @@ def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Se
             raise ModelError(f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one")
         if not a <= value <= b:
             raise ModelError(f"start value {value:g} of {what} is outside its bounds [{a:g}, {b:g}]")
-    return theta, _Box(low, high, np.flatnonzero(low < high))
+    return theta, Box(low, high, np.flatnonzero(low < high))
 
 
 def _finite(number: float) -> float | None:
@@ -402,7 +379,7 @@ def _finite(number: float) -> float | None:
 
 
 def _conclude(
-    iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End, check: Callable[[], None]
+    iterate: _Iterate, box: Box, loss: Loss | None, labels: Sequence[str], end: _End, check: Callable[[], None]
 ) -> Minimum:
     """The result of the search, with covariances if a loss is given.
 
@@ -460,7 +437,7 @@ def _among_all(part: Array, columns: Indices, count: int) -> Array:
     return whole
 
 
-def _at_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
+def _at_bounds(point: _Point, box: Box) -> NDArray[np.bool_]:
     """(p,) which of the parameters that are not fixed are at a bound that the gradient points across."""
     pushed = np.zeros(len(point.theta))
     pushed[box.varied] = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]

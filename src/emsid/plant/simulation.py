@@ -152,11 +152,6 @@ class Trajectory:
     energy: Energy | None
 
     @property
-    def rotor_angle(self) -> Array:
-        """(N,) θ_m in rad."""
-        return self.load_angle + self.twist
-
-    @property
     def rotor_held(self) -> NDArray[np.bool_]:
         """(N,) whether friction holds the rotor."""
         return np.asarray(self.rotor_speed == 0)

@@ -10,11 +10,6 @@ from emsid.models.free_run import mean_squared_error as mean_squared_error
 Array = NDArray[np.float64]
 
 
-def root_mean_squared_error(measured: Array, modelled: Array) -> float:
-    """√MSE, in the unit of the output."""
-    return float(np.sqrt(mean_squared_error(measured, modelled)))
-
-
 def fit_percent(measured: Array, modelled: Array) -> float:
     """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ import emsid
 from emsid import ModelError, Record
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.identification.curves import curves
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
@@ -55,22 +56,29 @@ def loop(name: str = "polynomial", rate: int = 1) -> FeedbackModel:
     return FeedbackModel(LOOP, (MAPS[name],), np.array([offset]), 0.2, oversampling=rate, dt=DT)
 
 
+def multiplied(name: str = "polynomial", rate: int = 1) -> FeedbackModel:
+    """A loop with two maps, of which the first is multiplied by a signal."""
+    factors = np.array([[0.3, -0.2, 0.1, 0.4], [0.0, 0.0, 0.0, 1.0]])
+    maps = MAPS[name], DeadZone(-0.2, 0.3)
+    return FeedbackModel(TWO_LOOPS, maps, np.zeros(2), 0.2, oversampling=rate, dt=DT, factors=factors)
+
+
 def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
     return Visited.of([model.entering(u)], [model.trajectory(u, x)])
 
 
 @pytest.mark.parametrize("name", [name for name in MAPS if name != "user"])
 def test_the_compiled_run_equals_the_plain_one(name: str) -> None:
-    model = loop(name)
-    plain = loop(name)
-    vars(plain)["_tables"] = None
-    for one, other in zip(model.stepped(U, X)[0], plain.stepped(U, X)[0], strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+    for make in (loop, multiplied):
+        model, plain = make(name), make(name)
+        vars(plain)["_tables"] = None
+        for one, other in zip(model.stepped(U, X)[0], plain.stepped(U, X)[0], strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("model", [loop(), loop("spline", 2), loop("dead-zone"), FeedbackModel(
     TWO_LOOPS, (MAPS["saturation"], MAPS["coulomb-linear"]), dt=DT
-)], ids=["polynomial", "oversampled spline", "dead zone", "two maps"])  # fmt: skip
+), multiplied("spline", 2)], ids=["polynomial", "spline, oversampled", "dead zone", "two maps", "product"])  # fmt: skip
 def test_the_derivative_is_that_of_differences(model: FeedbackModel) -> None:
     u, step = U[:120], 1e-6
     theta, count = model.parameters, len(model.parameters)
@@ -203,9 +211,10 @@ def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (2, "polynomial") not in tried
 
 
+@pytest.mark.parametrize("make", [loop, multiplied])
 @pytest.mark.parametrize("name", ["polynomial", "dead-zone", "saturation", "abs"])
-def test_redundant_directions_leave_the_output_as_it_is(name: str) -> None:
-    model = loop(name)
+def test_redundant_directions_leave_the_output_as_it_is(name: str, make: Callable[[str], FeedbackModel]) -> None:
+    model = make(name)
     rows = model.gradient(U, model.trajectory(U, X))
     own, states = np.split(rows, [len(model.parameters)], axis=1)
     change = own @ directions(model, visited(model))
@@ -217,9 +226,10 @@ def test_redundant_directions_leave_the_output_as_it_is(name: str) -> None:
     assert sizes[-1] > 1e-5 * sizes[0]
 
 
+@pytest.mark.parametrize("make", [loop, multiplied])
 @pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "monotone-spline", "coulomb-linear", "abs"])
-def test_other_forms_of_a_model_have_the_same_output(name: str) -> None:
-    model = loop(name)
+def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[str], FeedbackModel]) -> None:
+    model = make(name)
     expected = model.output(U, X)
     normal, held = normal_form(model, visited(model))
     for same in (whitened(model, visited(model)), normal):
@@ -424,6 +434,39 @@ def test_a_third_map_is_found() -> None:
     assert trial.found.error < 0.0105
 
 
+def coasting(seed: int, samples: int = 1500) -> tuple[Record, float]:
+    """A motor whose damping grows with the size of the command, as of a bridge that lets it coast, and its noise."""
+    matrix = np.array([[0.98, 0.05, -0.05, -0.03], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    factors = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    truth = FeedbackModel(matrix, (Abs(), Saturation(20.0, -1.0, 1.0)), dt=DT, factors=factors)
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-4, 4, samples // 15), 15)
+    y, noise = truth.output(u, np.zeros(1)), 0.01
+    return Record(u, y + noise * rng.normal(size=len(u)), DT), noise
+
+
+def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
+    """Damping by the command, beside friction: with the same maps of one signal each, three times the noise is left."""
+    record, noise = coasting(1)
+    fit = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), record)
+    model = fit.model
+    assert list(model.multiplied) == [0]
+    assert emsid.compare([fit], coasting(2)[0]).best.row.simulation_rmse < 1.1 * noise
+    assert {"g1.u", "g1.1"} & {*fit.names}
+    assert ")*g1(t)\n" in model.equation()
+    (first, *_) = curves(fit, record)[-len(model.maps) :]
+    assert first.name == "w1/g1"
+    plain = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1, static="two-slopes", maps=2), record)
+    assert np.sqrt(plain.noise_variance) > 3 * noise
+
+
+def test_no_map_is_multiplied_where_another_leaves_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = []
+    monkeypatch.setattr(choice, "with_product", lambda *given: begun.append(given))
+    emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), sticking(1))
+    assert not begun
+
+
 def test_a_map_is_added_to_the_best_model_and_to_the_one_that_explains_most() -> None:
     """Of models with as many maps; one that leaves the range of the data is not extended."""
     few, other, most, away = (_scaled(size) for size in (3.0, 2.0, 1.0, 0.5))
@@ -445,6 +488,7 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
     first, second, third, idle = _scaled(4.0), _scaled(2.0, maps=2), _scaled(1.0, maps=3), _scaled(4.0, maps=2)
     found = {1: [second], 2: [third]}
     monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: found[len(each.found.model.maps)])
+    monkeypatch.setattr(choice, "_products", lambda *_: [])
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
     assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
     found[1] = [idle]

@@ -134,6 +134,9 @@ def feedback() -> Iterator[tuple[str, FeedbackModel]]:
     for name, static in MAPS.items():
         yield f"feedback, {name}", FeedbackModel(LOOP, (static,), np.array([1.5]), 0.2, dt=DT)
     yield "feedback, two maps", FeedbackModel(TWO_LOOPS, (MAPS["saturation"], MAPS["spline"]), dt=DT)
+    factors = np.array([[0.0, 0.0, 0.0, 1.0], [0.03, -0.02, 0.1, 0.2]])
+    maps = MAPS["saturation"], MAPS["polynomial"]
+    yield "feedback, multiplied map", FeedbackModel(TWO_LOOPS, maps, dt=DT, factors=factors)
     yield "feedback, no map", FeedbackModel(LOOP[[0, 1, 3]][:, :3], dt=DT)
     yield "feedback, no state", FeedbackModel(np.array([[1.0, 0.0], [0.3, 0.7]]), (MAPS["dead-zone"],), dt=DT)
     for rate, delay, held in ((1, 2, False), (2, 0, False), (3, 20, False), (2, 1, True)):

@@ -141,7 +141,7 @@ def _in_feedback(fit: Fit[FeedbackModel], record: Record) -> list[BandedCurve]:
     """The maps of a feedback model over their inputs in the record, in the coordinates of the model."""
     model, found = fit.model, []
     seen = visited(model, record).z
-    for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.numbered("w"), strict=True)):
+    for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.names_of_outputs, strict=True)):
         x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
         error = map_error(fit, k, x, seen[:, k])
         band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), LEVEL)

@@ -108,7 +108,7 @@ def map_error(fit: Fit[Any], k: int, x: Array, seen: Array) -> Array:
 
     A line beside a map is a part of the linear system, so the data may determine the sum of both only, as where the
     linear part alone hardly comes to rest. Of a map that contains lines the error of its shape is given: of what
-    differs from a line over most of the inputs that the map has seen.
+    differs from a line over most of the inputs that the map has seen, or from a level, if it is multiplied by a signal.
 
     Args:
         fit: of the model.
@@ -124,7 +124,8 @@ def map_error(fit: Fit[Any], k: int, x: Array, seen: Array) -> Array:
     if model.maps[k].owns_level:
         low, high = np.quantile(seen, MIDDLE)
         at = seen[(low <= seen) & (seen <= high)][:: max(1, len(seen) // COMPARED)]
-        lines = [np.stack([np.ones_like(each), each - at.mean()]) for each in (x, at)]
+        count = 1 if k in model.multiplied else 2
+        lines = [np.stack([np.ones_like(each), each - at.mean()][:count]) for each in (x, at)]
         rows = rows - model.maps[k].parameter_gradient(at)[kept] @ np.linalg.pinv(lines[1]) @ lines[0]
     part = fit.covariance[np.ix_(columns, columns)]
     variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)

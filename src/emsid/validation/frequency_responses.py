@@ -113,9 +113,7 @@ def output_at_rest(model: Any, level: float) -> float:
 def about_rest(model: FeedbackModel, level: float) -> tuple[Array, Array]:
     """The state (n,) at rest, and the linear part there, (n + 1, n + 1) from (x, u) to (x⁺, y)."""
     rest = model.resting(level)
-    signals = model.stepped(np.full(1, level), rest)[0]
-    slopes = [float(each.slope(signals.z[0, i : i + 1])[0]) for i, each in enumerate(model.maps)]
-    return rest, model.linearised(slopes)
+    return rest, model.linearised_at(rest, level)[1]
 
 
 def _settled(model: Any, level: float, inputs: int) -> float:

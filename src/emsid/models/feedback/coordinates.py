@@ -9,14 +9,16 @@ of the model makes up for it:
 
 Those (c, k, d, s, o) whose df the family of the map contains are redundant. They are found numerically along the run,
 for maps of any family; maps that declare that they absorb a shift or take factors do so to the accuracy of their knots.
-A constant added to x⁺ moves the state by (I − A)⁻¹ of it.
+Of a map that is multiplied by a signal g, c·g is subtracted from the linear part, which cannot make up for a line z·g;
+the unit of g is divided out of B_w and D_yw. A constant added to x⁺ moves the state by (I − A)⁻¹ of it.
 
 **Coordinates.** θ = θ₀ + Cφ, with C orthogonal to these directions (data-driven local coordinates, McKelvey,
 Helmersson, Ribarits, Automatica 40, 2004), in units in which a change of each element has the same effect on its row.
 
 **Normal form.** x₁ is the output without what passes directly, and the columns of A but the first are shifts (observer
 form), so the linear part reads as a difference equation. The largest element of every row of z and column of w is one:
-z and w have the units of a signal. A map that contains a line has no level and no slope in the middle of its data.
+z, w and g have the units of a signal. A map that contains a line has no level and no slope in the middle of its data,
+one that is multiplied by a signal no level.
 """
 
 from __future__ import annotations
@@ -78,30 +80,36 @@ class Change:
         matrix: of M.
         maps: of the parameters of every map.
         map_offsets: (m,) of z₀.
+        factors: of F.
         output_offset: of y₀.
     """
 
     matrix: Array
     maps: list[Array]
     map_offsets: Array
+    factors: Array
     output_offset: float = 0.0
 
     @classmethod
     def none(cls, model: FeedbackModel) -> Change:
         """No change."""
         parts = [np.zeros(len(each.parameters)) for each in model.maps]
-        return cls(np.zeros(model.matrix.shape), parts, np.zeros(len(model.maps)))
+        return cls(np.zeros(model.matrix.shape), parts, np.zeros(len(model.maps)), np.zeros(model.factors.shape))
 
     def moved_by_constant(self, model: FeedbackModel, constant: Array, behind: float) -> Change:
         """With a constant added to x⁺ (n,) and to y moved into the offsets."""
         n, m = model.states, len(model.maps)
         shift = resting_shift(model.matrix[:n, :n], constant)
         offsets = self.map_offsets + model.matrix[n : n + m, :n] @ shift
-        return replace(self, map_offsets=offsets, output_offset=behind + float(model.matrix[-1, :n] @ shift))
+        factors = self.factors.copy()
+        factors[:, -1] += model.factors[:, :n] @ shift
+        behind += float(model.matrix[-1, :n] @ shift)
+        return replace(self, map_offsets=offsets, factors=factors, output_offset=behind)
 
     def vector(self, model: FeedbackModel) -> Array:
         """(p,) in the order of the parameters."""
-        return np.concatenate([self.matrix[model.free_entries], *self.maps, self.map_offsets, [self.output_offset]])
+        own = [self.factors[model.multiplied].ravel(), *self.maps]
+        return np.concatenate([self.matrix[model.free_entries], *own, self.map_offsets, [self.output_offset]])
 
 
 def directions(model: FeedbackModel, visited: Visited) -> Array:
@@ -113,11 +121,20 @@ def directions(model: FeedbackModel, visited: Visited) -> Array:
             change = Change.none(model)
             change.matrix[i] += model.matrix[j]
             change.matrix[:, j] -= model.matrix[:, i]
+            change.factors[:, j] -= model.factors[:, i]
             found.append(change.vector(model))
+    for i in model.multiplied:
+        change = Change.none(model)
+        change.factors[i] += model.factors[i]
+        change.matrix[:, n + 1 + i] -= model.matrix[:, n + 1 + i]
+        found.append(change.vector(model))
     seen = visited.thinned(COMPARED)
     shifts = [_within(each, seen.z[:, i], each.slope(seen.z[:, i])) for i, each in enumerate(model.maps)]
     for i, each in enumerate(model.maps):
-        found += [_of_a_map(model, i, mix, own, shifts).vector(model) for mix, own in _contained(each, seen.z[:, i])]
+        own_line = i not in model.multiplied
+        found += [
+            _of_a_map(model, i, mix, own, shifts).vector(model) for mix, own in _contained(each, seen.z[:, i], own_line)
+        ]
     return np.array(found).reshape(-1, len(model.parameters)).T
 
 
@@ -127,8 +144,14 @@ def _within(map_: StaticMap, z: Array, values: Array) -> Array:
     return np.asarray(np.linalg.lstsq(rows.T, values, rcond=None)[0], dtype=float)
 
 
-def _contained(map_: StaticMap, z: Array) -> list[tuple[Array, Array]]:
-    """The redundant mixtures (c, k, d, s, o) of a map, each with the change (p,) of its parameters."""
+def _contained(map_: StaticMap, z: Array, line: bool) -> list[tuple[Array, Array]]:
+    """The redundant mixtures (c, k, d, s, o) of a map, each with the change (p,) of its parameters.
+
+    Args:
+        map_: the map.
+        z: (K,) its input.
+        line: whether the linear part can make up for a line.
+    """
     slope, value = map_.slope(z), map_.value(z)
     generators = np.stack([np.ones_like(z), z, slope, -z * slope, value])
     length = np.linalg.norm(generators, axis=1)
@@ -138,7 +161,8 @@ def _contained(map_: StaticMap, z: Array) -> list[tuple[Array, Array]]:
     rest = units - parts @ map_.parameter_gradient(z)
     if map_.scaling is Scaling.FREE:
         rest[3] = 0.0
-    used = [k for k in range(5) if k != 2 or not map_.absorbs_shift]  # then z₀ is fixed, and a shift changes nothing
+    # Where z₀ is fixed, a shift changes nothing.
+    used = [k for k in range(5) if not (k == 1 and not line) and not (k == 2 and map_.absorbs_shift)]
     _, sizes, axes = np.linalg.svd(rest[used].T, full_matrices=True)
     sizes = np.pad(sizes, (0, len(used) - len(sizes)))
     mixtures = np.zeros((len(used), 5))
@@ -161,8 +185,8 @@ def _of_a_map(model: FeedbackModel, i: int, mix: Array, own: Array, shifts: list
     change = Change.none(model)
     change.maps[i][:] = own
     into, out = model.matrix[n + i, : n + 1], model.matrix[:, n + 1 + i]
-    constants = -(level + line * model.map_offsets[i]) * out
-    change.matrix[:, : n + 1] -= line * np.outer(out, into)
+    constants = -(level * model.factors[i, -1] + line * model.map_offsets[i]) * out
+    change.matrix[:, : n + 1] -= np.outer(out, line * into + level * model.factors[i, :-1])
     change.matrix[n : n + m, : n + 1][i] += unit_in * into
     change.matrix[:, n + 1 + i] -= unit_out * out
     change = change.moved_by_constant(model, constants[:n], float(constants[-1]))
@@ -183,19 +207,27 @@ def weights(model: FeedbackModel, visited: Visited) -> Array:
     columns[columns == 0] = 1.0
     table = columns[None, :] / rows[:, None]
     n = model.states
-    of_w = _size(seen.w)
+    of_w, g = _size(seen.w), model.factor(seen.x, seen.u)
     parts = [
-        np.sqrt(np.mean(each.parameter_gradient(seen.z[:, i]) ** 2, axis=1)) / of_w[i]
+        np.sqrt(np.mean((g[:, i] * each.parameter_gradient(seen.z[:, i])) ** 2, axis=1)) / of_w[i]
         for i, each in enumerate(model.maps)
     ]
+    of_factors = np.append(columns[: n + 1], 1.0) / _level(g)[model.multiplied, None]
     of_maps = [np.maximum(part, 1e-6 * part.max(initial=1e-300)) for part in parts]
-    return np.concatenate([table[model.free_entries], *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
+    free = table[model.free_entries]
+    return np.concatenate([free, of_factors.ravel(), *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
 
 
 def _size(signals: Array) -> Array:
     """The standard deviation of every column, one where it is constant."""
     size = np.std(signals, axis=0)
     return np.where(size > 0, size, 1.0)
+
+
+def _level(signals: Array) -> Array:
+    """The root mean square of every column, one where it is zero."""
+    level = np.sqrt(np.mean(signals**2, axis=0))
+    return np.where(level > 0, level, 1.0)
 
 
 def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None) -> Array:
@@ -239,8 +271,10 @@ def with_state(model: FeedbackModel, transform: Array) -> FeedbackModel:
     n = model.states
     matrix = model.matrix.copy()
     matrix[:n] = transform @ matrix[:n]
-    matrix[:, :n] = np.linalg.solve(transform.T, matrix[:, :n].T).T
-    return replace(model, matrix=matrix)
+    factors = model.factors.copy()
+    for rows in (matrix, factors):
+        rows[:, :n] = np.linalg.solve(transform.T, rows[:, :n].T).T
+    return replace(model, matrix=matrix, factors=factors)
 
 
 def with_units(model: FeedbackModel, i: int, unit_in: float, unit_out: float) -> FeedbackModel:
@@ -252,6 +286,14 @@ def with_units(model: FeedbackModel, i: int, unit_in: float, unit_out: float) ->
     offsets[i] /= unit_in
     matrix[:, n + 1 + i] *= unit_out
     return replace(model, matrix=matrix, maps=tuple(maps), map_offsets=offsets)
+
+
+def with_factor_unit(model: FeedbackModel, i: int, unit: float) -> FeedbackModel:
+    """The same model with the signal that multiplies one map divided by ``unit``."""
+    matrix, factors = model.matrix.copy(), model.factors.copy()
+    factors[i] /= unit
+    matrix[:, model.states + 1 + i] *= unit
+    return replace(model, matrix=matrix, factors=factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,9 +328,13 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
         if size[-1] > 0:
             transform = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
             model = with_state(model, transform)
+    g = _level(model.factor(visited.x @ transform.T, visited.u))
+    for i in model.multiplied:
+        model = with_factor_unit(model, i, float(g[i]))
     for i, each in enumerate(model.maps):
         if each.scaling is Scaling.FREE:
-            model = with_units(model, i, float(_size(visited.z[:, i])), float(_size(visited.w[:, i])))
+            unit = float(_size(visited.w[:, i])) / (float(g[i]) if i in model.multiplied else 1.0)
+            model = with_units(model, i, float(_size(visited.z[:, i])), unit)
     return Same(model, transform, np.zeros(n))
 
 
@@ -299,7 +345,7 @@ def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
     for i in range(m):
         model, moved = _without_line(model, i, visited.z[:, i])
         shift = shift + moved
-    held = np.zeros(model.matrix.shape, dtype=bool)
+    held, own = np.zeros(model.matrix.shape, dtype=bool), np.zeros(model.factors.shape, dtype=bool)
     transform, x = _observer(model), visited.x
     if transform is not None:
         model, x, shift = with_state(model, transform), x @ transform.T, transform @ shift
@@ -309,6 +355,9 @@ def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
         model = replace(model, matrix=matrix)
         held[:n, 1:n] = held[-1, :n] = True
     entering = np.append(_size(x), _size(visited.u))
+    for i in model.multiplied:
+        largest = int(np.argmax(np.abs(model.factors[i, :-1]) * entering))
+        model, own[i, largest] = with_factor_unit(model, i, float(model.factors[i, largest])), True
     for i, each in enumerate(model.maps):
         if each.scaling is not Scaling.FREE:
             continue
@@ -319,8 +368,8 @@ def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
         if np.isfinite(factors).all() and all(factors):
             model = with_units(model, i, *map(float, factors))
             held[n + i, into] = held[behind, n + 1 + i] = True
-    fixed = np.zeros(len(model.parameters), dtype=bool)
-    fixed[: int(model.free_entries.sum())] = held[model.free_entries]
+    first = np.append(held[model.free_entries], own[model.multiplied])
+    fixed = np.pad(first, (0, len(model.parameters) - len(first)))
     return Same(model, np.eye(n) if transform is None else transform, shift), fixed
 
 
@@ -342,14 +391,14 @@ def _observer(model: FeedbackModel) -> Array | None:
 def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel, Array]:
     """The same model without level and slope of a map in the middle of its data, and (n,) the change of its state.
 
-    The model is unchanged where the family of the map does not contain lines, or an integrator would have to hold the
-    level.
+    Of a map that is multiplied by a signal only the level is taken. The model is unchanged where the family of the map
+    does not contain lines, or an integrator would have to hold the level.
     """
     map_, n = model.maps[i], model.states
     if not map_.owns_level:
         return model, np.zeros(n)
     middle = np.array([float(np.median(z))])
-    slope = float(map_.slope(middle)[0])
+    slope = 0.0 if i in model.multiplied else float(map_.slope(middle)[0])
     level = float(map_.value(middle)[0]) - slope * float(middle[0])
     at = np.unique(z[:: max(1, len(z) // COMPARED)])
     line = slope * at + level
@@ -361,7 +410,12 @@ def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel
 
 
 def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple[FeedbackModel, Array] | None:
-    """The model with slope·z + level added to what one map gives, as a part of the linear part and the offsets.
+    """The model with slope·z + level·g added to what one map gives, as a part of the linear part and the offsets.
+
+    Args:
+        model: with its maps.
+        i: the map; where g is a signal, the slope is zero.
+        slope, level: of the line.
 
     Returns:
         The model, and (n,) the change of its state; None where an integrator would have to hold the level.
@@ -369,14 +423,15 @@ def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple
     n = model.states
     out, into = model.matrix[:, n + 1 + i], model.matrix[n + i, : n + 1]
     matrix = model.matrix.copy()
-    matrix[:, : n + 1] += slope * np.outer(out, into)
-    constants = (level + slope * model.map_offsets[i]) * out
+    matrix[:, : n + 1] += np.outer(out, slope * into + level * model.factors[i, :-1])
+    constants = (level * model.factors[i, -1] + slope * model.map_offsets[i]) * out
     shift = resting_shift(matrix[:n, :n], constants[:n])
     if np.abs(shift - matrix[:n, :n] @ shift - constants[:n]).max(initial=0.0) > CONTAINED * np.abs(constants).max():
         return None
-    offsets = model.map_offsets + matrix[n:-1, :n] @ shift
+    offsets, factors = model.map_offsets + matrix[n:-1, :n] @ shift, model.factors.copy()
+    factors[:, -1] += factors[:, :n] @ shift
     behind = model.output_offset + float(constants[-1] + matrix[-1, :n] @ shift)
-    return replace(model, matrix=matrix, map_offsets=offsets, output_offset=behind), -shift
+    return replace(model, matrix=matrix, map_offsets=offsets, factors=factors, output_offset=behind), -shift
 
 
 def resting_shift(a: Array, constant: Array) -> Array:

@@ -19,7 +19,7 @@ from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Infeasible, LastRun
+from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
@@ -117,8 +117,8 @@ class FreeRun:
                 with np.errstate(all="ignore"):
                     np.matmul(self.spread.T, rows[:, :count].T, out=derivative[:free, samples])
                 derivative[own : own + model.states, samples] = rows[:, count:].T
-            if not np.isfinite(derivative[:, skipped:]).all():
-                raise Infeasible(f"the derivative of {model.name} is not finite")
+            if not max(derivative[:, skipped:].max(), -derivative[:, skipped:].min()) < LARGEST:  # also if not a number
+                raise Infeasible(f"the derivative of {model.name} is too large")
             found.append(((passed.y[:: model.oversampling] - y)[skipped:], derivative[:, skipped:].T))
         return found
 
@@ -202,10 +202,12 @@ def searched(
     control: Control = FREE,
     least_saving: float = 0.0,
     states: Sequence[Array] | None = None,
+    hold_signals: bool = False,
 ) -> Found:
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
-    The initial states begin as given, or as the first samples show them.
+    The initial states begin as given, or as the first samples show them. With ``hold_signals`` the z and g of maps
+    that are multiplied remain the signals that they are, but for their offsets.
 
     Raises:
         Stopped: by ``control``, within a long segment.
@@ -217,7 +219,8 @@ def searched(
     while found is None or (left > 0 and not found.settled):
         same = whitened(model, visited(model, segments, states))
         states = [same.state(x) for x in states]
-        spread = coordinates(same.model, visited(same.model, segments, states))
+        held = _signals_of_products(same.model) if hold_signals else None
+        spread = coordinates(same.model, visited(same.model, segments, states), held)
         problem = FreeRun(same.model, spread, segments, transient, control.check)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
@@ -229,6 +232,12 @@ def searched(
         found = Found(model, states, minimum, converged or slow or control.ending is not None)
         cost = minimum.cost
     return found
+
+
+def _signals_of_products(model: FeedbackModel) -> NDArray[np.bool_]:
+    """(p,) the parameters from which z and g of the maps that are multiplied follow, without offsets."""
+    rows = tuple(f"{model.numbered(letter)[k]}." for letter in "zg" for k in model.multiplied)
+    return np.array([name.startswith(rows) and not name.endswith(".1") for name in model.names])
 
 
 def conclude(

@@ -7,11 +7,11 @@ slopes of the maps along the run only, so it is compiled for maps of any kind.
 With the matrix M of `FeedbackModel`, split by rows into (x⁺, z, y) and by columns into (x, u, w), the derivative of
 the state with respect to a parameter θ follows from the linearised recursion
 
-    δz  = C_z δx + (∂z/∂θ)                  δw = f′(z) δz + (∂f/∂θ)
-    δx⁺ = A δx + B_w δw + (∂x⁺/∂θ)          δy = C_y δx + D_yw δw + (∂y/∂θ)
+    δz  = C_z δx + (∂z/∂θ)       δg = F_x δx + (∂g/∂θ)       δw = g f′(z) δz + f(z) δg + g (∂f/∂θ)
+    δx⁺ = A δx + B_w δw + (∂x⁺/∂θ)                           δy = C_y δx + D_yw δw + (∂y/∂θ)
 
 where the derivative in brackets of a row of M·(x, u, w) with respect to an element of M is the signal that it
-multiplies.
+multiplies, and likewise for F.
 """
 
 from __future__ import annotations
@@ -83,13 +83,32 @@ class LoopSignals(NamedTuple):
         return cls(np.empty((steps, states)), np.empty((steps, maps)), np.empty((steps, maps)), np.empty(steps))
 
 
+class MapSlopes(NamedTuple):
+    """What the maps give along a run over K steps, and its derivatives.
+
+    Attributes:
+        slopes: (K, m) ∂w/∂z = g f′(z).
+        values: (K, m) ∂w/∂g = f(z).
+        gradient: (K, q) ∂w/∂θ = g ∂f/∂θ of all maps.
+        owners: (q,) the map that each column of ``gradient`` belongs to.
+        back: (K, m, n) ∂w/∂x.
+    """
+
+    slopes: Array
+    values: Array
+    gradient: Array
+    owners: NDArray[np.int64]
+    back: Array
+
+
 @numba.njit(cache=True, nogil=True)
-def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, out: LoopSignals) -> int:
+def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array, state: Array, out: LoopSignals) -> int:
     """Run the model over an input.
 
     Args:
         matrix: (n + m + 1, n + 1 + m) M.
         offsets: (m + 1,) added to every z, and to y.
+        factors: (m, n + 2) F.
         tables: of the maps.
         u: (K,) input.
         state: (n,) the state at the start; overwritten by that after the last step.
@@ -123,6 +142,10 @@ def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, o
             jump, width = signs[i, 0], signs[i, 1]
             if jump != 0.0:
                 value += jump * (np.tanh(z / width) if width > 0.0 else np.sign(z))
+            factor = factors[i, n + 1] + factors[i, n] * u[t]
+            for j in range(n):
+                factor += factors[i, j] * state[j]
+            value *= factor
             all_z[t, i], all_w[t, i], w[i] = z, value, value
         for i in range(n + 1):
             row = i if i < n else n + m
@@ -144,7 +167,13 @@ def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, o
 
 
 def run_reference(
-    matrix: Array, offsets: Array, maps: Sequence[StaticMap], u: Array, state: Array, out: LoopSignals
+    matrix: Array,
+    offsets: Array,
+    factors: Array,
+    maps: Sequence[StaticMap],
+    u: Array,
+    state: Array,
+    out: LoopSignals,
 ) -> int:
     """As `run`, with the maps themselves: slow and simple, and for maps of any kind."""
     n, m = len(state), len(maps)
@@ -152,6 +181,7 @@ def run_reference(
         signals = np.concatenate([state, u[t : t + 1]])
         z = matrix[n : n + m, : n + 1] @ signals + offsets[:m]
         w = np.array([float(each.value(z[i : i + 1])[0]) for i, each in enumerate(maps)])
+        w = w * (factors @ np.append(signals, 1.0))
         signals = np.concatenate([signals, w])
         y = matrix[-1] @ signals + offsets[m]
         out.x[t], out.z[t], out.w[t], out.y[t] = state, z, w, y
@@ -164,9 +194,8 @@ def run_reference(
 @numba.njit(cache=True, nogil=True)
 def derivative(
     matrix: Array,
-    slopes: Array,
-    gradient: Array,
-    owners: NDArray[np.int64],
+    multiplied: NDArray[np.int64],
+    maps: MapSlopes,
     u: Array,
     x: Array,
     w: Array,
@@ -174,16 +203,15 @@ def derivative(
     now: Array,
     out: Array,
 ) -> None:
-    """The derivative of the output with respect to M, the maps, the offsets and the initial state, over a block.
+    """The derivative of the output with respect to M, F, the maps, the offsets and the initial state, over a block.
 
-    Its columns are the elements of M row by row without the block D_zw = 0, the parameters of the maps, the offsets of
-    z and y, and the initial state.
+    Its columns are the elements of M row by row without the block D_zw = 0, the rows of F of maps that are multiplied,
+    the parameters of the maps, the offsets of z and y, and the initial state.
 
     Args:
         matrix: (n + m + 1, n + 1 + m) M.
-        slopes: (K, m) f′ of every map along the run.
-        gradient: (K, q) ∂f/∂θ of all maps along the run.
-        owners: (q,) the map that each column of ``gradient`` belongs to.
+        multiplied: (k,) the maps that are multiplied by a signal.
+        maps: along the run.
         u: (K,) input.
         x, w: (K, n), (K, m) of the run.
         every: one in so many steps has an output.
@@ -191,10 +219,12 @@ def derivative(
         out: (⌈K/every⌉, p) receives the derivative.
     """
     n, m = x.shape[1], w.shape[1]
+    slopes, values, gradient, owners, back = maps
     width, q = n + 1 + m, gradient.shape[1]
     to_maps = n * width  # where the rows of z begin
     to_output = to_maps + m * (n + 1)
-    of_maps = to_output + width
+    of_factors = to_output + width
+    of_maps = of_factors + len(multiplied) * (n + 2)
     of_offsets = of_maps + q
     p = of_offsets + m + 1 + n
     from_maps = np.empty((n + 1, q))
@@ -203,18 +233,10 @@ def derivative(
             from_maps[i, j] = matrix[i if i < n else n + m, n + 1 + owners[j]]
     before, after = np.zeros((n + 1, p)), np.zeros((n + 1, p))
     before[:n] = now
-    closed, back = np.empty((n + 1, n)), np.empty((m, n))
+    closed = np.empty((n + 1, n))
     for t in range(len(u)):
-        for k in range(m):
-            for j in range(n):
-                back[k, j] = slopes[t, k] * matrix[n + k, j]
         rows = n + 1 if t % every == 0 else n  # the last one is that of y
-        for i in range(rows):
-            row = i if i < n else n + m
-            for j in range(n):
-                closed[i, j] = matrix[row, j]
-                for k in range(m):
-                    closed[i, j] += matrix[row, n + 1 + k] * back[k, j]
+        _close(matrix, back[t], rows, closed)
         multiply(closed, before, rows, after)
         for i in range(rows):
             row, own = (i, i * width) if i < n else (n + m, to_output)
@@ -229,6 +251,12 @@ def derivative(
                     after[i, of_z + j] += through * x[t, j]
                 after[i, of_z + n] += through * u[t]
                 after[i, of_offsets + k] += through
+            for c, k in enumerate(multiplied):
+                through, of_g = matrix[row, n + 1 + k] * values[t, k], of_factors + c * (n + 2)
+                for j in range(n):
+                    after[i, of_g + j] += through * x[t, j]
+                after[i, of_g + n] += through * u[t]
+                after[i, of_g + n + 1] += through
             for j in range(q):
                 after[i, of_maps + j] += from_maps[i, j] * gradient[t, j]
         if rows > n:
@@ -236,6 +264,18 @@ def derivative(
             out[t // every] = after[n]
         before, after = after, before
     now[:] = before[:n]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _close(matrix: Array, back: Array, rows: int, closed: Array) -> None:
+    """The first rows of the linear part from x to (x⁺, y) with ∂w/∂x (m, n) in its feedback."""
+    m, n = back.shape
+    for i in range(rows):
+        row = i if i < n else n + m
+        for j in range(n):
+            closed[i, j] = matrix[row, j]
+            for k in range(m):
+                closed[i, j] += matrix[row, n + 1 + k] * back[k, j]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -301,25 +341,23 @@ def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def pushed(matrix: Array, slopes: Array, forces: Array, every: int, out: Array) -> None:
+def pushed(matrix: Array, back: Array, forces: Array, every: int, out: Array) -> None:
     """The change of the output when signals are added to each row of the linear part, to first order.
 
     Args:
         matrix: (n + m + 1, n + 1 + m) M.
-        slopes: (K, m) f′ of every map along the run.
+        back: (K, m, n) ∂w/∂x along the run.
         forces: (K, r) the signals.
         every: one in so many steps has an output.
         out: (⌈K/every⌉, (n + 1)·r) receives the change by each signal added to x₁⁺, …, xₙ⁺ and y, row after row.
     """
-    m, r = slopes.shape[1], forces.shape[1]
+    m, r = back.shape[1], forces.shape[1]
     n = matrix.shape[0] - m - 1
     now, new = np.zeros((n, n * r)), np.zeros((n, n * r))
     dw, dy = np.zeros((m, n * r)), np.zeros(n * r)
     for t in range(len(forces)):
         for i in range(m):
-            _combined(dw[i], matrix[n + i], now)
-            for k in range(n * r):
-                dw[i, k] *= slopes[t, i]
+            _combined(dw[i], back[t, i], now)
         if t % every == 0:
             _combined(dy, matrix[n + m], now)
             _through(dy, matrix[n + m], dw, n)

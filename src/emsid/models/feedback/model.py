@@ -1,17 +1,19 @@
 r"""A linear system with static maps in its feedback (nonlinear LFR).
 
     x(t+1) = A x(t) + B_u u(t) + B_w w(t)
-    z(t)   = C_z x(t) + D_zu u(t) + z₀          w(t) = f(z(t))
+    z(t)   = C_z x(t) + D_zu u(t) + z₀          g(t) = F_x x(t) + F_u u(t) + g₀          w(t) = f(z(t))·g(t)
     y(t)   = C_y x(t) + D_yu u(t) + D_yw w(t) + y₀
 
-with one or several static maps f, each with its own z and w. Friction, a hardening spring, a saturation inside a
-controller act in a loop, which no cascade can show. A Hammerstein model (A and z independent of w), a Wiener model
-(y = w) and a Wiener–Hammerstein model are cases of it; so is a motor with friction, whose speed is driven by a dead
-zone. There is no path from w to z in one step, so every signal follows from those before it.
+with one or several static maps f, each with its own z and w. Most maps have g = 1. Others are multiplied by a signal:
+damping that depends on the command, as of a bridge that lets the motor coast, is f(u) times the speed. Friction, a
+hardening spring, a saturation inside a controller act in a loop, which no cascade can show. A Hammerstein model (A and
+z independent of w), a Wiener model (y = w) and a Wiener–Hammerstein model are cases of it; so is a motor with friction,
+whose speed is driven by a dead zone. There is no path from w to z in one step, so every signal follows from those
+before it.
 
 **Redundancy.** The same output follows from other numbers: n² for the choice of the state (x′ = Tx); one for the unit
-of every z and of every w, if the family of the map can take factors; one for a line k·z and one for a level of f, which
-can be moved into the linear part, if the family of f contains them; one for a shift of z, if the map absorbs it. These
+of every z, w and g, if the family of the map can take factors; one for a line k·z and one for a level of f, which can
+be moved into the linear part, if the family of f contains them; one for a shift of z, if the map absorbs it. These
 directions are removed from a fit (`coordinates`); a fitted model is in the normal form of that module, in which the
 rest can be identified if the input excites every map.
 
@@ -41,7 +43,8 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
+from emsid.models.feedback.equations import equations, numbered
+from emsid.models.feedback.kernels import LoopSignals, MapSlopes, Tables, derivative, run, run_reference, tables_of
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
@@ -59,8 +62,6 @@ SETTLING, NEWTON = 2_000, 50
 ROUNDING = 1e-9
 # Samples of a block of a derivative.
 BLOCK = 8192
-# Digits of a coefficient: poles close to one another need more than a gain does.
-DIGITS = 10
 
 
 class FeedbackState(NamedTuple):
@@ -90,6 +91,7 @@ class FeedbackModel(OneChannelMethods):
         held: whether the input is held over the steps of a sample; otherwise it is interpolated.
         name: name in tables and files.
         dt: sample time in s of its records; None for any.
+        factors: (m, n + 2) rows give g from the columns x, u, 1; by default 0, …, 0, 1 for every map.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
@@ -105,24 +107,32 @@ class FeedbackModel(OneChannelMethods):
     held: bool = False
     name: str = "feedback"
     dt: float | None = None
+    factors: Array = ()  # type: ignore[assignment]  # made an array below
 
     models_noise: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "maps", tuple(self.maps))
-        offsets = np.zeros(len(self.maps)) if np.size(self.map_offsets) == 0 else self.map_offsets
-        for field, value, dimensions in (("matrix", self.matrix, 2), ("map_offsets", offsets, 1)):
+        m = len(self.maps)
+        offsets = np.zeros(m) if np.size(self.map_offsets) == 0 else self.map_offsets
+        ones = np.eye(1, self.states + 2, self.states + 1).repeat(m, axis=0)
+        factors = ones if np.size(self.factors) == 0 else self.factors
+        for field, value, dimensions in (
+            ("matrix", self.matrix, 2), ("map_offsets", offsets, 1), ("factors", factors, 2)
+        ):  # fmt: skip
             array = np.array(value, dtype=float)
             if array.ndim != dimensions or not np.isfinite(array).all():
                 raise ModelError(f"{self.name}: {field} needs {dimensions} dimensions and finite numbers")
             array.flags.writeable = False
             object.__setattr__(self, field, array)
-        n, m = self.states, len(self.maps)
+        n = self.states
         if n < 0 or self.matrix.shape != (n + m + 1, n + 1 + m) or len(self.map_offsets) != m:
             raise ModelError(
                 f"{self.name}: a matrix of shape {self.matrix.shape} and {len(self.map_offsets)} offsets for {m} maps; "
                 "with n states give (n + m + 1, n + 1 + m), and one offset for each map"
             )
+        if self.factors.shape != (m, n + 2):
+            raise ModelError(f"{self.name}: factors of shape {self.factors.shape}; with n states give (m, n + 2)")
         if self.matrix[n : n + m, n + 1 :].any():
             raise ModelError(f"{self.name}: w must not reach z in the same step; that block of the matrix is zero")
         for k, each in enumerate(self.maps, start=1):
@@ -138,16 +148,22 @@ class FeedbackModel(OneChannelMethods):
     @property
     def states(self) -> int:
         """n, the order of the linear part."""
-        return int(self.matrix.shape[0] - 1 - len(self.maps))
+        return int(np.shape(self.matrix)[0] - 1 - len(self.maps))
+
+    @cached_property
+    def multiplied(self) -> NDArray[np.int64]:
+        """(k,) the maps that are multiplied by a signal; the rows of ``factors`` of the others are constant."""
+        return np.flatnonzero(self.factors[:, :-1].any(axis=1))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """A name for every parameter: ``x1.u`` is the factor of u in the equation of x1."""
-        z, w, f = (self.numbered(letter) for letter in "zwf")
+        z, w, f, g = (self.numbered(letter) for letter in "zwfg")
         x = tuple(f"x{k + 1}" for k in range(self.states))
         names = [f"{row}.{column}" for row in x for column in (*x, "u", *w)]
         names += [f"{row}.{column}" for row in z for column in (*x, "u")]
         names += [f"y.{column}" for column in (*x, "u", *w)]
+        names += [f"{g[k]}.{column}" for k in self.multiplied for column in (*x, "u", "1")]
         names += [f"{own}.{name}" for own, each in zip(f, self.maps, strict=True) for name in each.names]
         return (*names, *(f"{row}.1" for row in z), "y.1")
 
@@ -161,26 +177,31 @@ class FeedbackModel(OneChannelMethods):
 
     @property
     def parameters(self) -> Array:
-        """(p,) the elements of M row by row, the parameters of the maps, z₀ and y₀."""
-        own = [each.parameters for each in self.maps]
+        """(p,) the elements of M row by row, those of F for maps that are multiplied, of the maps, z₀ and y₀."""
+        own = [self.factors[self.multiplied].ravel(), *(each.parameters for each in self.maps)]
         return np.concatenate([self.matrix[self.free_entries], *own, self.map_offsets, [self.output_offset]])
 
     @cached_property
     def spans(self) -> tuple[slice, ...]:
         """The slice of the parameters that belongs to each map."""
-        edges = np.cumsum([int(self.free_entries.sum()), *(len(each.parameters) for each in self.maps)])
+        first = int(self.free_entries.sum()) + len(self.multiplied) * (self.states + 2)
+        edges = np.cumsum([first, *(len(each.parameters) for each in self.maps)])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
 
     def with_parameters(self, theta: Array) -> FeedbackModel:
         """The same model with other parameters (p,)."""
-        matrix = np.zeros(self.matrix.shape)
-        matrix[self.free_entries] = theta[: int(self.free_entries.sum())]
+        matrix, factors, count = np.zeros(self.matrix.shape), self.factors, int(self.free_entries.sum())
+        matrix[self.free_entries] = theta[:count]
+        if len(self.multiplied):
+            factors = factors.copy()
+            factors[self.multiplied] = theta[count : self.spans[0].start].reshape(-1, factors.shape[1])
         maps = tuple(each.with_parameters(theta[span]) for each, span in zip(self.maps, self.spans, strict=True))
-        first, kept = len(theta) - 1 - len(maps), (self.names, self.spans, self.free_entries)
+        first, kept = len(theta) - 1 - len(maps), ("names", "spans", "free_entries", "multiplied")
+        kept_values = {name: getattr(self, name) for name in kept}
         new = copy(self)  # same structure: no new checks
         vars(new).update(matrix=matrix, maps=maps, map_offsets=theta[first:-1], output_offset=float(theta[-1]))
         vars(new).pop("_tables", None)
-        vars(new).update(zip(("names", "spans", "free_entries"), kept, strict=True))
+        vars(new).update(kept_values, factors=factors)
         return new
 
     def with_estimates(self, names: Sequence[str], values: Array) -> FeedbackModel:
@@ -278,21 +299,29 @@ class FeedbackModel(OneChannelMethods):
         now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
-            slopes, gradient, owners = self._of_maps(passed.z[steps])
-            derivative(
-                self.matrix, slopes, gradient, owners, v[steps], passed.x[steps], passed.w[steps], rate, now, out
-            )
+            maps = self.map_slopes(passed.x[steps], v[steps], passed.z[steps])
+            derivative(self.matrix, self.multiplied, maps, v[steps], passed.x[steps], passed.w[steps], rate, now, out)
             yield slice(first, first + len(out)), out
 
-    def _of_maps(self, z: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-        """The slopes (K, m) of the maps at their inputs (K, m), ∂f/∂θ (K, q), and the map of each of its columns."""
-        slopes, rows, owners = np.empty(z.shape), [np.empty((0, len(z)))], []
+    def factor(self, x: Array, u: Array) -> Array:
+        """(K, m) g at the states (K, n) and inputs (K,)."""
+        n = self.states
+        found: Array = x @ self.factors[:, :n].T + np.outer(u, self.factors[:, n]) + self.factors[:, n + 1]
+        return found
+
+    def map_slopes(self, x: Array, u: Array, z: Array) -> MapSlopes:
+        """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
+        n, g = self.states, self.factor(x, u)
+        slopes, values, rows, owners = np.empty(z.shape), np.empty(z.shape), [np.empty((0, len(z)))], []
         for i, each in enumerate(self.maps):
             own = np.ascontiguousarray(z[:, i])
-            slopes[:, i] = each.slope(own)
-            rows.append(each.parameter_gradient(own))
+            slopes[:, i] = g[:, i] * each.slope(own)
+            values[:, i] = each.value(own) if i in self.multiplied else 0.0
+            rows.append(g[:, i] * each.parameter_gradient(own))
             owners += [i] * len(rows[-1])
-        return slopes, np.ascontiguousarray(np.concatenate(rows).T), np.array(owners, dtype=np.int64)
+        back = slopes[:, :, None] * self.matrix[n:-1, :n] + values[:, :, None] * self.factors[:, :n]
+        gradient = np.ascontiguousarray(np.concatenate(rows).T)
+        return MapSlopes(slopes, values, gradient, np.array(owners, dtype=np.int64), back)
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""
@@ -302,12 +331,20 @@ class FeedbackModel(OneChannelMethods):
             x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
         return np.ascontiguousarray(x)
 
-    def linearised(self, slopes: ArrayLike) -> Array:
-        """(n + 1, n + 1) the matrix from (x, u) to (x⁺, y) with the slopes (m,) of the maps in its feedback."""
+    def linearised(self, z: Array, g: Array) -> Array:
+        """(n + 1, n + 1) the matrix from (x, u) to (x⁺, y) at the inputs (m,) of the maps and their factors (m,)."""
         n, m = self.states, len(self.maps)
-        through = self.matrix[:, n + 1 :] * np.asarray(slopes, dtype=float)
-        closed = self.matrix[:, : n + 1] + through @ self.matrix[n : n + m, : n + 1]
+        at = [(each, z[i : i + 1]) for i, each in enumerate(self.maps)]
+        slopes = g * np.array([float(each.slope(here)[0]) for each, here in at])
+        values = np.array([float(each.value(here)[0]) for each, here in at])
+        rows = slopes[:, None] * self.matrix[n : n + m, : n + 1] + values[:, None] * self.factors[:, : n + 1]
+        closed = self.matrix[:, : n + 1] + self.matrix[:, n + 1 :] @ rows
         return np.delete(closed, np.s_[n : n + m], axis=0)
+
+    def linearised_at(self, x: Array, u: float) -> tuple[Array, Array]:
+        """(n,) the state one step after a state (n,) under an input, and `linearised` there."""
+        step, after = self.stepped(np.full(1, u), x)
+        return after, self.linearised(step.z[0], self.factor(step.x, np.full(1, u))[0])
 
     def resting(self, level: float) -> Array:
         """(n,) the steady state for a constant input: where a run ends, completed by Newton steps."""
@@ -315,11 +352,10 @@ class FeedbackModel(OneChannelMethods):
         out, end = self.stepped(np.full(SETTLING, level), start)
         x, before = end if np.isfinite(out.y).all() else start, np.inf
         for _ in range(NEWTON):
-            step, after = self.stepped(np.full(1, level), x)
-            slopes = [float(each.slope(step.z[0, i : i + 1])[0]) for i, each in enumerate(self.maps)]
+            after, whole = self.linearised_at(x, level)
             with np.errstate(all="ignore"):
                 try:
-                    move = np.linalg.solve(np.eye(n) - self.linearised(slopes)[:n, :n], after - x)
+                    move = np.linalg.solve(np.eye(n) - whole[:n, :n], after - x)
                 except np.linalg.LinAlgError:  # an integrator rests anywhere
                     break
             if not np.isfinite(move).all():
@@ -359,7 +395,16 @@ class FeedbackModel(OneChannelMethods):
 
     def equation(self) -> str:
         """One line for every signal; one step is a sample, or a fraction of it with oversampling."""
-        return _equation(self)
+        late, faster = f"-{self.delay}" if self.delay else "", self.oversampling > 1
+        sampling = ""
+        if faster:
+            step = f" of {self.dt:g} s" if self.dt is not None else ""
+            how = "held" if self.held else "interpolated (band-limited)"
+            sampling = f", with u {how} at t = 0, 1/{self.oversampling}, … samples{step}"
+        entering = f"v(t) = u(t{late}){sampling}" if faster or late else ""
+        offsets = np.append(self.map_offsets, self.output_offset)
+        step = f"1/{self.oversampling}" if faster else "1"
+        return equations(self.matrix, self.factors, offsets, self.maps, entering, step)
 
     def to_data(self) -> dict[str, Any]:
         """The linear part, maps, offsets and delay."""
@@ -373,6 +418,7 @@ class FeedbackModel(OneChannelMethods):
             "oversampling": self.oversampling,
             "held": self.held,
             **({} if self.dt is None else {"dt": self.dt}),
+            **({"factors": self.factors.tolist()} if len(self.multiplied) else {}),
         }
 
     @classmethod
@@ -394,6 +440,7 @@ class FeedbackModel(OneChannelMethods):
                 bool(data.get("held", False)),
                 str(data["name"]),
                 None if data.get("dt") is None else float(data["dt"]),
+                np.array(data.get("factors", ()), dtype=float),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a feedback model: {problem!r}") from None
@@ -409,59 +456,18 @@ class FeedbackModel(OneChannelMethods):
         offsets = np.append(self.map_offsets, self.output_offset)
         with np.errstate(over="ignore", invalid="ignore"):
             if self._tables is not None:
-                reached = run(self.matrix, offsets, self._tables, v, state, out)
+                reached = run(self.matrix, offsets, self.factors, self._tables, v, state, out)
             else:
-                reached = run_reference(self.matrix, offsets, self.maps, v, state, out)
+                reached = run_reference(self.matrix, offsets, self.factors, self.maps, v, state, out)
         out.y[reached:] = np.nan
         return out, state
 
     def numbered(self, letter: str) -> tuple[str, ...]:
         """z for one map; z1, z2, … for several."""
-        count = len(self.maps)
-        return (letter,) if count == 1 else tuple(f"{letter}{k + 1}" for k in range(count))
+        return numbered(letter, len(self.maps))
 
-
-def _equation(model: FeedbackModel) -> str:
-    """The signals in the order in which a step computes them: z, w, y, then the next state.
-
-    >>> from emsid.models.blocks.static_maps import Saturation
-    >>> print(_equation(FeedbackModel([[0.9, 0.1, -0.2], [1, 0, 0], [1, 0, 0]], (Saturation(),))))
-    z(t) = x1(t)
-    w(t) = min(max(1*z(t), -1), 1)
-    y(t) = x1(t) + e(t)
-    x1(t+1) = 0.9*x1(t) + 0.1*u(t) - 0.2*w(t)
-    """
-    n, m = model.states, len(model.maps)
-    z, w = (model.numbered(letter) for letter in "zw")
-    late = f"-{model.delay}" if model.delay else ""
-    faster = model.oversampling > 1
-    enters = faster or late
-    columns = [*(f"x{k + 1}(t)" for k in range(n)), "v(t)" if enters else "u(t)", *(f"{each}(t)" for each in w)]
-    lines = [f"v(t) = u(t{late}){_sampling(model) if faster else ''}"] if enters else []
-    for i, each in enumerate(model.maps):
-        lines.append(f"{z[i]}(t) = {_sum(model.matrix[n + i], columns, model.map_offsets[i])}")
-        lines.append(f"{w[i]}(t) = {each.expression(f'{z[i]}(t)')}")
-    lines.append(f"y(t) = {_sum(model.matrix[n + m], columns, model.output_offset)} + e(t)")
-    step = f"1/{model.oversampling}" if faster else "1"
-    lines += [f"x{k + 1}(t+{step}) = {_sum(model.matrix[k], columns, 0.0)}" for k in range(n)]
-    return "\n".join(lines)
-
-
-def _sampling(model: FeedbackModel) -> str:
-    """The note on the steps, for oversampling."""
-    step = f" of {model.dt:g} s" if model.dt is not None else ""
-    how = "held" if model.held else "interpolated (band-limited)"
-    return f", with u {how} at t = 0, 1/{model.oversampling}, … samples{step}"
-
-
-def _sum(factors: object, names: list[str], offset: float) -> str:
-    """A sum of products, without zeros and without factors of one."""
-    text = ""
-    for value, name in zip([*factors, offset], [*names, ""], strict=True):  # type: ignore[misc]
-        if value:
-            size = f"{abs(value):.{DIGITS}g}"
-            term = f"{size}*{name}" if name and size != "1" else name or size
-            text += f" {'-' if value < 0 else '+'} {term}"
-    if not text:
-        return "0"
-    return text[3:] if text[1] == "+" else f"-{text[3:]}"
+    @property
+    def names_of_outputs(self) -> tuple[str, ...]:
+        """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
+        both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
+        return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)

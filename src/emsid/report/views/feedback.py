@@ -41,7 +41,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
     if not isinstance(model, FeedbackModel) or not model.maps:
         return None
     seen, plots = visited(model, record), []
-    z, w = model.numbered("z"), model.numbered("w")
+    z, w = model.numbered("z"), model.names_of_outputs
     for k, each in enumerate(model.maps):
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
@@ -83,13 +83,13 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
         return None
     seen, n = visited(model, record), model.states
+    z, g = np.median(seen.z, axis=0), np.median(model.factor(seen.x, seen.u), axis=0)
     turn = np.linspace(0, 2 * np.pi, 200)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
     reach = 1.1
-    middle = [float(each.slope(np.array([np.median(seen.z[:, k])]))[0]) for k, each in enumerate(model.maps)]
     for label, (quantiles, ink) in LEVELS.items():
-        slopes = model.maps[0].slope(np.asarray(np.quantile(seen.z[:, 0], quantiles), dtype=float))
-        found = np.concatenate([np.linalg.eigvals(model.linearised([s, *middle[1:]])[:n, :n]) for s in slopes])
+        at = [np.append(each, z[1:]) for each in np.quantile(seen.z[:, 0], quantiles)]
+        found = np.concatenate([np.linalg.eigvals(model.linearised(each, g)[:n, :n]) for each in at])
         marks.append(Points(found.real.copy(), found.imag.copy(), label, ink))
         reach = max(reach, 1.05 * float(np.abs(found).max()))
     real, imaginary = (Axis(part, "1", range=(-reach, reach)) for part in ("Real part", "Imaginary part"))

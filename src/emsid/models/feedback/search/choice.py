@@ -8,6 +8,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 2. with the best order, twice the rate, for a continuous input;
 3. other families of maps with few numbers;
 4. further maps, one after the other, beside those of the best model and of the one with the least prediction error;
+   where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
@@ -35,7 +36,7 @@ from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
-from emsid.models.feedback.search.starts import started_beside_line, with_one_map_more
+from emsid.models.feedback.search.starts import started_beside_line, with_one_map_more, with_product
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
@@ -76,6 +77,8 @@ PLAIN = Palette(
     (("polynomial", 5), ("two-slopes", 0), ("dead-zone", 0), ("saturation", 0)),
     (("polynomial", 3), ("two-slopes", 0), ("dead-zone", 0)),
 )
+# The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction.
+MULTIPLIED, BESIDE_PRODUCT = family_of("two-slopes"), (family_of("dead-zone"), family_of("saturation"))
 FREE_FORM = Palette((("spline", 0), ("monotone-spline", 0)), (("polynomial", 3), ("spline", 0), ("dead-zone", 0)))
 
 
@@ -178,6 +181,8 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
             return
         for each in _to_extend(contest.tried, before, number - 1):
             yield from contest.entered(_one_map_more(contest.bench, each, settings, maps))
+        if number == 2 and before.family is not MAGNITUDE:
+            yield from contest.entered(_products(contest, before, settings))
         more = _that_explain_most(contest.tried, number)
         if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
             return
@@ -314,8 +319,14 @@ def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
     return [(family_of(name), size) for name, size in FIRST]
 
 
-def _with_map(bench: Bench, found: Found, family: Family, size: int) -> Trial:
+def _with_map(bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False) -> Trial:
     """The trial with one map more, in the directions that explain most.
+
+    Args:
+        bench: the data.
+        found: the model without it.
+        family, size: of the map.
+        hold_signals: whether those of products are held while directions are compared.
 
     Raises:
         ModelError: if all directions diverge.
@@ -323,7 +334,7 @@ def _with_map(bench: Bench, found: Found, family: Family, size: int) -> Trial:
     model = found.model
     segments, size = bench.segments(model), _size(family, size)
     ways = bench.directions(found)
-    start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
+    start = with_one_map_more(found, segments, model.edge, family, size, ways, 10, bench.control, hold_signals)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
     return bench.refined(start.model, start.states if len(start.states) == len(segments) else None, family, size)
@@ -403,6 +414,41 @@ def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch, maps: Map
             yield _with_map(bench, best.found, family, size)
 
 
+def _products(contest: Contest, single: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With a map that is multiplied by a signal, of the order of the model with one map and of lower ones.
+
+    Yields them until one leaves noise only, if the best model so far leaves more.
+    """
+    bench, model = contest.bench, single.found.model
+    steps = Steps(model.oversampling, model.held)
+    if settings.static is not None or bench.leaves_noise(contest.best):
+        return
+    for order in range(model.states, 0, -1) if settings.order is None else (settings.order,):
+        bench.control.doing(f"a map times a signal, order {order}")
+        with suppress(EmsidError):
+            trials = list(_with_product(bench, bench.linear(order, steps, model.delay)))
+            yield from trials
+            if any(bench.leaves_noise(each) for each in trials):
+                return
+
+
+def _with_product(bench: Bench, linear: Found) -> Iterator[Trial]:
+    """A linear model with a map that is multiplied by a signal, alone and with another map.
+
+    Beside the linear model the direction of the product shows, while beside a map that stands for it another one seems
+    best. Its signals are held until there is another map: free, they would follow what that is for.
+    """
+    ways, segments = bench.directions(linear, True), bench.segments(linear.model)
+    if not ways or not ways[0].explains(linear.minimum.samples):
+        return
+    found = with_product(linear, segments, linear.model.edge, MULTIPLIED, ways[0], bench.control)
+    with suppress(EmsidError):
+        yield bench.refined(found.model, found.states, MULTIPLIED, 0)
+    for family in BESIDE_PRODUCT:
+        with suppress(EmsidError):
+            yield _with_map(bench, found, family, 0, True)
+
+
 def with_family(
     trial: Trial, records: Sequence[Record], family: Family, size: int
 ) -> tuple[FeedbackModel, list[Array]]:
@@ -410,7 +456,8 @@ def with_family(
     model, states = trial.found.model, trial.found.states
     seen = visited(model, segments_longer_than(model.memory, model, records), states)
     for i in range(len(model.maps)):
-        map_, slope, level = started_beside_line(family, seen.z[:, i], seen.w[:, i], size)
+        values = model.maps[i].value(seen.z[:, i])
+        map_, slope, level = started_beside_line(family, seen.z[:, i], values, size, i in model.multiplied)
         new = replace(model, maps=(*model.maps[:i], map_, *model.maps[i + 1 :]))
         model, moved = with_line(new, i, slope, level) or (new, np.zeros(model.states))
         states = [x + moved for x in states]

@@ -6,6 +6,9 @@ changes by Σ βⱼₖ Sⱼₖ, with the derivative Sⱼₖ of `pushed`. One lin
 changes of the model so far, says how much of the residual this direction can explain; alternating least squares
 reduces β to one column, β = b·cᵀ: b is the column of w, and Σ cₖφₖ the map.
 
+A map may also be multiplied by a signal g, one of the state, the input and the output: then φₖ(z)·g takes the place of
+φₖ(z), and only the level of φₖ is left out.
+
 Many directions are compared on some samples, and the best of them again on all. A map of a few numbers explains some of
 the noise of any samples, of few samples a large share.
 """
@@ -58,6 +61,7 @@ class Direction:
         before: mean square of the residual without the map.
         numbers: how many numbers of map and column were fitted for that.
         measured: whether z is the measured output, in place of that of the model.
+        factor: (n + 2,) of F, for a map that is multiplied by a signal.
     """
 
     row: Array
@@ -68,6 +72,7 @@ class Direction:
     before: float
     numbers: int
     measured: bool = False
+    factor: Array | None = None
 
     @property
     def error(self) -> float:
@@ -87,8 +92,18 @@ class Direction:
         return schwarz_gain(self.error, self.before, independent, self.numbers) > 0
 
 
-def directions_for(found: Found, segments: Segments, transient: int, rng: np.random.Generator) -> list[Direction]:
-    """Directions that differ and in which a map explains most of the residual, at most `KEPT`, the best first."""
+def directions_for(
+    found: Found, segments: Segments, transient: int, rng: np.random.Generator, multiplied: bool = False
+) -> list[Direction]:
+    """Directions that differ and in which a map explains most of the residual, at most `KEPT`, the best first.
+
+    Args:
+        found: a model with its states, fitted to the segments.
+        segments: (u, y) of each.
+        transient: samples without error at the start of each.
+        rng: for directions.
+        multiplied: whether the map is multiplied by a signal.
+    """
     model = found.model
     same = whitened(model, visited(model, segments, found.states))
     states = [same.state(x) for x in found.states]
@@ -98,11 +113,14 @@ def directions_for(found: Found, segments: Segments, transient: int, rng: np.ran
     stop = transient + COMPARED
     part = _Stretches.of(same.model, spread, [(u[:stop], y[:stop])], [x], transient)
     rows = _rows(same.model, size, rng)
-    tried = [part.explained(rows[0], True), *(part.explained(row, False) for row in rows)]
+    if multiplied:  # the measured output times a constant would explain the noise
+        tried = [part.explained(row, False, each) for row in rows[:-RANDOM] for each in _factors(same.model, size)]
+    else:
+        tried = [part.explained(rows[0], True), *(part.explained(row, False) for row in rows)]
     best = _apart(sorted((each for each in tried if each is not None), key=lambda each: each.error))
     if len(segments) > 1 or len(y) > stop:
         whole = _Stretches.of(same.model, spread, segments, states, transient)
-        again = [whole.explained(each.row, each.measured) for each in best]
+        again = [whole.explained(each.row, each.measured, each.factor) for each in best]
         best = sorted((each for each in again if each is not None), key=lambda each: each.error)
     n, inverse = model.states, np.linalg.inv(same.transform)
     return [
@@ -110,6 +128,7 @@ def directions_for(found: Found, segments: Segments, transient: int, rng: np.ran
             each,
             row=np.append(each.row[:n] @ same.transform, each.row[n]),
             column=np.append(inverse @ each.column[:n], each.column[n]),
+            factor=None if each.factor is None else np.append(each.factor[:n] @ same.transform, each.factor[n:]),
         )
         for each in best
     ]
@@ -124,6 +143,12 @@ def _rows(model: FeedbackModel, size: Array, rng: np.random.Generator) -> list[A
     return rows + [rng.standard_normal(n + 1) / size for _ in range(RANDOM)]
 
 
+def _factors(model: FeedbackModel, size: Array) -> list[Array]:
+    """Rows (n + 2,) of F that are tried: the output, the states and the input."""
+    output = np.append(model.matrix[-1, : model.states + 1], model.output_offset)
+    return [output, *np.pad(np.diag(1 / size), ((0, 0), (0, 1)))]
+
+
 @dataclass(frozen=True, eq=False)
 class _Stretches:
     """Stretches of records in which directions are compared, with the run of a model over them.
@@ -133,6 +158,7 @@ class _Stretches:
         runs: its signals.
         inputs: (K,) of each stretch, at the steps of the model.
         outputs: (N,) measured.
+        backs: (K, m, n) ∂w/∂x of each.
         basis: (N, k) orthonormal, by which the model so far can change its outputs.
         residual: (N,) measured output minus that of the model, without what is in the basis.
         transient: samples without error at the start of each.
@@ -142,6 +168,7 @@ class _Stretches:
     runs: list[LoopSignals]
     inputs: list[Array]
     outputs: list[Array]
+    backs: list[Array]
     basis: Array
     residual: Array
     transient: int
@@ -164,16 +191,17 @@ class _Stretches:
         basis, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
         inputs = [model.entering(u) for u, _ in segments]
-        return cls(
-            model, runs, inputs, [y for _, y in segments], basis, residual - basis @ (basis.T @ residual), transient
-        )
+        backs = [model.map_slopes(run.x, v, run.z).back for run, v in zip(runs, inputs, strict=True)]
+        residual = residual - basis @ (basis.T @ residual)
+        return cls(model, runs, inputs, [y for _, y in segments], backs, basis, residual, transient)
 
-    def explained(self, row: Array, measured: bool) -> Direction | None:
+    def explained(self, row: Array, measured: bool, factor: Array | None = None) -> Direction | None:
         """What a map in a direction can explain; None for a signal without a spread.
 
         Args:
             row: (n + 1,) of C_z and D_zu.
             measured: whether z is the measured output, in place of this signal.
+            factor: (n + 2,) of F, for a map that is multiplied by a signal.
         """
         model, n = self.model, self.model.states
         signals = [
@@ -186,11 +214,12 @@ class _Stretches:
         except ModelError:
             return None
         trial = CubicSpline(knots, np.zeros(TRIAL_KNOTS)).parameter_gradient(z)
-        straight = np.linalg.qr(np.column_stack([np.ones_like(z), z]))[0]
+        lines = [np.ones_like(z), z] if factor is None else [np.ones_like(z)]
+        straight = np.linalg.qr(np.column_stack(lines))[0]
         bent = trial.T - straight @ (straight.T @ trial.T)
         sides, sizes, _ = np.linalg.svd(bent, full_matrices=False)
         functions = np.ascontiguousarray(sides[:, sizes > 1e-4 * sizes[0]]) * np.sqrt(len(z))
-        columns = self._changes(functions)
+        columns = self._changes(functions if factor is None else functions * self._factor(factor)[:, None])
         if not np.isfinite(columns).all():
             return None
         columns -= self.basis @ (self.basis.T @ columns)
@@ -200,19 +229,21 @@ class _Stretches:
         length[length == 0] = 1.0
         b, c, left = _one_column(shape / length[:, None], self.residual)
         before, numbers = float(np.mean(self.residual**2)), n + count  # n + 1 and count, less one for the unit of w
-        return Direction(row, b / length, z, functions @ c, left, before, numbers, measured)
+        return Direction(row, b / length, z, functions @ c, left, before, numbers, measured, factor)
+
+    def _factor(self, row: Array) -> Array:
+        """(K,) the signal of a row (n + 2,) of F."""
+        n, runs = self.model.states, zip(self.runs, self.inputs, strict=True)
+        return np.concatenate([run.x @ row[:n] + u * row[n] + row[n + 1] for run, u in runs])
 
     def _changes(self, functions: Array) -> Array:
         """(N, (n + 1)·r) the changes of the outputs by signals (K, r) that are added to each row of the linear part."""
         model, found, first = self.model, [], 0
-        for run in self.runs:
+        for run, back in zip(self.runs, self.backs, strict=True):
             forces = functions[first : first + len(run.y)]
             first += len(run.y)
-            slopes = np.empty(run.z.shape)
-            for i, each in enumerate(model.maps):
-                slopes[:, i] = each.slope(run.z[:, i])
             out = np.empty((-(-len(run.y) // model.oversampling), (model.states + 1) * functions.shape[1]))
-            pushed(model.matrix, slopes, forces, model.oversampling, out)
+            pushed(model.matrix, back, forces, model.oversampling, out)
             found.append(out[self.transient :])
         return np.concatenate(found)
 
@@ -237,13 +268,16 @@ def _apart(directions: Sequence[Direction]) -> list[Direction]:
     """The first `KEPT` directions whose signals are not nearly the same."""
     chosen: list[Direction] = []
     for each in directions:
-        z = each.z - each.z.mean()
-        alike = any(
-            abs(z @ (other.z - other.z.mean())) > SAME * np.linalg.norm(z) * np.linalg.norm(other.z - other.z.mean())
-            for other in chosen
-        )
-        if not alike:
+        if not any(_alike(each, other) for other in chosen):
             chosen.append(each)
         if len(chosen) == KEPT:
             break
     return chosen
+
+
+def _alike(one: Direction, other: Direction) -> bool:
+    """Whether the signals of two directions are nearly the same, z and that which multiplies the map."""
+    pairs = [(one.z - one.z.mean(), other.z - other.z.mean())]
+    if one.factor is not None and other.factor is not None:
+        pairs.append((one.factor[:-1], other.factor[:-1]))
+    return all(abs(a @ b) > SAME * np.linalg.norm(a) * np.linalg.norm(b) for a, b in pairs)

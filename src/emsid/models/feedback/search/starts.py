@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 # Samples that maps in the best directions are refined on before one is chosen.
 REFINED_ON = 2_500
+# Steps of a refinement with held signals.
+HELD_STEPS = 15
 # Factors by which the column of w is reduced, until the run does not diverge.
 SHARES = (1.0, 0.5, 0.2, 0.05, 0.01)
 # Points of a curve that a map is begun at, and stretches of it whose slopes are tried as that of a line beside the map.
@@ -105,6 +107,7 @@ def with_one_map_more(
     directions: Sequence[Direction],
     steps: int = 10,
     control: Control = FREE,
+    hold_signals: bool = False,
 ) -> Found | None:
     """The best model with one more map, refined from the directions that explain most; None if all diverge.
 
@@ -118,6 +121,7 @@ def with_one_map_more(
         directions: of the map, the best first; see `directions_for`.
         steps: of the refinement of each; the best is refined to the end by the caller.
         control: when to stop.
+        hold_signals: see `searched`.
     """
     best: Found | None = None
     every = max(1, round(sum(len(y) for _, y in segments) / REFINED_ON))
@@ -126,7 +130,8 @@ def with_one_map_more(
         if start is None:
             continue
         try:
-            new = searched(start[0], segments[::every], transient, steps, 0.1, control, 1e-3, start[1][::every])
+            parts, states = segments[::every], start[1][::every]
+            new = searched(start[0], parts, transient, steps, 0.1, control, 1e-3, states, hold_signals)
         except EmsidError:
             continue
         if best is None or new.error < best.error:
@@ -135,17 +140,46 @@ def with_one_map_more(
     return best
 
 
+def with_product(
+    found: Found,
+    segments: Segments,
+    transient: int,
+    family: Family,
+    direction: Direction,
+    control: Control = FREE,
+) -> Found:
+    """The model with one more map, multiplied by a signal; z and g are held at those of the direction.
+
+    Args:
+        found: a model with its states, fitted to the segments.
+        segments: (u, y) of each.
+        transient: samples without error at the start of each.
+        family: of the map, which has one size.
+        direction: of the map, with its factor.
+        control: when to stop.
+
+    Raises:
+        ModelError: where it diverges.
+    """
+    start = _joined(found, segments, direction, family, 0)
+    if start is None:
+        raise ModelError(f"{found.model.name}: with a map times a signal in its feedback the model diverges")
+    model, states = start
+    return searched(model, segments, transient, HELD_STEPS, 0.1, control, 1e-3, states, True)
+
+
 def _joined(
     found: Found, segments: Segments, direction: Direction, family: Family, size: int
 ) -> tuple[FeedbackModel, list[Array]] | None:
     """The model with a map of the family in this direction, and its states; None if it diverges however small it is."""
     model = found.model
     try:
-        map_, slope, level = started_beside_line(family, direction.z, direction.w, size)
+        flat = direction.factor is not None
+        map_, slope, level = started_beside_line(family, direction.z, direction.w, size, flat)
     except EmsidError:
         return None
     for share in SHARES:
-        new = with_map(model, map_, direction.row, share * direction.column)
+        new = with_map(model, map_, direction.row, share * direction.column, direction.factor)
         new, moved = with_line(new, len(model.maps), slope, level) or (new, np.zeros(model.states))
         states = [x + moved for x in found.states]
         try:
@@ -158,7 +192,9 @@ def _joined(
     return None
 
 
-def started_beside_line(family: Family, z: Array, w: Array, size: int) -> tuple[StaticMap, float, float]:
+def started_beside_line(
+    family: Family, z: Array, w: Array, size: int, flat: bool = False
+) -> tuple[StaticMap, float, float]:
     """The map of a family that is closest to a curve if a line is added, and slope and level of that line.
 
     A line beside a map is a part of the linear system, so a curve shows a map up to a line: that of a limit is a dead
@@ -168,6 +204,7 @@ def started_beside_line(family: Family, z: Array, w: Array, size: int) -> tuple[
         family: of the map.
         z, w: (K,) points of the curve.
         size: of the map.
+        flat: whether the slope of the line is zero, as beside a map that is multiplied by a signal.
 
     Raises:
         ModelError: where the family has no start from points.
@@ -177,10 +214,10 @@ def started_beside_line(family: Family, z: Array, w: Array, size: int) -> tuple[
     z, w = z[order], w[order]
     stretches = zip(np.array_split(z, STRETCHES), np.array_split(w, STRETCHES), strict=True)
     best, least = None, np.inf
-    for tried in (0.0, *(_line(*each)[0] for each in stretches)):
+    for tried in (0.0, *(() if flat else (_line(*each)[0] for each in stretches))):
         map_ = family.start(z, w - tried * z, size)
         rest = w - map_.value(z)
-        slope, level = _line(z, rest)
+        slope, level = (0.0, float(rest.mean())) if flat else _line(z, rest)
         error = float(np.sum((rest - slope * z - level) ** 2))
         if best is None or error < (1 - ALIKE) * least:  # families that contain a line need none beside them
             best, least = (map_, slope, level), error
@@ -196,7 +233,9 @@ def _line(z: Array, w: Array) -> tuple[float, float]:
     return slope, float(w.mean()) - slope * middle
 
 
-def with_map(model: FeedbackModel, map_: object, row: Array, column: Array) -> FeedbackModel:
+def with_map(
+    model: FeedbackModel, map_: object, row: Array, column: Array, factor: Array | None = None
+) -> FeedbackModel:
     """The model with one map more.
 
     Args:
@@ -204,6 +243,7 @@ def with_map(model: FeedbackModel, map_: object, row: Array, column: Array) -> F
         map_: the new map, the last one.
         row: (n + 1,) of C_z and D_zu.
         column: (n + 1,) of B_w and D_yw.
+        factor: (n + 2,) of F; none for a map that is not multiplied by a signal.
     """
     n, m = model.states, len(model.maps)
     matrix = np.zeros((n + m + 2, n + m + 2))
@@ -211,4 +251,6 @@ def with_map(model: FeedbackModel, map_: object, row: Array, column: Array) -> F
     matrix[np.ix_(old, range(n + 1 + m))] = model.matrix
     matrix[n + m, : n + 1] = row
     matrix[[*range(n), n + m + 1], n + 1 + m] = column
-    return replace(model, matrix=matrix, maps=(*model.maps, map_), map_offsets=np.append(model.map_offsets, 0.0))  # type: ignore[arg-type]
+    last = np.eye(1, n + 2, n + 1) if factor is None else factor[None, :]
+    offsets, factors = np.append(model.map_offsets, 0.0), np.vstack([model.factors, last])
+    return replace(model, matrix=matrix, maps=(*model.maps, map_), map_offsets=offsets, factors=factors)  # type: ignore[arg-type]

@@ -114,7 +114,8 @@ class Bench:
         rng: for directions.
         linear_models: those that were fitted, by order, steps and delay.
         folds: the errors on parts that are left out, by the identity of the trial.
-        ways: the directions in which a map more explains what a model misses, by its identity.
+        ways: the directions in which a map more explains what a model misses, by its identity and whether the map is
+            multiplied by a signal.
     """
 
     shown: Sequence[Record]
@@ -124,7 +125,7 @@ class Bench:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
-    ways: dict[int, tuple[Found, list[Direction]]] = field(default_factory=dict)
+    ways: dict[tuple[int, bool], tuple[Found, list[Direction]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -168,16 +169,17 @@ class Bench:
             self.linear_models[order, steps, delay] = found
         return found
 
-    def directions(self, found: Found) -> list[Direction]:
+    def directions(self, found: Found, multiplied: bool = False) -> list[Direction]:
         """The directions of a map more, the best first.
 
         Raises:
             Stopped: by the control.
         """
-        key = id(found)
+        key = id(found), multiplied
         if key not in self.ways:
             self.control.check()
-            self.ways[key] = found, directions_for(found, self.segments(found.model), found.model.edge, self.rng)
+            segments, edge = self.segments(found.model), found.model.edge
+            self.ways[key] = found, directions_for(found, segments, edge, self.rng, multiplied)
         return self.ways[key][1]
 
     def more_than_noise(self, found: Found) -> bool:

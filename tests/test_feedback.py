@@ -488,7 +488,6 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
     first, second, third, idle = _scaled(4.0), _scaled(2.0, maps=2), _scaled(1.0, maps=3), _scaled(4.0, maps=2)
     found = {1: [second], 2: [third]}
     monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: found[len(each.found.model.maps)])
-    monkeypatch.setattr(choice, "_products", lambda *_: [])
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
     assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
     found[1] = [idle]

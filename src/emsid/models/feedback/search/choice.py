@@ -182,7 +182,8 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
         for each in _to_extend(contest.tried, before, number - 1):
             yield from contest.entered(_one_map_more(contest.bench, each, settings, maps))
         if number == 2 and maps is PLAIN.more and before.family is not MAGNITUDE:
-            yield from contest.entered(_products(contest, before, settings))
+            products = _products(contest, before, settings)  # others than the best are not extended
+            yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
         more = _that_explain_most(contest.tried, number)
         if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
             return

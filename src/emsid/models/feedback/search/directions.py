@@ -112,10 +112,11 @@ def directions_for(
     (u, y), x = max(zip(segments, states, strict=True), key=lambda each: len(each[0][1]))
     stop = transient + COMPARED
     part = _Stretches.of(same.model, spread, [(u[:stop], y[:stop])], [x], transient)
-    rows = _rows(same.model, size, rng)
+    rows = _rows(same.model, size)
     if multiplied:  # the measured output times a constant would explain the noise
-        tried = [part.explained(row, False, each) for row in rows[:-RANDOM] for each in _factors(same.model, size)]
+        tried = [part.explained(row, False, each) for row in rows for each in _factors(same.model, size)]
     else:
+        rows += [rng.standard_normal(len(size)) / size for _ in range(RANDOM)]
         tried = [part.explained(rows[0], True), *(part.explained(row, False) for row in rows)]
     best = _apart(sorted((each for each in tried if each is not None), key=lambda each: each.error))
     if len(segments) > 1 or len(y) > stop:
@@ -134,13 +135,13 @@ def directions_for(
     ]
 
 
-def _rows(model: FeedbackModel, size: Array, rng: np.random.Generator) -> list[Array]:
+def _rows(model: FeedbackModel, size: Array) -> list[Array]:
     """Rows (n + 1,) of C_z and D_zu that are tried, that of the output first."""
     n, m = model.states, len(model.maps)
     rows = [model.matrix[-1, : n + 1], *(np.eye(n + 1) / size), *model.matrix[n : n + m, : n + 1]]
     if n > 1:
         rows.append(model.matrix[-1, :n] @ model.matrix[:n, : n + 1])  # the output one step later
-    return rows + [rng.standard_normal(n + 1) / size for _ in range(RANDOM)]
+    return rows
 
 
 def _factors(model: FeedbackModel, size: Array) -> list[Array]:

@@ -20,6 +20,7 @@ from emsid.models.blocks.search.cross_validation import delayed
 from emsid.models.blocks.search.orders import order_shares, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
     RANDOM_DRAWS,
+    delay_exchanged,
     divided_anew,
     linear_candidates,
     random_candidates,
@@ -128,14 +129,17 @@ def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
 
 
 def exchanged(model: Cascade, records: Sequence[Record]) -> list[Cascade]:
-    """The model with poles and zeros divided otherwise between its filters: the `REFINED` with the least error.
+    """The model with its filters exchanged in part, to refine.
+
+    Poles and zeros are divided otherwise between the filters, of which the `REFINED` with the least error are taken, or
+    a sample of delay is moved from one to the other.
 
     Args:
         model: the model.
         records: that the free runs are compared on.
     """
     others = [each for each in divided_anew(model) if not _same_filters(each, model)]
-    return refined_first(sorted(others, key=lambda each: free_run_error(each, records)))
+    return [*refined_first(sorted(others, key=lambda each: free_run_error(each, records))), *delay_exchanged(model)]
 
 
 def _same_filters(start: Cascade, other: Cascade) -> bool:

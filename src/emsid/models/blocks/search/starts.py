@@ -8,7 +8,7 @@ candidates, each in its own function; `scanned` scores every candidate by one li
 filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
 frequency response, and its poles and zeros are divided between the two filters in every way that gives the required
 orders; conjugate pairs stay together. The response shows zeros beyond the band of the input only roughly; so the
-poles and zeros of a refined cascade are divided anew.
+poles and zeros of a refined cascade are divided anew, and a sample of delay is moved between its filters.
 
 **The paper's least-squares solution.** The expanded regression (5.8) has the parameters s = d ⊗ (b₁, λ₂b₁²), a matrix
 of rank one with delays as rows and powers as columns. The leading singular vectors of its least-squares estimate are
@@ -59,8 +59,8 @@ MOST_SPLITS = 2_000
 RANDOM_DRAWS = 300
 # The largest number of sign sequences that give candidates.
 MOST_SIGN_SEQUENCES = 3
-# Frequencies in cycles per sample at which filters of different rates are compared; up to half the sampling rate, the
-# filter of the lower rate follows what is aliased.
+# Frequencies in cycles per sample at which filters are compared; up to half the sampling rate, a filter of a lower rate
+# follows what is aliased.
 BELOW_WARPING = np.geomspace(1e-4, 0.4, 200)
 # The error of a response relative to its size, or to this part of the largest, counts alike.
 WEAK = 1e-2
@@ -131,6 +131,27 @@ def divided_anew(cascade: Cascade) -> Iterator[Cascade]:
         yield replace(cascade, blocks=tuple(blocks))
 
 
+def delay_exchanged(cascade: Cascade) -> Iterator[Cascade]:
+    """The cascade with one sample of delay moved from its second filter to the first, and the other way round.
+
+    A filter of the same order that responds as H(q)q^∓1 does at low frequencies takes the place of H. Both cascades
+    have almost the same linear response, and poles and zeros that no division of those of the model gives.
+
+    Args:
+        cascade: the model; with fewer filters there is nothing to move.
+    """
+    at = [k for k, block in enumerate(cascade.blocks) if isinstance(block, Rational)]
+    if len(at) < 2:
+        return
+    for moved in (1, -1):
+        blocks = list(cascade.blocks)
+        for k, samples in zip(at, (moved, -moved), strict=True):
+            block = blocks[k]
+            assert isinstance(block, Rational)
+            blocks[k] = _alike(block, delay=samples)
+        yield replace(cascade, blocks=tuple(blocks))
+
+
 def grown(cascade: Cascade, orders: tuple[int | None, int | None]) -> Cascade:
     """The same model with filters of larger orders: poles are added, each with a zero that cancels it.
 
@@ -159,13 +180,14 @@ def at_higher_rate(cascade: Cascade, oversampling: int) -> Cascade:
         oversampling: of the new one, a multiple of that of the model.
     """
     ratio = oversampling // cascade.oversampling
-    blocks = (_at_higher_rate(block, ratio) if isinstance(block, Rational) else block for block in cascade.blocks)
+    blocks = (_alike(block, ratio) if isinstance(block, Rational) else block for block in cascade.blocks)
     return replace(cascade, blocks=tuple(blocks), oversampling=oversampling)
 
 
-def _at_higher_rate(block: Rational, ratio: int) -> Rational:
+def _alike(block: Rational, ratio: int = 1, delay: int = 0) -> Rational:
+    """A filter at a higher rate, or with samples of delay more, that responds like this one at low frequencies."""
     b, a = block.numerator, block.denominator
-    value = Rational(b, a).response(BELOW_WARPING, 1.0)
+    value = Rational(b, a).response(BELOW_WARPING, 1.0) * np.exp(-2j * np.pi * BELOW_WARPING * delay)
     deviation = np.maximum(np.abs(value), WEAK * np.abs(value).max() or 1.0)
     b, a, _ = fit_rational(FrequencyResponse(BELOW_WARPING, value, deviation), len(b), len(a), ratio)
     return Rational(b, a, block.delay * ratio)

@@ -52,6 +52,7 @@ from emsid.models.blocks.static_maps import (
     CubicSpline,
     DeadZone,
     EvenSpline,
+    MonotoneSpline,
     OddSpline,
     Polynomial,
     Saturation,
@@ -182,6 +183,26 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
         len(block.denominator) for block in blocks if isinstance(block, Rational)
     ]
     assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
+
+
+def test_the_map_is_chosen_where_only_the_order_is_given() -> None:
+    fit = emsid.fit(emsid.hammerstein(2), record_of(Cascade((Saturation(0.8, -1.0, 1.2), SLOW)), 1500))
+    assert isinstance(fit.model.blocks[0], Saturation)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_monotone_map_is_tried(seed: int) -> None:
+    """It is neither odd nor a polynomial, and data are rare where it is steep."""
+    rng = np.random.default_rng(seed)
+    u = lfilter([1.0], [1.0, -0.7], rng.standard_normal(900))
+    x = u / np.std(u)
+    z = np.where(x > 0, np.log1p(3 * x.clip(0)) / 3, x * (1 + 0.4 * x**2))
+    y = lfilter([0.2, 0.1], [1.0, -0.7], z)
+    noise = 0.02 * float(np.std(y))
+    record = Record(u, y + noise * rng.standard_normal(900), 0.01)
+    fit = emsid.fit(emsid.hammerstein(1), record[:500])
+    assert isinstance(fit.model.blocks[0], MonotoneSpline)
+    assert np.std((y[500:] - fit.model.simulate(record[500:]).output[:, 0])[50:]) < 0.5 * noise
 
 
 def test_a_map_that_loses_the_sign_is_tried_where_the_output_shows_magnitudes() -> None:
@@ -466,6 +487,14 @@ def test_a_map_with_harmonics_above_half_the_sampling_rate_gets_more_steps_per_s
     assert model.oversampling == 2
     run = model.simulate(judge)
     assert np.sqrt(np.mean((run.output - judge.output)[run.counted] ** 2)) < 0.6 * noise
+
+
+def test_few_knots_move_to_where_the_map_bends() -> None:
+    """Spread over the data, ten knots leave 3.8 times the noise."""
+    record, judge, noise = diode_circuit(seed=4, samples=4_000, noise=8e-4)
+    structure = emsid.wiener_hammerstein((3, 3), static="spline", size=10, oversampling=2, delay=0)
+    run = emsid.fit(structure, record).model.simulate(judge)
+    assert np.sqrt(np.mean((run.output - judge.output)[run.counted] ** 2)) < 0.8 * noise
 
 
 @pytest.mark.parametrize(

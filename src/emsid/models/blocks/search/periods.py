@@ -2,6 +2,11 @@
 
 The search works on one period of every segment, averaged over all. For the last fit, samples of the end of the period
 are put ahead of it: after them the free run is in steady state too, so no initial state is estimated.
+
+The same steady state follows without samples ahead from a product of spectra for each filter, between which the map
+acts in time. A prototype of that form for filters of third order and periods of 4,096 and 16,384 samples gives the same
+output within 2e-6 of its standard deviation, and its derivatives take 0.6 to 1.1 times as long: 127 samples are put
+ahead, and the map is evaluated in time in both. That is no reason for a second form.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ class CascadeSearch:
         ModelError: for invalid numbers, or an unknown static map.
     """
 
-    static: Family | StaticMap | type[StaticMap] | str | None = SPLINE
+    static: Family | StaticMap | type[StaticMap] | str | None = None
     size: int | None = None
     delay: int | None = None
     oversampling: int | None = None

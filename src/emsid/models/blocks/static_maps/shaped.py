@@ -167,6 +167,7 @@ class MonotoneSpline(StaticMap):
     owns_level: ClassVar[bool] = True
     sizes: ClassVar[tuple[int, ...]] = (20, 40)
     smooth: ClassVar[bool] = True
+    tried: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for field in ("knots", "logarithms"):

@@ -30,6 +30,7 @@ from emsid.models.blocks.static_maps import (
     TwoSlopes,
     UserMap,
 )
+from emsid.models.blocks.static_maps.through_points import samples_around
 
 Array = NDArray[np.float64]
 
@@ -367,3 +368,18 @@ def test_a_filter_forwards_and_backwards_is_that_of_scipy(above: list[float], be
     x = np.random.default_rng(0).standard_normal(80).cumsum()
     found = filtered_both_ways(above, below, x, 25)
     np.testing.assert_allclose(found, filtfilt(above, below, x, padlen=25), rtol=1e-10, atol=1e-10)
+
+
+def test_knots_at_bends_are_where_a_curve_bends() -> None:
+    even = np.linspace(-3.0, 3.0, 31)
+    clipped = CubicSpline(even, np.clip(even, -1.0, 1.0))
+    moved = clipped.at_bends(np.linspace(-3.0, 3.0, 1000))
+    assert len(moved.knots) == 31
+    np.testing.assert_allclose(moved.knots[[0, -1]], [-3.0, 3.0])
+    close = [int(np.sum(np.abs(np.abs(each) - 1.0) < 0.35)) for each in (even, moved.knots)]
+    assert close[1] > 1.5 * close[0]
+    at = np.linspace(-3.0, 3.0, 200)
+    np.testing.assert_allclose(moved.value(at), clipped.value(at), atol=0.05)
+    rare = clipped.at_bends(np.linspace(-3.0, 0.5, 1000))
+    assert samples_around(rare.knots[:-1], np.linspace(-3.0, 0.5, 1000)).min() >= 5
+    assert len(rare.knots) < 31

@@ -23,7 +23,7 @@ from emsid.models.blocks.search.cross_validation import Round, as_arrays, shorte
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
-from emsid.models.blocks.search.refinement import Choice, Plan, evident, refined, simplest
+from emsid.models.blocks.search.refinement import Choice, Plan, evident, refined, simplest, with_knots_at_bends
 from emsid.models.blocks.search.sources import exchanged, ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
@@ -248,10 +248,18 @@ def from_smaller(task: Task, best: Choice) -> Choice:
 
 
 def with_spread_knots(task: Task, best: Choice, records: Sequence[Record]) -> Cascade:
-    """The model of the choice with knots spread over all data; a smooth map gets as many as its family has."""
+    """The model of the choice with knots spread over all data; a smooth map gets as many as its family has.
+
+    If their number is given, they then move to where the map bends, as few knots round a kink wherever it is. The usual
+    number is enough everywhere; there, knots that move make fits of a rounded map slightly worse.
+    """
     family = best.family
     if family is None or not family.sizes or len(best.model.blocks) < 2:
         return best.model
     sizes = map_sizes(family, task.topology, records, task.orders, task.settings)
     size = sizes[-1] if family.smooth else best.size
-    return started(best.model, lambda x, z: family.start(x, z, size), as_arrays(records))
+    model = started(best.model, lambda x, z: family.start(x, z, size), as_arrays(records))
+    if not family.smooth or task.settings.size is None:
+        return model
+    task.control.doing(f"knots of the {family.name}")
+    return with_knots_at_bends(model, task.part, task.control)

@@ -20,8 +20,9 @@ from emsid.estimation.threads import in_threads
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import FreeRun, Search, search
-from emsid.models.blocks.search.cross_validation import Round
+from emsid.models.blocks.search.cross_validation import Round, as_arrays
 from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.free_run import free_run_error
 from emsid.record import Record
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
@@ -39,6 +40,8 @@ COMPARED = 4
 # Steps of a fit to the parts of a short record that are not held back: it starts at the minimum of the whole. A sum of
 # squared errors on unseen data that is this many times larger than that of another model ends a comparison.
 REFIT_STEPS, HOPELESS = 5, 2.0
+# How often knots are placed anew at most.
+PLACEMENTS = 3
 # The error of a model that has not been run on unseen data.
 UNKNOWN = StretchErrors.of(np.array([np.inf]))
 
@@ -263,6 +266,44 @@ def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -
     # Repeat with states estimated for the new parameters.
     again = Found(*search(held.model, records, **how), records)
     return min(held, again, key=lambda found: found.error)
+
+
+def with_knots_at_bends(start: Cascade, records: Sequence[Record], control: Control) -> Cascade:
+    """The cascade, or one whose splines have their knots where they bend, where Schwarz's criterion prefers that.
+
+    A spline with few knots rounds a kink, wherever it is. The rounded curve shows where that is, so knots move there;
+    the next curve shows it better.
+
+    Args:
+        start: the cascade.
+        records: to compare fits on.
+        control: when to stop.
+    """
+    if _at_bends(start, records) is None:
+        return start
+    best, kept = start, searched(start, records, **_limits(CHOICE_STEPS, control))
+    for _ in range(PLACEMENTS):
+        moved = _at_bends(kept.model, records)
+        assert moved is not None
+        found = searched(moved, records, **_limits(CHOICE_STEPS, control))
+        control.check()
+        # The place of the knots counts as one parameter.
+        independent, more = effective_samples(found.minimum.residuals), found.determined - kept.determined + 1
+        if not schwarz_gain(found.error**2, kept.error**2, independent, more) > 0:
+            break
+        best, kept = found.model, found
+    return best
+
+
+def _at_bends(cascade: Cascade, records: Sequence[Record]) -> Cascade | None:
+    """The cascade with the knots of its maps where they bend; None if no map has such knots."""
+    runs = [cascade.signals(u, cascade.resting(float(u[0]))) for u, _ in as_arrays(records)]
+    blocks = tuple(
+        block.at_bends(np.concatenate([signals[k] for signals in runs])) if isinstance(block, StaticMap) else block
+        for k, block in enumerate(cascade.blocks)
+    )
+    same = all(new is old for new, old in zip(blocks, cascade.blocks, strict=True))
+    return None if same else replace(cascade, blocks=blocks)
 
 
 def simplest(choices: Sequence[Choice]) -> Choice:

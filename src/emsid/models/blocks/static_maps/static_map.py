@@ -173,6 +173,10 @@ class StaticMap(ABC):
         """(k, p) R with ‖Rθ‖² = ∫f″(x)² dx, for a map that is fitted with a penalty on it; None for the others."""
         return None
 
+    def at_bends(self, x: Array) -> StaticMap:
+        """About the same curve over data x (m,), its knots closer together where it bends; itself if it has none."""
+        return self
+
     def pieces(self) -> Pieces | None:
         """The map as polynomials between break points; None if it is none, and compiled loops cannot evaluate it."""
         return None

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 SAMPLES_PER_KNOT = 5
 # A map whose slope varies by less than this fraction is a straight line.
 STRAIGHT = 0.01
+# Knots at bends: points of the integral for each knot, and the part of the mean density that is the same everywhere.
+FINE, EVEN = 100, 0.5
 # The short form lists up to this many knots.
 LISTED_KNOTS = 6
 
@@ -119,8 +121,7 @@ class ThroughPoints(StaticMap):
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Findings: knots without data around them, and a map that is straight over the data."""
-        nearest = np.searchsorted(0.5 * (self.knots[1:] + self.knots[:-1]), x)
-        empty = np.flatnonzero(np.bincount(nearest, minlength=len(self.knots)) < SAMPLES_PER_KNOT)
+        empty = np.flatnonzero(samples_around(self.knots, x) < SAMPLES_PER_KNOT)
         if len(empty):
             return (Finding("knots-without-data", data={"knots": self.knots[empty].tolist()}),)
         slopes = self.slope(np.asarray(np.quantile(x, np.linspace(0.01, 0.99, 99)), dtype=float))
@@ -257,6 +258,20 @@ class CubicSpline(ThroughPoints):
             raise ModelError("a spline has an inverse only where it is monotone")
         return inverse_with_straight_ends(self, self.knots, z)
 
+    def at_bends(self, x: Array) -> CubicSpline:
+        """About the same curve through as many knots, which are closer together where it bends; the ends stay.
+
+        Between two knots is the same part of ∫(|f″(x)|^½ + c)dx, as for the best broken line (de Boor, ch. XII); the
+        constant c, a part `EVEN` of the mean, leaves knots where a curve that is still too smooth does not bend. Knots
+        around which there are hardly any data x (m,) are left out.
+        """
+        fine = np.linspace(self.knots[0], self.knots[-1], FINE * len(self.knots))
+        density = np.sqrt(np.abs(np.interp(fine, self.knots, self.curvatures @ self.values)))
+        density += EVEN * float(np.mean(density)) or 1.0
+        part = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+        knots = with_data(np.interp(np.linspace(0.0, part[-1], len(self.knots)), part, fine), x)
+        return CubicSpline(knots, self.value(knots))
+
     def _evaluate(self, x: Array) -> tuple[Array, Array]:
         at = np.asarray(x, dtype=float)
         out = np.empty((2, at.size))
@@ -278,6 +293,22 @@ def spread_knots(x: Array, count: int) -> Array:
     knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
     if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
         raise ModelError("the input of the static map hardly changes; it cannot be identified from this record")
+    return knots
+
+
+def samples_around(knots: Array, x: Array) -> NDArray[np.intp]:
+    """(K,) how many of the data x (m,) are closest to each of the knots (K,)."""
+    return np.bincount(np.searchsorted(0.5 * (knots[1:] + knots[:-1]), x), minlength=len(knots))
+
+
+def with_data(knots: Array, x: Array) -> Array:
+    """The knots, of which some between the ends are left out until each has `SAMPLES_PER_KNOT` of the data x (m,)."""
+    while len(knots) > 2:
+        counts = samples_around(knots, x)
+        least = int(np.argmin(counts))
+        if counts[least] >= SAMPLES_PER_KNOT:
+            break
+        knots = np.delete(knots, min(max(least, 1), len(knots) - 2))
     return knots
 
 

@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 # Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: study test lint docs bench coverage clean
+.PHONY: study test lint docs bench coverage environment clean
 .DELETE_ON_ERROR:
 
 study: $(VENV)/installed
@@ -40,6 +40,9 @@ coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_grey_box.py 300
 	cd tests && ../$(BIN)/python coverage_settings.py 300
 	$(BIN)/pytest -m long
+
+# What lint and tests need, so that no installation runs beside them.
+environment: $(VENV)/tested-with
 
 clean:
 	rm -rf $(VENV)

@@ -2,10 +2,13 @@
 
 Every folder below FOLDER, and FOLDER itself, is a set of recordings. As a new user would, the script asks ``emsid
 describe`` for the command to run, and runs it, with a part of the data left out: of four files or more every fourth,
-otherwise the last fifth of every file. ``emsid identify`` chooses on a part of what is left. Then all its models run
-freely over the part that was left out. The recommended one should have the smallest error there, or one that is at most
-5 % larger. The ratio of the error of the model in ``recommended.json``, which is fitted again to all data that the
-command was given where these are few, to the smallest one is shown too.
+otherwise the last fifth of every file. Models run freely over this part, and the recommended one should have the
+smallest error there, or one that is at most 5 % larger. The table compares
+
+- the models that ``emsid identify`` chose among, as they are fitted to a part of what it was given;
+- the models that it hands over in ``recommended.json``, which are fitted again to all that it was given where this is
+  little. So that all are treated alike, the command is run again for every model with at most `NEAR` times the smallest
+  error, with ``--models`` and this name.
 
 Of long files the first rows only are used (``--rows``), and a command that does not end in time is stopped
 (``--seconds``); then the models that it had found by then are compared.
@@ -22,7 +25,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -41,6 +44,8 @@ EVERY, LAST = 4, 0.2
 """Of this many files or more one in so many is left out; otherwise this part of every file, its end."""
 WITHIN = 1.05
 """The largest ratio of the error of the recommended model to the smallest error that counts as reached."""
+NEAR = 2.0
+"""Models with at most this many times the smallest error are fitted as the recommended one is."""
 console = Console(width=150)
 
 
@@ -115,21 +120,54 @@ def run(trial: Trial, out: Path, seconds: float) -> float:
     return cpu_seconds() - before
 
 
-AGAIN = "fitted again"
-"""The model in ``recommended.json``, where the data are few fitted again to all of them."""
-
-
-def errors(trial: Trial, out: Path) -> dict[str, float]:
-    """The RMSE of the free run of every saved model on the part that was left out, and of that which is `AGAIN`."""
-    result = json.loads((out / "result.json").read_text("utf-8"))
+def part_left_out(trial: Trial) -> emsid.Record:
+    """What the command is not given."""
     reading = trial.look.reading
     parts = [emsid.read(path, **{**reading, "rows": slice(first, last)}) for path, first, last in trial.unseen]
-    record = parts[0] if len(parts) == 1 else concatenate(parts)
-    fits = [emsid.load(out / f"{each['model']}.json") for each in result["fits"]]
+    return parts[0] if len(parts) == 1 else concatenate(parts)
+
+
+def rmse(models: Sequence[emsid.Model], record: emsid.Record, start: int) -> list[float]:
+    """Of the free run of every model, all on the same samples."""
+    return [float(np.sqrt(emsid.compare(each, record, transient=start).rows[0].ranked_by)) for each in models]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The errors of models on the part that was left out.
+
+    Attributes:
+        chosen: the name of the recommended model.
+        fitted: of all models, fitted to a part of the data.
+        handed: of the models that the command hands over, by the name that it recommends or is given.
+    """
+
+    chosen: str
+    fitted: dict[str, float]
+    handed: dict[str, float]
+
+    def row(self, of: dict[str, float]) -> tuple[float, str, str, str, str]:
+        """The ratio of the error of the recommended model to the smallest; both errors, whose it is, and the ratio."""
+        best = min(of, key=of.__getitem__)
+        ratio = of[self.chosen] / of[best]
+        return ratio, f"{of[self.chosen]:.4g}", f"{of[best]:.4g}", best, f"{ratio:.3f}"
+
+
+def errors(trial: Trial, out: Path, seconds: float) -> Errors:
+    """The errors of a result, and of those of its best models alone."""
+    result = json.loads((out / "result.json").read_text("utf-8"))
+    names, chosen, record = [each["model"] for each in result["fits"]], result["chosen"], part_left_out(trial)
+    fits = [emsid.load(out / f"{name}.json") for name in names]
     start = max(model.memory for model in fits)
-    found = {row.model: float(np.sqrt(row.ranked_by)) for row in emsid.compare(fits, record, transient=start).rows}
-    (row,) = emsid.compare(emsid.load(out / "recommended.json"), record, transient=start).rows
-    return {**found, AGAIN: float(np.sqrt(row.ranked_by))}
+    fitted = dict(zip(names, rmse(fits, record, start), strict=True))
+    handed = {chosen: emsid.load(out / "recommended.json")}
+    for name in names:
+        if name != chosen and fitted[name] <= NEAR * min(fitted.values()):
+            alone = out.parent / name
+            run(replace(trial, words=[*trial.words, "--models", name]), alone, seconds)
+            if (alone / "recommended.json").exists():
+                handed[name] = emsid.load(alone / "recommended.json")
+    return Errors(chosen, fitted, dict(zip(handed, rmse(list(handed.values()), record, start), strict=True)))
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -141,7 +179,8 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--show", action="store_true", help="print the commands and the errors of all models")
     options = parser.parse_args(arguments)
     board = Table(title="Error of the free run on data left out", title_justify="left")
-    for head in ("set", "recommended", "RMSE", "smallest", "by", "ratio", AGAIN, "models", "CPU s"):
+    of_each = ("RMSE", "smallest", "by", "ratio")
+    for head in ("set", "recommended", *of_each, *(f"handed over: {of_each[0]}", *of_each[1:]), "CPU s"):
         board.add_column(head, justify="left" if head in ("set", "recommended", "by") else "right")
     ratios = []
     folders = [options.folder, *sorted(path for path in options.folder.rglob("*") if path.is_dir())]
@@ -152,23 +191,21 @@ def main(arguments: Sequence[str]) -> None:
             out = Path(place, "result")
             try:
                 seconds = run(trial, out, options.seconds)
-                found = errors(trial, out)
+                found = errors(trial, out, options.seconds)
             except (EmsidError, OSError) as problem:
                 log = Path(place, "log.txt").read_text("utf-8").strip().splitlines()
                 board.add_row(trial.title, f"failed: {(log or [str(problem)])[-1][:80]}")
                 continue
-            chosen = json.loads((out / "result.json").read_text("utf-8"))["chosen"]
-        again = found.pop(AGAIN)
-        best = min(found, key=found.__getitem__)
-        ratio = found[chosen] / found[best]
-        ratios.append(ratio)
-        numbers = (f"{found[chosen]:.4g}", f"{found[best]:.4g}", best, f"{ratio:.3f}", f"{again / found[best]:.3f}")
-        board.add_row(trial.title, chosen, *numbers, str(len(found)), f"{seconds:.0f}")
+        fitted, handed = found.row(found.fitted), found.row(found.handed)
+        ratios.append((fitted[0], handed[0]))
+        board.add_row(trial.title, found.chosen, *fitted[1:], *handed[1:], f"{seconds:.0f}")
         if options.show:
-            console.print(shlex.join(trial.words), {name: float(f"{x:.4g}") for name, x in found.items()})
+            for kind in (found.fitted, found.handed):
+                console.print(shlex.join(trial.words), {name: float(f"{x:.4g}") for name, x in kind.items()})
     console.print(board)
-    reached = sum(ratio <= WITHIN for ratio in ratios)
-    console.print(f"at most {WITHIN:g} times the smallest error on {reached} of {len(ratios)} sets")
+    for which, some in zip(("as fitted to a part", "as handed over"), zip(*ratios, strict=True), strict=False):
+        reached = sum(ratio <= WITHIN for ratio in some)
+        console.print(f"{which}: at most {WITHIN:g} times the smallest error on {reached} of {len(some)} sets")
 
 
 if __name__ == "__main__":

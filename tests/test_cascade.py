@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import firwin, resample_poly
 
 from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
@@ -38,6 +39,7 @@ from emsid.models.blocks.static_maps import (
     TwoSlopes,
     UserMap,
 )
+from emsid.models.interpolation import INTERPOLATION_REACH, between
 from emsid.models.model import Model
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors
@@ -173,6 +175,15 @@ def test_known_blocks_are_recovered_from_a_start_nearby(name: str) -> None:
     fit = fit_cascade(truth.with_parameters(coordinates.parameters(off)), record, tolerance=1e-6, max_iterations=100)
     assert fit.ending is Ending.CONVERGED, fit.findings
     np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("samples", [2 * INTERPOLATION_REACH + 1, 200])
+@pytest.mark.parametrize("factor", [2, 3, 7])
+def test_interpolation_is_that_of_a_polyphase_filter(samples: int, factor: int) -> None:
+    u = np.random.default_rng(factor).standard_normal(samples)
+    ends = INTERPOLATION_REACH * factor
+    window = firwin(2 * ends + 1, 1 / factor, window=("kaiser", 9.0))
+    assert between(u, factor) == pytest.approx(resample_poly(u, factor, 1, window=window)[ends:-ends], abs=1e-13)
 
 
 def test_an_oversampled_cascade_is_recovered_where_the_input_excites_it() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
 from math import comb
@@ -475,9 +475,24 @@ def test_more_steps_per_sample_are_not_taken_where_they_do_not_help(monkeypatch:
     fit = hammerstein(record, 2, options)
     assert fit.model.oversampling == 1
     assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
-    monkeypatch.setattr(cascade_choice, "ordered_starts", lambda *arguments: [])
+    monkeypatch.setattr(cascade_choice, "ordered_starts", lambda *arguments: [[]])
     with pytest.raises(ModelError, match="no start value leads to a model"):
         hammerstein(record, 2, options)
+
+
+def test_other_sources_of_starts_are_left_out_where_a_refined_start_explains_the_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record = record_of(Cascade((BEND, SLOW)), 800)
+    sources = cascade_choice.ordered_starts
+
+    def batches(*arguments: Any) -> Iterator[list[Cascade]]:
+        yield next(sources(*arguments))
+        pytest.fail("other sources are searched")
+
+    monkeypatch.setattr(cascade_choice, "ordered_starts", batches)
+    fit = hammerstein(record, 2, replace(AT_RATE, size=6))
+    assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
 
 
 def test_a_map_with_harmonics_above_half_the_sampling_rate_gets_more_steps_per_sample() -> None:

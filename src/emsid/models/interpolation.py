@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 # Interpolation between samples uses this many samples on either side.
 INTERPOLATION_REACH = 16
+# The shape of the window: the stop band of the low-pass is 90 dB below its pass band.
+KAISER = 9.0
 
 
 def interpolated(u: Array, factor: int) -> Array:
@@ -25,13 +27,12 @@ def interpolated(u: Array, factor: int) -> Array:
 def between(u: Array, factor: int) -> Array:
     """((N − 2·reach)·factor,) the band-limited signal through samples u (N,), from the sample ``reach`` on.
 
-    ``reach`` is `INTERPOLATION_REACH`: the samples at either end only support the interpolation.
+    ``reach`` is `INTERPOLATION_REACH`: the samples at either end only support the interpolation. Every one of the
+    ``factor`` values in a sample interval is the convolution with a part of the low-pass of its own (polyphase form).
     """
-    from scipy.signal import resample_poly
-
-    at = INTERPOLATION_REACH * factor
-    fine: Array = resample_poly(u, factor, 1, window=_low_pass(factor))[at:-at]
-    return fine
+    low_pass = _low_pass(factor)
+    parts = [np.convolve(u[min(k, 1) :], low_pass[k::factor], "valid") for k in range(factor)]
+    return np.column_stack(parts).reshape(-1)
 
 
 @lru_cache(maxsize=64)
@@ -45,7 +46,8 @@ def _interpolated(samples: bytes, factor: int) -> Array:
 
 @lru_cache
 def _low_pass(factor: int) -> Array:
-    from scipy.signal import firwin
-
-    low_pass: Array = firwin(2 * INTERPOLATION_REACH * factor + 1, 1 / factor, window=("kaiser", 9.0))
-    return low_pass
+    """(2·reach·factor + 1,) the ideal low-pass in a Kaiser window, with the sum ``factor``."""
+    half = INTERPOLATION_REACH * factor
+    taps = np.sinc(np.arange(-half, half + 1) / factor) * np.kaiser(2 * half + 1, KAISER)
+    scaled: Array = taps * factor / taps.sum()
+    return scaled

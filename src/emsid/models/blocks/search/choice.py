@@ -8,10 +8,10 @@ All comparisons use free runs, not one-step predictions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from emsid.selection.improvement import better, matters
 
 # The number of refined starts that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
+# A cascade whose error is below this fraction of the output, one per cent of its power, explains the output: no further
+# sources of starts are needed.
+EXPLAINED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +78,50 @@ class Task:
         sizes = self.sizes(family)
         return sizes[0] if family.smooth else sizes[len(sizes) // 2]
 
-    def starts(self, records: Sequence[Record], orders: Orders, template: Cascade) -> list[Cascade]:
-        """Cascades of these orders to refine, best first."""
-        return ordered_starts(self.topology, records, orders, self.settings, template, self.control)
+    def refined_starts(
+        self,
+        records: Sequence[Record],
+        orders: Orders,
+        template: Cascade,
+        plan: Callable[[Cascade], Plan],
+        rival: Choice | None = None,
+    ) -> list[Choice]:
+        """Choices from the starts of these orders, best first; from more sources until one explains the output.
 
-    def refined(self, plans: Sequence[Plan], rival: Choice | None = None) -> list[Choice]:
+        Args:
+            records: that show the starts.
+            orders: of the filters, where they are given.
+            template: offsets, delay, oversampling and name.
+            plan: what to refine of a start.
+            rival: as in `refined`.
+
+        Raises:
+            ModelError: if there is no rival and every plan fails.
+        """
+        enough = EXPLAINED * float(np.std(np.concatenate([y for _, y in as_arrays(self.part)])))
+        found: list[Choice] = []
+        others = [] if rival is None else [rival]
+        problem: ModelError | None = None
+        for starts in ordered_starts(self.topology, records, orders, self.settings, template, self.control):
+            self.control.doing(f"refining {len(starts)} start values")
+            try:
+                found += self.refined([plan(start) for start in starts], rival)
+            except ModelError as failed:
+                problem = failed
+            if any(choice.known < enough for choice in [*others, *found]):
+                break
+        if problem and not found:
+            raise problem
+        return sorted(found, key=lambda choice: choice.error)
+
+    def refined(
+        self,
+        plans: Sequence[Plan],
+        rival: Choice | None = None,
+        compared: Callable[[Choice], bool] = lambda choice: True,
+    ) -> list[Choice]:
         """Plans refined and ranked, see `refined`."""
-        return refined(plans, self.part, self.rounds, self.settings.threads, self.control, rival)
+        return refined(plans, self.part, self.rounds, self.settings.threads, self.control, rival, compared)
 
     def plan(self, model: Cascade, family: Family, size: int) -> Plan:
         """To refine the model with its map replaced by one of the family.
@@ -124,12 +164,12 @@ def _from_starts(task: Task, rate: int) -> list[Choice]:
     """Choices with a map of the first family, refined from all starts at a sampling rate."""
     family, (leading, *_) = task.settings.families[0], task.sizes(task.settings.families[0])
     task.control.doing(f"start values at {rate} times the sampling rate")
-    starts = task.starts(task.shown, task.orders, replace(task.template, oversampling=rate))
-    task.control.doing(f"refining {len(starts)} of them")
     direct = family.direct and not task.topology.outer
-    found = task.refined(
-        [Plan(start, family, leading) if direct else Plan(start, correlated=family.smooth) for start in starts]
-    )
+
+    def plan(start: Cascade) -> Plan:
+        return Plan(start, family, leading) if direct else Plan(start, correlated=family.smooth)
+
+    found = task.refined_starts(task.shown, task.orders, replace(task.template, oversampling=rate), plan)
     others = task.sizes(family)[int(direct) :]
     if direct and not (task.short and others):
         return found
@@ -177,8 +217,8 @@ def _without_bends(task: Task, best: Choice) -> Choice:
     if plain is None:
         return best
     task.control.doing(f"{plain.name} in place of the {best.family.name}")
-    found = task.refined([task.plan(best.model, plain, 0)], best)
-    return next((choice for choice in found if not evident(best, choice, weights=1)), best)
+    found = task.refined([task.plan(best.model, plain, 0)], best, lambda choice: not evident(best, choice, weights=1))
+    return next(iter(found), best)
 
 
 def _of_best_size(task: Task, best: Choice) -> Choice:
@@ -200,12 +240,16 @@ def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
     task.control.doing("higher orders")
     while larger := larger_cascades(best.model, task.topology, task.orders, task.part):
         plans = [Plan(each, best.family, best.size) for each in larger]
-        found = task.refined(plans, best)
-        choice = simplest([best, *(each for each in found if not task.short or evident(each, best))])
+        choice = simplest([best, *task.refined(plans, best, partial(_may_replace, task, best))])
         if choice is best:
             return
         best = _from_new_starts(task, choice)
         yield best
+
+
+def _may_replace(task: Task, smaller: Choice, larger: Choice) -> bool:
+    """Whether cross-validation decides between two orders; of a short record the larger one has to be evident too."""
+    return not task.short or evident(larger, smaller)
 
 
 def _from_new_starts(task: Task, choice: Choice) -> Choice:
@@ -218,8 +262,9 @@ def _from_new_starts(task: Task, choice: Choice) -> Choice:
         return choice
     sizes = iter([len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)])
     orders = (next(sizes) if task.topology.first else None, next(sizes) if task.topology.second else None)
-    starts = task.starts(task.part, orders, choice.model)
-    found = task.refined([task.plan(start, family, choice.size) for start in starts], choice)
+    found = task.refined_starts(
+        task.part, orders, choice.model, lambda start: task.plan(start, family, choice.size), choice
+    )
     return min([choice, *found], key=lambda each: each.known)
 
 

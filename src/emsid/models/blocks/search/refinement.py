@@ -94,10 +94,12 @@ def refined(
     threads: int,
     control: Control,
     rival: Choice | None = None,
+    compared: Callable[[Choice], bool] = lambda choice: True,
 ) -> list[Choice]:
     """The plans refined on a part of the data and ranked by cross-validation, best first; failures are left out.
 
-    Plans that are worse than the rival, if there is one, are left out too, so the list may be empty.
+    Plans that are worse than the rival, if there is one, are left out too, and those that are not to be ``compared`` by
+    what they reach on this part, so the list may be empty.
 
     Raises:
         ModelError: if there is no rival and every plan fails.
@@ -115,7 +117,7 @@ def refined(
     problems: list[Exception] = []
     if len(plans) > FINISHED:
         plans = promising(plans, part, budget, threads, control)
-    found = _successes(refine, plans, threads, control, problems)
+    found = [choice for choice in _successes(refine, plans, threads, control, problems) if compared(choice)]
     ranked: list[Choice] = []
     best = None if rival is None or len(rounds) == 1 else rival.unseen
     if len(rounds) > 1:  # every split costs a fit, so only the best of each kind is compared

@@ -1,12 +1,12 @@
 """Starts of a search for a cascade: pairs of filters from all sources of `starts`, in the order to refine them.
 
 Every pair is scored by one linear problem, with a trial map. Where none of those from the frequency response explains
-the output, the map may lose the sign, and signs are recovered and filters drawn at random too.
+the output, also after it is refined, the map may lose the sign, and signs are recovered and filters drawn at random.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -50,8 +50,10 @@ def ordered_starts(
     settings: CascadeSearch,
     template: Cascade,
     control: Control,
-) -> list[Cascade]:
-    """The cascades to refine, from all sources, best first; the best of every order precede the rest.
+) -> Iterator[list[Cascade]]:
+    """The cascades to refine, best first: those from the frequency response, and then, if need be, from other sources.
+
+    Of the first ones the best of every order precede the rest.
 
     Raises:
         Stopped: by ``control``.
@@ -62,7 +64,8 @@ def ordered_starts(
     if leading.loses_sign and topology.first:
         recovered = _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
         if recovered:
-            return [candidate.cascade for candidate in recovered]
+            yield [candidate.cascade for candidate in recovered]
+            return
     totals = total_orders(topology, segments, orders, settings.period)
     pairs: list[Filters] = []
     for total in totals:
@@ -78,8 +81,10 @@ def ordered_starts(
     found = scanned(pairs, segments, leading.trial, template, settings.threads)
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
+    yield (ahead := refined_first([candidate.cascade for candidate in found]))
     if (found and found[0].error < enough * level) or template.oversampling > 1:
-        return refined_first([candidate.cascade for candidate in found])
+        return
+    control.check()
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
@@ -88,7 +93,8 @@ def ordered_starts(
         draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
     found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
-    return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+    others = [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+    yield [each for each in others if not any(each is start for start in ahead)]
 
 
 def _sign_recovery_starts(

@@ -387,16 +387,19 @@ class _Choice:
         if shaped is not None and gain(shaped, self.trial) < POSITIVE:
             self._take(shaped)
         if self._may_be_straight:
-            for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
-                self._exchange_hold(hold)
+            self._exchange_hold()
 
-    def _exchange_hold(self, hold: Hold) -> None:
+    def _exchange_hold(self) -> None:
         """Take another hold where it simulates some segment otherwise, and all of them better."""
-        other, segments = self.trial.plant.with_hold(hold), self._record.segments
-        if holds_in(other, segments) != holds_in(self.trial.plant, segments):
-            exchanged = self._tried([[(other, self.trial.names)]])[0]
-            if exchanged is not None and exchanged.cost < self.trial.cost:
-                self._take(exchanged)
+        segments = self._record.segments
+        seen = [holds_in(self.trial.plant, segments)]
+        for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
+            other = self.trial.plant.with_hold(hold)
+            if (held := holds_in(other, segments)) not in seen:
+                seen.append(held)
+                exchanged = self._tried([[(other, self.trial.names)]])[0]
+                if exchanged is not None and exchanged.cost < self.trial.cost:
+                    self._take(exchanged)
 
     def _remove(self) -> None:
         for done in range(MOST):

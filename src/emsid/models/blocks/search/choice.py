@@ -32,9 +32,9 @@ from emsid.selection.improvement import better, matters
 
 # The number of refined starts that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
-# A cascade whose error is below this fraction of the output, one per cent of its power, explains the output: no further
+# A cascade whose error is below this fraction of the output, a thousandth of its power, explains the output: no further
 # sources of starts are needed.
-EXPLAINED = 0.1
+EXPLAINED = 0.03
 
 
 @dataclass(frozen=True, eq=False)

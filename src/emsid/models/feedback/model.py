@@ -299,7 +299,7 @@ class FeedbackModel(OneChannelMethods):
         now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
-            maps = self.map_slopes(passed.x[steps], v[steps], passed.z[steps])
+            maps = map_slopes(self, passed.x[steps], v[steps], passed.z[steps])
             derivative(self.matrix, self.multiplied, maps, v[steps], passed.x[steps], passed.w[steps], rate, now, out)
             yield slice(first, first + len(out)), out
 
@@ -308,20 +308,6 @@ class FeedbackModel(OneChannelMethods):
         n = self.states
         found: Array = x @ self.factors[:, :n].T + np.outer(u, self.factors[:, n]) + self.factors[:, n + 1]
         return found
-
-    def map_slopes(self, x: Array, u: Array, z: Array) -> MapSlopes:
-        """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
-        n, g = self.states, self.factor(x, u)
-        slopes, values, rows, owners = np.empty(z.shape), np.empty(z.shape), [np.empty((0, len(z)))], []
-        for i, each in enumerate(self.maps):
-            own = np.ascontiguousarray(z[:, i])
-            slopes[:, i] = g[:, i] * each.slope(own)
-            values[:, i] = each.value(own) if i in self.multiplied else 0.0
-            rows.append(g[:, i] * each.parameter_gradient(own))
-            owners += [i] * len(rows[-1])
-        back = slopes[:, :, None] * self.matrix[n:-1, :n] + values[:, :, None] * self.factors[:, :n]
-        gradient = np.ascontiguousarray(np.concatenate(rows).T)
-        return MapSlopes(slopes, values, gradient, np.array(owners, dtype=np.int64), back)
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""
@@ -471,3 +457,18 @@ class FeedbackModel(OneChannelMethods):
         """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
         both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
         return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)
+
+
+def map_slopes(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:
+    """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
+    n, g = model.states, model.factor(x, u)
+    slopes, values, rows, owners = np.empty(z.shape), np.empty(z.shape), [np.empty((0, len(z)))], []
+    for i, each in enumerate(model.maps):
+        own = np.ascontiguousarray(z[:, i])
+        slopes[:, i] = g[:, i] * each.slope(own)
+        values[:, i] = each.value(own) if i in model.multiplied else 0.0
+        rows.append(g[:, i] * each.parameter_gradient(own))
+        owners += [i] * len(rows[-1])
+    back = slopes[:, :, None] * model.matrix[n:-1, :n] + values[:, :, None] * model.factors[:, :n]
+    gradient = np.ascontiguousarray(np.concatenate(rows).T)
+    return MapSlopes(slopes, values, gradient, np.array(owners, dtype=np.int64), back)

@@ -28,7 +28,7 @@ from emsid.models.blocks.static_maps.through_points import spread_knots
 from emsid.models.feedback.coordinates import coordinates, whitened
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.kernels import LoopSignals, pushed
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.model import FeedbackModel, map_slopes
 from emsid.models.interpolation import interpolated
 from emsid.models.one_channel import Segments
 from emsid.selection.improvement import schwarz_gain
@@ -192,7 +192,7 @@ class _Stretches:
         basis, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
         inputs = [model.entering(u) for u, _ in segments]
-        backs = [model.map_slopes(run.x, v, run.z).back for run, v in zip(runs, inputs, strict=True)]
+        backs = [map_slopes(model, run.x, v, run.z).back for run, v in zip(runs, inputs, strict=True)]
         residual = residual - basis @ (basis.T @ residual)
         return cls(model, runs, inputs, [y for _, y in segments], backs, basis, residual, transient)
 

@@ -16,7 +16,7 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear import gauss_newton as module
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
-from emsid.estimation.nonlinear.gauss_newton import PATIENCE, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import PATIENCE, after_few_steps, gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
@@ -427,3 +427,19 @@ def test_a_derivative_whose_square_overflows_is_refused() -> None:
         gauss_newton(curves, [1.7])
     found = gauss_newton(curves, [0.0])
     assert 0 < found.estimate[0] <= 1.5
+
+
+@pytest.mark.parametrize("steps", [1, 3, 100])
+def test_a_few_steps_end_where_the_search_does_without_the_last_derivative(steps):
+    whole, derivatives = decay(), []
+
+    def jacobian(theta: Array) -> list[Array]:
+        derivatives.append(theta)
+        return whole.jacobian(theta)
+
+    problem, start, box = Curves(whole.residual, jacobian), [0.5, 3.0, 0.0], {"lower": 0.0, "upper": 10.0}
+    searched = gauss_newton(problem, start, max_iterations=steps, covariances=False, **box)
+    at_every_step = len(derivatives)
+    derivatives.clear()
+    assert np.array_equal(after_few_steps(problem, start, steps, **box), searched.estimate)
+    assert len(derivatives) == at_every_step - (searched.ending is Ending.OUT_OF_BUDGET)

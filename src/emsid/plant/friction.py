@@ -129,12 +129,12 @@ class FrictionLaw(ABC):
         for field in fields(self):
             object.__setattr__(self, field.name, _pair(field.name, getattr(self, field.name)))
 
-    @property
+    @cached_property
     def numbers(self) -> Array:
         """(2, n) the parameters of each direction, in order."""
         return np.array([getattr(self, field.name) for field in fields(self)]).T.copy()
 
-    @property
+    @cached_property
     def varies(self) -> NDArray[np.bool_]:
         """(2,) whether the level depends on speed, by direction; a constant level is simulated exactly."""
         return np.ones(2, dtype=bool)
@@ -253,7 +253,7 @@ class Friction(FrictionLaw):
     )
     level: ClassVar[Level] = coulomb_stribeck
 
-    @property
+    @cached_property
     def varies(self) -> NDArray[np.bool_]:
         """(2,) whether there is a Stribeck excess, by direction."""
         return np.asarray(np.array(self.stribeck) > 0)

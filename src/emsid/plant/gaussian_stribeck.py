@@ -13,6 +13,7 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -55,7 +56,7 @@ class GaussianStribeck(FrictionLaw):
     parameters: ClassVar[tuple[LawParameter, ...]] = Friction.parameters
     level: ClassVar[Level] = gaussian_excess
 
-    @property
+    @cached_property
     def varies(self) -> NDArray[np.bool_]:
         """(2,) whether there is an excess, by direction."""
         return np.asarray(np.array(self.stribeck) > 0)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
+from functools import cache
 from math import inf, isfinite, isnan
 from typing import Any, NamedTuple
 
@@ -142,12 +143,14 @@ class Motor:
     torque_dead_zone: DeadZoneLaw | None = _dead_zone(None, "torque", "N*m")  # noqa: RUF009
 
     def __post_init__(self) -> None:
-        for part in fields(self):
+        for part in _parts():
             value = getattr(self, part.name)
             if "kind" in part.metadata:
                 kind = part.metadata["kind"]
                 if not (isinstance(value, kind) or (value is None and kind is DeadZoneLaw)):
                     raise ModelError(f"motor {part.name} is {value!r}; give a {_CALLED[kind]}")
+                continue
+            if type(value) is float and 0.0 < value < inf:  # as in every free run of a search
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or isnan(value):
                 raise ModelError(f"motor {part.name} is {value!r}; give a number in {part.metadata['unit']}")
@@ -234,6 +237,11 @@ class Motor:
         whole[1:, 0], whole[1:, 1:] = torque * k, a
         b[0, 0], b[1:, 1] = 1 / self.inductance, disturbance
         return StateSpace(whole, b, np.column_stack([np.zeros(2), c]), feed)
+
+
+@cache
+def _parts() -> tuple[Field[Any], ...]:
+    return fields(Motor)
 
 
 def _parameters(part: Field[Any]) -> tuple[Parameter, ...]:

@@ -71,6 +71,7 @@ PATIENCE = 4
 # Limits of the damping. At the largest, a step is a tiny one along the gradient; if even that does not lower the cost,
 # the cost is not smooth at this point.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
+FIRST_DAMPING = 1e-3
 # The damping grows by this factor after a step to parameters without a derivative.
 MORE_DAMPING = 100.0
 # A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
@@ -177,10 +178,10 @@ class _Search:
         Raises:
             Stopped: if the search has to end before a step is found.
         """
-        theta, damping, point, lightened = self._undamped(iterate), iterate.damping, None, 0
+        theta, damping, point, lightened = self.undamped(iterate), iterate.damping, None, 0
         while point is None:
             if theta is None:
-                theta, damping = self._descend(iterate)
+                theta, damping = self.descend(iterate)
             if theta is None:
                 return None
             before = iterate.point
@@ -252,14 +253,14 @@ class _Search:
         information = penalty.added(information, theta, self.box.varied)
         return _Point(theta, value, blocks, information, lengths, weights, most, independent, penalty)
 
-    def _undamped(self, iterate: _Iterate) -> Array | None:
+    def undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""
         if not iterate.cost_is_rounding:
             return None
         theta = self.box.moved(iterate.point.theta, iterate.remaining)
         return theta if np.isfinite(trial_cost(self.problem, theta, self.loss)) else None
 
-    def _descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
+    def descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
         """A θ with a lower cost and the next damping; None if no step lowers the cost."""
         point, damping, growth = iterate.point, iterate.damping, 2.0
         while damping < MOST_DAMPING:
@@ -299,7 +300,7 @@ def gauss_newton(
     max_iterations: int = 100,
     tolerance: float = 1e-3,
     least_saving: float = 0.0,
-    damping: float = 1e-3,
+    damping: float = FIRST_DAMPING,
     noise: float = 0.0,
     names: Sequence[str] = (),
     control: Control = FREE,
@@ -352,6 +353,37 @@ def gauss_newton(
     labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
     check = control.check if interruptible else FREE.check
     return _conclude(iterate, box, loss if covariances else None, labels, end, check)
+
+
+def after_few_steps(
+    problem: Problem,
+    start: ArrayLike,
+    steps: int,
+    *,
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
+    tolerance: float = 1e-3,
+    names: Sequence[str] = (),
+    control: Control = FREE,
+) -> Array:
+    """θ (p,) after at most so many steps of `gauss_newton`, to compare starts; without the derivative there.
+
+    Raises:
+        ModelError: as `gauss_newton`.
+        Stopped: by ``problem`` or ``control``.
+    """  # fmt: skip
+    theta, box = _check_start(start, lower, upper, names)
+    search = _Search(problem, box, SQUARES, steps, tolerance, 0.0, 0.0, control, (), False)
+    iterate: _Iterate | None = search.begin(theta, FIRST_DAMPING)
+    while iterate is not None and search.end(iterate) is None:
+        theta = iterate.point.theta
+        if iterate.steps == steps - 1:
+            following = search.undamped(iterate)
+            if following is None:
+                following, _ = search.descend(iterate)
+            return theta if following is None else following
+        iterate = search.advance(iterate)
+    return theta if iterate is None else iterate.point.theta
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, pi
 
 import numpy as np
@@ -46,7 +47,7 @@ class Cogging:
         if not all(map(isfinite, (self.cosine_1, self.sine_1, self.cosine_2, self.sine_2))):
             raise ModelError("cogging with an amplitude that is not finite")
 
-    @property
+    @cached_property
     def waves(self) -> Array:
         """(n, 3) 2πn/P, aₙ and bₙ of every harmonic up to the last that has an effect."""
         first = 2 * pi / self.period

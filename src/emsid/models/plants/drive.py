@@ -36,6 +36,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import lru_cache
 from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
@@ -286,12 +287,7 @@ class Drive:
         if self.hold is not Hold.ZERO or whole >= min(len(each) for each in inputs):
             return None
         voltage, conducts = self.applied(np.concatenate(inputs))
-        rows, pieces, first, begin = [], [], 0, 0
-        for each in inputs:
-            rows.append(first + np.maximum(np.arange(-whole - 1, len(each) - whole), 0))
-            pieces.append(slice(begin, begin + len(each) + 1))
-            first, begin = first + len(each), pieces[-1].stop
-        which = np.concatenate(rows)
+        which, pieces = _delayed_rows(tuple(map(len, inputs)), whole)
         late = self.delay / dt - whole
         return Acting(voltage[which], conducts[which], dt, late, slice(None), None, np.empty((0, 2))), pieces
 
@@ -326,6 +322,17 @@ class Drive:
         drive = self.for_inputs(inputs)
         on = drive.acting(inputs, drive.standing(inputs[0], dt, len(inputs)), dt)
         return on.voltage, on.conducts, on.late
+
+
+@lru_cache(maxsize=4)
+def _delayed_rows(samples: tuple[int, ...], whole: int) -> tuple[NDArray[np.intp], list[slice]]:
+    """Which command acts at every sample of runs after a delay of ``whole`` samples, and the pieces of each run."""
+    rows, pieces, first, begin = [], [], 0, 0
+    for count in samples:
+        rows.append(first + np.maximum(np.arange(-whole - 1, count - whole), 0))
+        pieces.append(slice(begin, begin + count + 1))
+        first, begin = first + count, pieces[-1].stop
+    return np.concatenate(rows), pieces
 
 
 def _read(rows: Array, start: float, count: int) -> Array:

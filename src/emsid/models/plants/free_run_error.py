@@ -137,7 +137,8 @@ class FreeRunError:
     ) -> None:
         self.plant, self.signals, self.segments, self.free = plant, tuple(signals), tuple(segments), tuple(free)
         self.weighting, self.threads = weighting, threads
-        self._counted = counted  # (N,) of every segment, 0 for samples whose errors do not count; None: all do
+        channels = len(self.signals)  # 0 for samples whose errors do not count; None: all do
+        self._counted = None if counted is None else [np.tile(some, channels) for some in counted]
         self._record_of = [plant.record_of(segment) for segment in self.segments]
         self._alike: dict[tuple[int, float], list[int]] = {}  # the segments with the same record and sample time
         for k, (record, segment) in enumerate(zip(self._record_of, self.segments, strict=True)):
@@ -255,8 +256,7 @@ class FreeRunError:
                     for k, run in zip(which, runs, strict=True):
                         residuals[k] = self._weighed(run, k)
             if self._counted is not None:
-                channels = len(self.signals)
-                residuals = [r * np.tile(some, channels) for r, some in zip(residuals, self._counted, strict=True)]
+                residuals = [r * some for r, some in zip(residuals, self._counted, strict=True)]
         except ModelError as problem:
             raise Infeasible(str(problem)) from None
         if not all(np.isfinite(residual).all() for residual in residuals):
@@ -278,7 +278,7 @@ class FreeRunError:
 
         def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
             there = theta.copy()
-            there[move] = np.clip(theta + by, lower, upper)[move]
+            there[move] = np.minimum(np.maximum(theta[move] + by[move], lower[move]), upper[move])
             try:
                 return there, self._simulated(there, plant, move) if (there != theta).any() else here, ""
             except Infeasible as problem:

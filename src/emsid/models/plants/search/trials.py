@@ -19,7 +19,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import after_few_steps, gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 
 KEPT, FIRST_STEPS = 4, 3
 """How many starts take steps, and how many steps before all but the best stop."""
+TOLERANCE = 0.02
+"""Of a search, in standard errors."""
 HOPELESS = 10.0
 """A start whose cost is more than this many times that of the best one takes no steps."""
 SHORTER = 0.25 ** np.arange(8)
@@ -121,9 +123,10 @@ class Trials:
             names: the parameters to estimate.
             states: initial states to begin with, by default what the first samples show.
         """
-        under_way = self._under_way(starts, names, states)
-        ended = self._searched(min(under_way)[-1], STEPS) if under_way else None
-        return None if ended is None else self._trial(ended)
+        under_way = sorted(self._under_way(starts, names, states))
+        ended = (self._searched(problem) for _, _, problem in under_way)
+        best = next((problem for problem in ended if problem is not None), None)  # the first may have no derivative
+        return None if best is None else self._trial(best)
 
     def promising(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> DrivenPlant:
         """The start that leads furthest down in a few steps; the first where none can be simulated."""
@@ -142,7 +145,7 @@ class Trials:
         ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
-        moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
+        moved = ((k, self._advanced(problem)) for _, k, problem in ranked)
         return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
 
     def _ranked(
@@ -183,7 +186,7 @@ class Trials:
                 moved = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in parts)
                 good = (each for each in moved if not stalled or 0.5 * cost_of(each) <= HOPELESS * trial.cost)
                 near = next(good, None)
-                again = None if near is None else self._searched(near, STEPS)
+                again = None if near is None else self._searched(near)
             except EmsidError:
                 continue
             if again is None:
@@ -249,18 +252,33 @@ class Trials:
         handles = plant.handles
         return {name: self.limits.get(name, (handles[name].lower, handles[name].upper)) for name in names}
 
-    def _searched(self, problem: FreeRunError, steps: int) -> FreeRunError | None:
+    def _searched(self, problem: FreeRunError) -> FreeRunError | None:
+        def ended(lower: Array, upper: Array) -> Array:
+            return gauss_newton(
+                problem, problem.start, lower=lower, upper=upper, max_iterations=STEPS, tolerance=TOLERANCE,
+                least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
+            ).estimate  # fmt: skip
+
+        return self._moved(problem, ended)
+
+    def _advanced(self, problem: FreeRunError) -> FreeRunError | None:
+        def ended(lower: Array, upper: Array) -> Array:
+            return after_few_steps(
+                problem, problem.start, FIRST_STEPS, lower=lower, upper=upper, tolerance=TOLERANCE,
+                names=problem.names, control=self.control,
+            )  # fmt: skip
+
+        return self._moved(problem, ended)
+
+    def _moved(self, problem: FreeRunError, ended: Callable[[Array, Array], Array]) -> FreeRunError | None:
+        """A problem that begins where a search within these bounds ended; None where it cannot begin."""
         self.control.check()
         lower, upper = problem.within(self._bounds(problem.plant, problem.free))  # type: ignore[arg-type]
         try:
             with problem.under(self.control):
-                found = gauss_newton(
-                    problem, problem.start, lower=lower, upper=upper, max_iterations=steps, tolerance=0.02,
-                    least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
-                )  # fmt: skip
+                return problem.begun_at(ended(lower, upper))
         except EmsidError:
             return None
-        return problem.begun_at(found.estimate)
 
     def _trial(self, problem: FreeRunError) -> Trial:
         residuals = problem.residuals(problem.start)

@@ -2,17 +2,23 @@
 
 Searches run in one thread per core and use small matrices. If a linear-algebra library starts more threads in each of
 them, everything becomes several times slower.
+
+The system may deliver a signal such as Ctrl-C to any thread, but Python calls its handler in the main thread only, and
+a thread that waits for a lock does not notice a signal that another one received. So the main thread never waits long.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from threading import Lock
 from typing import Any
+
+LONGEST_WAIT = 0.1
+"""Seconds after which a thread that waits for others runs for a moment, so that handlers of signals are called."""
 
 _lock = Lock()
 _inside = 0
@@ -60,13 +66,26 @@ def in_threads(threads: int) -> Iterator[Callable[..., Iterable[Any]]]:
         yield map
         return
     with ThreadPoolExecutor(threads) as pool:
-        yield pool.map
+        yield partial(_in_turn, pool)
 
 
 @cache
-def short_tasks(threads: int) -> ThreadPoolExecutor:
-    """A pool for tasks of a millisecond or so, which is made once; they must not start other tasks in it."""
-    return ThreadPoolExecutor(threads)
+def short_tasks(threads: int) -> Callable[..., Iterable[Any]]:
+    """As `in_threads`, for tasks of a millisecond or so, which must not use it themselves; its pool is made once."""
+    return partial(_in_turn, ThreadPoolExecutor(threads))
+
+
+def _in_turn(pool: ThreadPoolExecutor, function: Callable[..., Any], *arguments: Iterable[Any]) -> Iterator[Any]:
+    """The results of a function in the order of its calls, all of which begin at once."""
+    calls = [pool.submit(function, *each) for each in zip(*arguments, strict=False)][::-1]
+    try:
+        while calls:
+            while not calls[-1].done():
+                wait(calls[-1:], LONGEST_WAIT)
+            yield calls.pop().result()
+    finally:
+        for call in calls:
+            call.cancel()
 
 
 if hasattr(os, "register_at_fork"):

@@ -66,7 +66,7 @@ def model_verdicts(
 
     if not tests:
         return tuple(map(verdict, on_unseen.assessments))
-    in_turn = short_tasks(cores()).map  # transforms of long residuals, which leave the interpreter free
+    in_turn = short_tasks(cores())  # transforms of long residuals, which leave the interpreter free
     return tuple(in_turn(verdict, on_unseen.assessments, _shares(on_unseen.assessments)))
 
 

@@ -10,7 +10,6 @@ precision, including the rounding errors of the products in Φ, and the existing
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution
-from emsid.estimation.threads import cores
+from emsid.estimation.threads import cores, in_threads
 from emsid.findings import Finding
 from emsid.record import Record, check_same_channels
 
@@ -161,14 +160,14 @@ def gather(
     """
     first: Record | None = None
     information = Information.empty(len(structure.parameter_names))
-    with ThreadPoolExecutor(threads or cores()) as pool:
+    with in_threads(threads or cores()) as parallel:
         for record in (records,) if isinstance(records, Record) else records:
             structure.check(record)
             check_excitation(record)
             first = first or record
             check_same_channels(first, record)
             chunks = structure.chunks(record, CHUNK)
-            in_turn = map if len(chunks) == 1 else pool.map  # a short record is faster without threads
+            in_turn = map if len(chunks) == 1 else parallel  # a short record is faster without threads
             for part in in_turn(_chunk_information, repeat(structure), chunks):
                 information = information.merge(part)
     if first is None:

@@ -303,7 +303,7 @@ class FreeRunError:
                     above, after, below, before, _ = wider
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
 
-        in_turn = short_tasks(self.threads).map if self.threads > 1 else map  # a pool of one would be shared by all
+        in_turn = short_tasks(self.threads) if self.threads > 1 else map  # a pool of one would be shared by all
         differences = list(in_turn(difference, moves))
         jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
         for move, (width, columns) in zip(moves, differences, strict=True):

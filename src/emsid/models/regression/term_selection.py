@@ -193,7 +193,7 @@ class _Signals:
             return result
 
         several = len(self.windows) > 1 and len(self.dictionary) > SMALL
-        in_turn = short_tasks(cores()).map if several else map
+        in_turn = short_tasks(cores()) if several else map
         total: Array = np.sum(list(in_turn(of_part, self.windows, self.slices)), axis=0)
         return total
 

@@ -35,6 +35,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import RUNAWAY, begins_at_rest, begins_steady
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.state_space import _run as run_states
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.grey_box import GreyBox
@@ -231,6 +232,17 @@ def test_sample_by_sample_and_in_blocks_equals_at_once(model: Model) -> None:
         blocks.append(y)
     np.testing.assert_allclose(np.concatenate(blocks), expected, rtol=1e-12, atol=1e-12)
     same(state, end)
+
+
+def test_a_kernel_is_compiled_once_for_arrays_that_may_be_written_to_and_others() -> None:
+    model = ALL["state space"]
+    held = inputs()[:, None]
+    held.flags.writeable = False
+    start = model.initial(measured(model), model.memory)
+    model.run(start, held)
+    compiled = len(run_states.signatures)
+    model.run(start, inputs()[:, None])
+    assert len(run_states.signatures) == compiled > 0
 
 
 @every_model

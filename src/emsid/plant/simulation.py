@@ -230,8 +230,8 @@ def simulate(
 
 
 def _budget(method: Taylor, samples: int) -> float:
-    """The number of steps that a simulation may take."""
-    return SPARE_STEPS + method.most_steps * samples
+    """The number of steps that a simulation may take; the kernel would be compiled again for an integer."""
+    return float(SPARE_STEPS + method.most_steps * samples)
 
 
 def check_inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> tuple[Array, Array, Array]:

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.linear.information import Information, add_rows
 
 Array = NDArray[np.float64]
@@ -253,10 +254,10 @@ def input_part(a: Array, c: Array, segments: Sequence[Signals], direct: bool) ->
         alone = Information.empty(n + width)  # the initial state first
         for i in range(outputs):
             columns = np.zeros((n + width + 1, len(y)))
-            response_rows(columns[:n], a, c[i], np.zeros(len(y)), c[i].copy())
+            response_rows(columns[:n], *map(read_only, (a, c[i], np.zeros(len(y)), c[i])))
             for k in range(inputs):
                 own = slice(n + k * n, n + (k + 1) * n)
-                response_rows(columns[own], a, c[i], np.ascontiguousarray(u[:, k]), np.zeros(n))
+                response_rows(columns[own], *map(read_only, (a, c[i], u[:, k], np.zeros(n))))
                 if direct:
                     columns[n + n * inputs + i * inputs + k] = u[:, k]
             columns[n + width - outputs + i] = 1.0

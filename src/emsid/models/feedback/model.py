@@ -40,6 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
@@ -295,12 +296,12 @@ class FeedbackModel(OneChannelMethods):
 
     def gradients(self, u: Array, passed: LoopSignals) -> Iterator[tuple[slice, Array]]:
         """`gradient` by blocks of samples, each with its samples; of a long record, all together take much memory."""
-        v, rate, width = self.entering(u), self.oversampling, len(self.parameters) + self.states
-        now = np.eye(self.states, width, width - self.states)
+        v, rate, width = read_only(self.entering(u)), self.oversampling, len(self.parameters) + self.states
+        matrix, now = read_only(self.matrix), np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
             maps = map_slopes(self, passed.x[steps], v[steps], passed.z[steps])
-            derivative(self.matrix, self.multiplied, maps, v[steps], passed.x[steps], passed.w[steps], rate, now, out)
+            derivative(matrix, self.multiplied, maps, v[steps], passed.x[steps], passed.w[steps], rate, now, out)
             yield slice(first, first + len(out)), out
 
     def factor(self, x: Array, u: Array) -> Array:
@@ -442,7 +443,8 @@ class FeedbackModel(OneChannelMethods):
         offsets = np.append(self.map_offsets, self.output_offset)
         with np.errstate(over="ignore", invalid="ignore"):
             if self._tables is not None:
-                reached = run(self.matrix, offsets, self.factors, self._tables, v, state, out)
+                matrix, factors = read_only(self.matrix), read_only(self.factors)
+                reached = run(matrix, offsets, factors, self._tables, read_only(v), state, out)
             else:
                 reached = run_reference(self.matrix, offsets, self.factors, self.maps, v, state, out)
         out.y[reached:] = np.nan

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
@@ -332,7 +333,7 @@ def coefficient_names(order: int, outputs: int, inputs: int, direct: bool, noise
 def run_linear(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Array) -> tuple[Array, Array]:
     """The outputs (N, ny) of x(t + 1) = A x + B u, y = C x + D u from a state (n,), and the state after them."""
     after, outputs = np.array(state, dtype=float), np.empty((len(inputs), len(c)))
-    a, b, c, d, u = (np.ascontiguousarray(each) for each in (a, b, c, d, inputs))
+    a, b, c, d, u = (read_only(each) for each in (a, b, c, d, inputs))
     _run(a, b, c, d, after, u, outputs)
     return outputs, after
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.linear.subspace import (
@@ -375,11 +376,11 @@ class StateSpaceError:
     def _derivative(self, model: StateSpaceModel, i: int, segment: int, states: Array, error: Array) -> Array:
         """(θ, N) the derivative of ŷᵢ by the matrices and the initial states."""
         n, samples = model.order, len(states)
-        a, row, none = model.a - model.k @ model.c, np.ascontiguousarray(model.c[i]), np.zeros(n)
+        a, row, none = model.a - model.k @ model.c, model.c[i], np.zeros(n)
 
         def driven(signal: Array) -> Array:
             rows = np.empty((n, samples))
-            response_rows(rows, a, row, np.ascontiguousarray(signal), none)
+            response_rows(rows, *map(read_only, (a, row, signal, none)))
             return rows
 
         by_state = np.array([driven(x) for x in states.T])  # (n of signal, n driven, N)
@@ -400,7 +401,7 @@ class StateSpaceError:
         if not self.free_run:
             parts.append(np.array([driven(-e) for e in error.T]).transpose(1, 0, 2))
         of_start = np.zeros((len(self.first), n, samples))
-        response_rows(of_start[segment], a, row, np.zeros(samples), row.copy())
+        response_rows(of_start[segment], *map(read_only, (a, row, np.zeros(samples), row)))
         return np.concatenate([part.reshape(-1, samples) for part in (*parts, of_start)])
 
     def coefficients(self, beta: Array) -> tuple[tuple[str, ...], Array]:

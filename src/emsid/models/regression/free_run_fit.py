@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -39,7 +40,6 @@ from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
-from emsid.models.regression.kernels import read_only
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
 from emsid.models.regression.transforms import Transform
@@ -115,7 +115,7 @@ class FreeRunError:
         measured, u = self.segments[segment]
         y, n, start = measured.copy(), len(self.structure), self.start
         y[start - self.depth : start] = theta[n + segment * self.depth : n + (segment + 1) * self.depth]
-        own = np.ascontiguousarray(theta[:n])
+        own = read_only(theta[:n])
         memory = self.structure.memory
         reached = run_with_derivative(y, derivative, u, self._parts, own, memory, start, self.share)
         if reached < len(y):

@@ -14,16 +14,6 @@ from emsid.models.regression.transforms import transformed
 Array = NDArray[np.float64]
 
 
-def read_only(array: Array) -> Array:
-    """The array as the kernels read it: contiguous and not to be written to.
-
-    A kernel is compiled once for every layout and for writable arrays besides; this leaves one of them.
-    """
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
-
-
 @numba.njit(cache=True, nogil=True)
 def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: int) -> None:
     """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of [Φ y].

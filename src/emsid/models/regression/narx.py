@@ -23,11 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
 from emsid.models.regression.initial_state import StartError, estimated_outputs
-from emsid.models.regression.kernels import add_regression, fill, fill_rounding, read_only
+from emsid.models.regression.kernels import add_regression, fill, fill_rounding
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
 from emsid.models.regression.regressors import Regressor, Tables, parse_regressor, tables
 from emsid.models.regression.sensitivities import largest_output_lag, parts

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
 from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
@@ -248,7 +249,7 @@ class CubicSpline(ThroughPoints):
     def parameter_gradient(self, x: Array) -> Array:
         """(K, N) the cardinal splines, one at their own knot and zero at the others."""
         rows = np.empty((len(self.knots), x.size))
-        spline_rows(self.knots, self.curvatures, x, rows)
+        spline_rows(read_only(self.knots), read_only(self.curvatures), read_only(x), rows)
         return rows
 
     def inverse(self, z: ArrayLike) -> Array:
@@ -275,7 +276,8 @@ class CubicSpline(ThroughPoints):
     def _evaluate(self, x: Array) -> tuple[Array, Array]:
         at = np.asarray(x, dtype=float)
         out = np.empty((2, at.size))
-        spline_values(self.knots, self.values, self.curvatures @ self.values, at.ravel(), out)
+        knots, values, second = (read_only(each) for each in (self.knots, self.values, self.curvatures @ self.values))
+        spline_values(knots, values, second, read_only(at.ravel()), out)
         return out[0].reshape(at.shape), out[1].reshape(at.shape)
 
 

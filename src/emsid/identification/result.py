@@ -155,15 +155,6 @@ class Identification(Presented):
         """What to do next besides another experiment, the most useful first."""
         return tuple(next_steps(self.on_unseen.best, (*self.verdicts, *self.findings), self.fits, self.record))
 
-    def findings_about(self, model: str) -> tuple[Finding, ...]:
-        """The findings about this model."""
-        return tuple(finding for finding in self.findings if finding.model == model)
-
-    @property
-    def general_findings(self) -> tuple[Finding, ...]:
-        """The findings about the data and the options, and not about one model."""
-        return tuple(finding for finding in self.findings if not finding.model)
-
     def to_data(self) -> dict[str, Any]:
         """The content of ``result.json``; see `emsid.identification.result_format`."""
         rows = (*self.on_record.rows, *(self.on_choice.rows if self.on_choice else ()), *self.on_unseen.rows)

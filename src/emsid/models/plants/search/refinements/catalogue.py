@@ -49,9 +49,6 @@ REFINEMENTS: tuple[Refinement, ...] = (
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
-ON_REQUEST: tuple[Refinement, ...] = (cogging,)
-"""Refinements that are tried only on request: along a short way, the drift of a position looks like
-cogging."""
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging, cogging_of_speed)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}

@@ -46,7 +46,7 @@ FEWEST = 100
 
 
 def cogging_of_speed(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """A force repeats with the integral of the measured speed."""
+    """A force repeats with the integral of the measured speed; along a short way, drift of a position looks like it."""
     return cogging(plant, free, record) if signals_of(plant, record)[0] in SPEEDS else []
 
 

@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 # Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: study test lint docs bench coverage environment clean
+.PHONY: study test lint docs bench coverage environment kernels clean
 .DELETE_ON_ERROR:
 
 study: $(VENV)/installed
@@ -41,8 +41,10 @@ coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_settings.py 300
 	$(BIN)/pytest -m long
 
-# What lint and tests need, so that no installation runs beside them.
-environment: $(VENV)/tested-with
+# What lint, pages and tests need, so that no installation runs beside them.
+environment: $(VENV)/tested-with $(VENV)/documented-with
+
+kernels: $(VENV)/compiled
 
 clean:
 	rm -rf $(VENV)
@@ -59,8 +61,8 @@ $(VENV)/tested-with: $(VENV)/installed
 	@touch $@
 
 # Compile the kernels once, so that the three test processes do not all compile them.
-$(VENV)/compiled: $(VENV)/tested-with $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
-	$(BIN)/python -c 'from emsid.study.workflow import Settings, study; study(Settings(duration=2.0))'
+$(VENV)/compiled: $(VENV)/tested-with tests/compile_kernels.py $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
+	$(BIN)/python tests/compile_kernels.py
 	@touch $@
 
 $(VENV)/documented-with: $(VENV)/installed

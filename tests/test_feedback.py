@@ -460,6 +460,15 @@ def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
     assert np.sqrt(plain.noise_variance) > 3 * noise
 
 
+def test_a_product_is_found_where_one_map_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "_bent", lambda *_: [])
+    monkeypatch.setattr(choice, "_beside_linear", lambda bench, straight, *_: straight)
+    record, noise = coasting(1)
+    *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)
+    assert list(last.found.model.multiplied) == [0]
+    assert last.found.error < 1.1 * noise
+
+
 def test_no_map_is_multiplied_where_another_leaves_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     begun = []
     monkeypatch.setattr(choice, "with_product", lambda *given: begun.append(given))

@@ -12,9 +12,9 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
-best one with a map, the search ends after the first step with a map at this linear model, unless that is better than
-the linear one. A model whose free run diverges on an input a little larger than that of the record, forward or backward
-in time, is not chosen.
+best one with a map, the search ends after the first step with a map at this linear model, unless that, or a map that is
+multiplied by a signal, is better than the linear one. A model whose free run diverges on an input a little larger than
+that of the record, forward or backward in time, is not chosen.
 """
 
 from __future__ import annotations
@@ -96,11 +96,11 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         if best is None or bench.prefers(trial, best):
             best = trial
     if best is None or not bench.prefers(best, straight):
-        best = _beside_linear(bench, straight, best, settings)
-        if not bench.prefers(best, straight):  # a linear model is as good
-            yield best
+        beside = _beside_linear(bench, straight, best, settings)
+        best = _better_than_linear(Contest(bench, tried, straight), beside, settings)
+        if best is None:
+            yield beside
             return
-        tried.append(best)
     yield best
     contest = Contest(bench, tried, best)
     if best.family is not MAGNITUDE:
@@ -128,6 +128,20 @@ def _beside_linear(bench: Bench, straight: Trial, best: Trial | None, settings: 
         if best is None:
             raise
         return best
+
+
+def _better_than_linear(contest: Contest, beside: Trial, settings: FeedbackSearch) -> Trial | None:
+    """The best of a model with one map and, if that is no better than the linear one, those with a product; or none.
+
+    Where a product is missing, one map of one signal may follow the record better and make the free run worse.
+    """
+    straight = contest.best
+    for trials in ([beside], _products(contest, straight, settings)):
+        for _ in contest.entered(trials):
+            pass
+        if contest.best is not straight:
+            return contest.best
+    return None
 
 
 @dataclass(eq=False)

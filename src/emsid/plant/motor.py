@@ -170,7 +170,7 @@ class Motor:
         >>> Motor.parameters()[0]
         Parameter(name='resistance', symbol='R_a', unit='ohm', description='armature resistance')
         """
-        return tuple(parameter for part in fields(Motor) for parameter in _parameters(part))
+        return tuple(parameter for part in _parts() for parameter in _parameters(part))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Motor:

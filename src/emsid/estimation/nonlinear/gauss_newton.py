@@ -178,26 +178,23 @@ class _Search:
         Raises:
             Stopped: if the search has to end before a step is found.
         """
-        theta, damping, point, lightened = self.undamped(iterate), iterate.damping, None, 0
-        while point is None:
-            if theta is None:
-                theta, damping = self.descend(iterate)
-            if theta is None:
-                return None
-            before = iterate.point
+        (theta, damping), before, lightened = self.lower(iterate), iterate.point, 0
+        while theta is not None:
             try:
                 point = self._linearise(theta, before.weights, before.most, before.independent)
             except Infeasible:  # the cost is lower there, but has no derivative: a smaller step
-                iterate, theta = replace(iterate, damping=MORE_DAMPING * iterate.damping), None
+                iterate = replace(iterate, damping=MORE_DAMPING * iterate.damping)
+                theta, damping = self._descend(iterate)
                 continue
-            if lightened < MOST_LIGHTENED and self._flattened(point, iterate):
-                most = LIGHTER * before.weights
-                lighter = self._linearise(before.theta, before.weights, most, before.independent)
-                iterate = self._at(lighter, iterate.scale, iterate.damping, iterate.offset_before, iterate.costs)
-                theta, point, lightened = None, None, lightened + 1
-        new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
-        self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
-        return new
+            if lightened == MOST_LIGHTENED or not self._flattened(point, iterate):
+                new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
+                self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
+                return new
+            before = self._linearise(before.theta, before.weights, LIGHTER * before.weights, before.independent)
+            iterate = self._at(before, iterate.scale, iterate.damping, iterate.offset_before, iterate.costs)
+            theta, damping = self._descend(iterate)
+            lightened += 1
+        return None
 
     def end(self, iterate: _Iterate) -> _End | None:
         """How the search ends at this state; None if it continues."""
@@ -253,14 +250,19 @@ class _Search:
         information = penalty.added(information, theta, self.box.varied)
         return _Point(theta, value, blocks, information, lengths, weights, most, independent, penalty)
 
-    def undamped(self, iterate: _Iterate) -> Array | None:
+    def lower(self, iterate: _Iterate) -> tuple[Array | None, float]:
+        """A θ with a lower cost, or where the change is rounding, and the next damping; None if no step leads there."""
+        theta = self._undamped(iterate)
+        return self._descend(iterate) if theta is None else (theta, iterate.damping)
+
+    def _undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""
         if not iterate.cost_is_rounding:
             return None
         theta = self.box.moved(iterate.point.theta, iterate.remaining)
         return theta if np.isfinite(trial_cost(self.problem, theta, self.loss)) else None
 
-    def descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
+    def _descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
         """A θ with a lower cost and the next damping; None if no step lowers the cost."""
         point, damping, growth = iterate.point, iterate.damping, 2.0
         while damping < MOST_DAMPING:
@@ -371,19 +373,19 @@ def after_few_steps(
     Raises:
         ModelError: as `gauss_newton`.
         Stopped: by ``problem`` or ``control``.
-    """  # fmt: skip
+    """
     theta, box = _check_start(start, lower, upper, names)
     search = _Search(problem, box, SQUARES, steps, tolerance, 0.0, 0.0, control, (), False)
     iterate: _Iterate | None = search.begin(theta, FIRST_DAMPING)
-    while iterate is not None and search.end(iterate) is None:
+    while iterate is not None:
         theta = iterate.point.theta
+        if search.end(iterate) is not None:
+            break
         if iterate.steps == steps - 1:
-            following = search.undamped(iterate)
-            if following is None:
-                following, _ = search.descend(iterate)
-            return theta if following is None else following
+            last, _ = search.lower(iterate)
+            return theta if last is None else last
         iterate = search.advance(iterate)
-    return theta if iterate is None else iterate.point.theta
+    return theta
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:

@@ -20,7 +20,7 @@ from emsid.estimation.nonlinear.gauss_newton import PATIENCE, after_few_steps, g
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
-from emsid.estimation.nonlinear.smoothing import Penalty
+from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.nonlinear.steps import bounded_step
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
@@ -226,7 +226,7 @@ def test_a_penalty_that_is_too_heavy_does_not_flatten_the_fit(monkeypatch: pytes
             return [(theta[0] * wave - y, wave[:, None])]
 
     monkeypatch.setattr(module, "chosen_weights", lambda *_: np.array([1e3]))
-    found = gauss_newton(Wave(), [2.0], penalties=[Penalty(np.ones((1, 1)), np.zeros(1))])
+    found = gauss_newton(Wave(), [2.0], smoothing=Smoothing([Penalty(np.ones((1, 1)), np.zeros(1))]))
     assert np.std(found.residuals[0]) < 0.11
     assert found.estimate[0] > 1.95
 

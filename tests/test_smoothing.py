@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
+from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing, chosen_weights
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade, static_band
@@ -105,7 +105,8 @@ def test_a_curve_does_not_follow_a_slow_residual(knots: int) -> None:
     basis, penalty = spline.parameter_gradient(x).T, Penalty(spline.roughness(), np.zeros(len(spline.roughness())))
     for _ in range(10):
         y = x + lfilter([0.04], [1, -0.98], rng.standard_normal(2000))
-        found = gauss_newton(Lines(basis, y), np.linalg.lstsq(basis, y)[0], penalties=[penalty], correlated=True)
+        smoothing = Smoothing([penalty], correlated=True)
+        found = gauss_newton(Lines(basis, y), np.linalg.lstsq(basis, y)[0], smoothing=smoothing)
         curve = basis @ found.estimate
         errors.append(np.std(curve - np.polyval(np.polyfit(x, curve, 1), x)))
     assert np.mean(errors) < 0.035  # without correlation in mind 0.045 and 0.051

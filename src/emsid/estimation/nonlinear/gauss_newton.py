@@ -58,9 +58,8 @@ from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
 from emsid.estimation.nonlinear.problem import Array, Block, Indices, Infeasible, Problem, cost, linearised, trial_cost
-from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
+from emsid.estimation.nonlinear.smoothing import NONE, Penalty, Smoothing, chosen_weights
 from emsid.estimation.nonlinear.steps import bounded_step, promised, relative_offset
-from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 
 # A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
@@ -152,10 +151,9 @@ class _Search:
     least_saving: float
     noise: float
     control: Control
-    penalties: Sequence[Penalty]
-    correlated: bool
+    smoothing: Smoothing
 
-    def begin(self, theta: Array, damping: float) -> _Iterate:
+    def begin(self, theta: Array) -> _Iterate:
         """The state at the start.
 
         Raises:
@@ -163,14 +161,14 @@ class _Search:
         """
         if not np.isfinite(cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
-        count = len(self.penalties)
+        count = len(self.smoothing.penalties)
         point = self._linearise(theta, np.ones(count), np.full(count, np.inf), 0.0)
         if point.information.samples + len(point.penalty.rows) < len(self.box.varied):
             raise ModelError(
                 f"{int(point.information.samples)} samples for {len(self.box.varied)} free parameters; "
                 "give more data or fix some parameters"
             )
-        return self._at(point, np.zeros(len(self.box.varied)), damping, np.inf, (point.cost,))
+        return self._at(point, np.zeros(len(self.box.varied)), FIRST_DAMPING, np.inf, (point.cost,))
 
     def advance(self, iterate: _Iterate) -> _Iterate | None:
         """The state after one more step; None if no step lowers the cost.
@@ -232,7 +230,7 @@ class _Search:
         heavy: step after step the fit gets worse while the penalised cost falls.
         """
         smoothed = 2 * len(iterate.point.penalty.rows) / max(point.information.samples, 1)
-        return bool(self.penalties) and point.cost > (1 + RAISED + smoothed) * min(iterate.costs)
+        return bool(self.smoothing.penalties) and point.cost > (1 + RAISED + smoothed) * min(iterate.costs)
 
     def _linearise(self, theta: Array, weights: Array, most: Array, independent: float) -> _Point:
         """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones.
@@ -240,12 +238,12 @@ class _Search:
         The number of independent samples that the residual is worth never falls, so that the search settles.
         """
         value, blocks, information = linearised(self.problem, theta, self.box.varied, self.loss)
-        if self.penalties:
-            worth = effective_samples([r for r, _ in blocks]) if self.correlated else information.samples
-            independent = max(independent, worth)
-            likely = chosen_weights(self.penalties, information, theta, self.box.varied, weights, independent)
+        penalties = self.smoothing.penalties
+        if penalties:
+            independent = max(independent, self.smoothing.samples([r for r, _ in blocks]))
+            likely = chosen_weights(penalties, information, theta, self.box.varied, weights, independent)
             weights = np.minimum(likely, most)
-        penalty = Penalty.weighted(self.penalties, weights, len(theta))
+        penalty = Penalty.weighted(penalties, weights, len(theta))
         lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
         information = penalty.added(information, theta, self.box.varied)
         return _Point(theta, value, blocks, information, lengths, weights, most, independent, penalty)
@@ -302,14 +300,12 @@ def gauss_newton(
     max_iterations: int = 100,
     tolerance: float = 1e-3,
     least_saving: float = 0.0,
-    damping: float = FIRST_DAMPING,
     noise: float = 0.0,
     names: Sequence[str] = (),
     control: Control = FREE,
     covariances: bool = True,
     interruptible: bool = False,
-    penalties: Sequence[Penalty] = (),
-    correlated: bool = False,
+    smoothing: Smoothing = NONE,
 ) -> Minimum:
     """The θ that minimises Σ ℓ(r(θ)), and penalties if any, within bounds, from a start.
 
@@ -322,7 +318,6 @@ def gauss_newton(
         tolerance: length of the remaining step, in standard errors of the estimate, at which the search has converged.
         least_saving: the search ends if `PATIENCE` steps together lower the cost by less than this fraction. It is for
             comparisons of costs, which need no exact minimum of a flat valley.
-        damping: λ of the first step, relative to columns of J of unit length.
         noise: standard deviation of the residual that rounding alone causes; a lower limit on the noise in standard
             errors.
         names: (p,) names for findings, θ1, θ2, … by default.
@@ -330,9 +325,7 @@ def gauss_newton(
             report of every step.
         covariances: whether they are computed; otherwise they are infinite.
         interruptible: whether ``control`` may end their computation too, which takes seconds for a long record.
-        penalties: on roughness, in all parameters; the weight of each is chosen from the data.
-        correlated: whether a slow residual counts as fewer samples there. Searches that begin far from their minimum,
-            where every residual is slow, may keep too stiff a curve then.
+        smoothing: penalties on roughness, whose weights are chosen from the data.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -340,8 +333,8 @@ def gauss_newton(
         Stopped: by ``problem``, at the start; by ``control`` during the covariances, where these are interruptible.
     """
     theta, box = _check_start(start, lower, upper, names)
-    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, penalties, correlated)
-    iterate = search.begin(theta, damping)
+    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, smoothing)
+    iterate = search.begin(theta)
     while (end := search.end(iterate)) is None:
         try:
             following = search.advance(iterate)
@@ -375,8 +368,8 @@ def after_few_steps(
         Stopped: by ``problem`` or ``control``.
     """
     theta, box = _check_start(start, lower, upper, names)
-    search = _Search(problem, box, SQUARES, steps, tolerance, 0.0, 0.0, control, (), False)
-    iterate: _Iterate | None = search.begin(theta, FIRST_DAMPING)
+    search = _Search(problem, box, SQUARES, steps, tolerance, 0.0, 0.0, control, NONE)
+    iterate: _Iterate | None = search.begin(theta)
     while iterate is not None:
         theta = iterate.point.theta
         if search.end(iterate) is not None:

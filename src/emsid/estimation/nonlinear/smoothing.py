@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.information import Information, inverse_triangle
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,28 @@ class Penalty:
             return information
         with_it = information.add(self.rows[:, varied], -self.value(theta))
         return Information(with_it.factor, information.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """The penalties of a search, and what its residual says about their weights.
+
+    Attributes:
+        penalties: in all parameters; the weight of each is chosen from the data.
+        correlated: whether a slow residual counts as fewer samples. Searches that begin far from their minimum, where
+            every residual is slow, may keep too stiff a curve then.
+    """
+
+    penalties: Sequence[Penalty] = ()
+    correlated: bool = False
+
+    def samples(self, residuals: Sequence[Array]) -> float:
+        """How many independent samples the residuals (Nᵢ,) of all experiments are worth."""
+        return effective_samples(residuals) if self.correlated else float(sum(len(each) for each in residuals))
+
+
+NONE = Smoothing()
+"""No penalty."""
 
 
 def chosen_weights(

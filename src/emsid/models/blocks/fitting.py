@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
 from emsid.estimation.nonlinear.problem import LastRun
 from emsid.estimation.nonlinear.restarts import begun_again
-from emsid.estimation.nonlinear.smoothing import Penalty
+from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
@@ -301,7 +301,7 @@ def search(
             ``least_saving`` ends it; `fit_cascade` does that unless ``max_iterations`` is given.
         covariances: as in `gauss_newton`; a comparison of models needs none.
         weightings: of every segment after its transient, see `process_noise`.
-        correlated: as in `gauss_newton`, for curves with a penalty.
+        correlated: see `Smoothing`; for curves with a penalty.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -326,7 +326,7 @@ def search(
     options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
     options["covariances"] = covariances
     same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
-    same |= {"control": control, "penalties": problem.penalties, "correlated": correlated}
+    same |= {"control": control, "smoothing": Smoothing(problem.penalties, correlated)}
 
     def searched(theta: Array, **others: Any) -> Minimum:
         return gauss_newton(problem, theta, **same, **(options | others))

@@ -20,7 +20,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
-from emsid.estimation.nonlinear.smoothing import Penalty
+from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
 from emsid.models.feedback.kernels import LoopSignals
@@ -325,7 +325,7 @@ def _gauss_newton(
         control=control,
         covariances=covariances,
         interruptible=max(len(y) for _, y in problem.segments) > BLOCK,
-        penalties=problem.penalties,
+        smoothing=Smoothing(problem.penalties),
     )
 
 

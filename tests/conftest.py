@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 # One thread for linear algebra in each test process and in those it starts: several test processes share the cores,
@@ -17,6 +19,8 @@ gc.disable()
 
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+
+from command_line import table  # noqa: E402
 
 # Timings never decide a test.
 settings.register_profile("emsid", deadline=None)
@@ -52,6 +56,62 @@ def command() -> Callable[..., int]:
         return 0
 
     return run
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Call the command line in this process: (status, standard output, standard error)."""
+    from emsid.cli import main
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["emsid", *map(str, words)])
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def ctrl_c_heard() -> Iterator[None]:
+    """Ctrl-C is heard, also where the tests run in the background of a shell that has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler), signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGINT, before[0])
+    signal.signal(signal.SIGTERM, before[1])
+
+
+@pytest.fixture
+def figures_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are empty files. The README and the tests of the report draw them."""
+    monkeypatch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
+
+
+@pytest.fixture
+def no_refinements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Physical candidates without the search for refinements, which takes its time."""
+    from emsid.identification.candidates import CANDIDATES
+
+    for name in ("rigid-motor", "linear-axis"):
+        monkeypatch.setitem(CANDIDATES, name, replace(CANDIDATES[name], refinements=()))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A CSV with input u and output y of a first-order system."""
+    return table(tmp_path / "log.csv")
+
+
+@pytest.fixture(scope="session")
+def motor_log(tmp_path_factory: pytest.TempPathFactory, command: Callable[..., int]) -> Path:
+    """A CSV of a simulated motor."""
+    path = tmp_path_factory.mktemp("motor") / "motor.csv"
+    assert command("simulate", "--duration", 4, "--out", path) == 0
+    return path
 
 
 def try_few_refinements(patch: pytest.MonkeyPatch) -> None:

@@ -223,6 +223,8 @@ def test_a_file_of_any_form_is_read_by_guesses(
     [
         ("log.csv", "Rig 3\nSample rate 200 Hz\n", 0.005, "sample-time-from-text"),
         ("log.csv", "(dt=10)\n", 0.01, "time-unit-assumed"),
+        ("log.csv", "Sample Interval,5.0e-03,s\n", 0.005, "sample-time-from-text"),
+        ("log.csv", "Increment 2.000000e-03\n", 0.002, "sample-time-from-text"),
         ("log.csv", "dt,OCR2A\n10,156\n", 0.01, "time-unit-assumed"),
         ("test_20ms.csv", "", 0.02, "sample-time-from-text"),
         ("test_dt2.csv", "", 0.002, "time-unit-assumed"),

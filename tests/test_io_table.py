@@ -275,3 +275,45 @@ def test_a_first_row_with_a_damaged_value_is_no_preamble() -> None:
     columns = columns_of("t,u,y\n0,ERR,-2.25\n0.5,0,1e-3\n1,-7,3.125\n")
     assert list(columns.series) == ["t", "u", "y"]
     assert len(columns.series["t"]) == 3
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("between", ["", " "])
+def test_units_behind_the_numbers_are_units_of_the_columns(separator: str, between: str) -> None:
+    units = ("ms", "V", "rad/s")
+    lines = [separator.join(f"{x:g}{between}{unit}" for x, unit in zip(row, units, strict=True)) for row in ROWS]
+    columns = columns_of("\n".join((separator.join("tuy"), *lines)))
+    assert numbers(columns) == ROWS
+    assert columns.units == dict(zip("tuy", units, strict=True))
+
+
+def test_units_behind_numbers_allow_decimal_commas_and_times_before_an_arrow() -> None:
+    assert columns_of("t;u\n0 s;1,5 V\n1 s;-0,25 V\n").series["u"].to_list() == [1.5, -0.25]
+    columns = columns_of("".join(f"12:00:0{k} -> {k} V,{k}.5 rpm\n" for k in range(3)))
+    assert list(columns.units.values()) == ["V", "rpm"]
+
+
+def test_numbers_with_different_or_unknown_units_stay_texts() -> None:
+    assert columns_of("t,u\n0,1 V\n1,20 mV\n").series["u"].dtype == pl.String
+    assert columns_of("t,u\n0,1 furlong\n1,2 furlong\n").series["u"].dtype == pl.String
+
+
+def test_hexadecimal_numbers_have_a_mark_in_front() -> None:
+    columns = columns_of("t,pwm,code\n0,0x0A,0A\n1,0xff,FF\n2,,1B\n")
+    assert columns.series["pwm"].to_list() == [10.0, 255.0, None]
+    assert columns.series["code"].dtype == pl.String
+
+
+def test_values_that_an_oscilloscope_writes_once_under_their_names() -> None:
+    text = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-2.0e+00,1.0e-03\n0,1.5,2.5,,\n1,1.25,2.0,,\n2,1.0,1.5,,\n"
+    columns = columns_of(text)
+    assert numbers(columns) == [[0.0, 1.5, 2.5], [1.0, 1.25, 2.0], [2.0, 1.0, 1.5]]
+    assert columns.units == {"CH1": "Volt", "CH2": "Volt"}
+    assert columns.preamble == ("Start -2.0e+00", "Increment 1.0e-03")
+    assert columns.number(0) == 3
+
+
+def test_a_first_row_with_a_text_and_a_value_that_others_lack_is_data() -> None:
+    columns = columns_of("t,u,note,gain\n0,1.5,start,5\n1,1.25,,\n2,1.0,,\n")
+    assert columns.series["u"].to_list() == [1.5, 1.25, 1.0]
+    assert columns.preamble == ()

@@ -25,7 +25,11 @@ SAME = 0.02
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
 
-_DT = re.compile(r"\b(?:dt|Ts|sample[ _]?time|period)\b\W{0,3}(\d+(?:\.\d+)?(?:[eE]-?\d+)?)\s*(ns|us|µs|ms|s)?", re.I)
+_DT = re.compile(
+    r"\b(?:dt|Ts|sample[ _]?(?:time|interval)|x?increment|period)\b\W{0,3}(\d+(?:\.\d+)?(?:[eE]-?\d+)?)\s*"
+    r"(ns|us|µs|ms|s)?",
+    re.IGNORECASE,
+)
 _RATE = re.compile(r"(\d+(?:\.\d+)?)\s*(k?Hz)\b", re.I)
 _IN_NAME = re.compile(
     r"(?:^|[^A-Za-z0-9])(?:dt)?_?(\d+(?:\.\d+)?)(ns|us|ms|Hz|kHz)(?![A-Za-z])|(?<![A-Za-z])dt_?(\d+)()"

@@ -5,8 +5,8 @@ are always data; they give the separator (semicolon, tab, comma, blanks) and the
 the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
 has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
 the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
-monitor shows them, are taken off (`emsid.io.serial_monitor`). Decimal commas, dates with a time of day, and times of
-day are recognised in each column.
+monitor shows them, are taken off (`emsid.io.serial_monitor`). What a column holds is recognised cell by cell
+(`emsid.io.cells`).
 """
 
 from __future__ import annotations
@@ -15,32 +15,18 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from emsid.errors import FormatError
+from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, parse, without_units
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
 from emsid.io.serial_monitor import LAST_LINES, monitor_lines
 from emsid.units import known_unit
 
-if TYPE_CHECKING:
-    import polars as pl
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?|\d*[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
-_MISSING = frozenset({"", "na", "n/a", "null", "none", "-", "--", "?"})
 _BRACKETED = re.compile(r"\(.*\)|\[.*\]|\{.*\}")
-# Only time differences are used, so the order of day and month does not matter.
-_MOMENTS = [
-    f"{date}{between}%H:%M:%S%.f{zone}"
-    for date in ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y")
-    for between in ("T", " ")
-    for zone in ("", "Z", "%z")
-]
-_MOMENTS += [f"{date} %I:%M:%S%.f %p" for date in ("%m/%d/%Y", "%d/%m/%Y", "%Y-%m-%d")]
-_TIMES_OF_DAY = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
 TIME = "time"
 """The name of the column with the times before an arrow."""
-_CELL = "\x1f"  # separates the cells of a split line; a file that contains it is refused as binary
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -59,6 +45,7 @@ class _Header(NamedTuple):
     at: int | None  # index of its first line without comment lines; None in a comment
     names: list[str]
     units: list[str]
+    constants: Sequence[tuple[int, str]] = ()  # columns with a value under their name and none in the data
 
 
 def read_table(content: bytes) -> Columns:
@@ -86,23 +73,30 @@ def read_table(content: bytes) -> Columns:
     separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
     texts = _with_marks(numbers, texts, separator)
     if times:
-        texts = [f"{time}{_CELL}{text}" for time, text in zip(times, texts, strict=True)]
+        texts = [f"{time}{MARK}{text}" for time, text in zip(times, texts, strict=True)]
         labels, units = labels and ("", *labels), units and ("", *units)
+    texts, behind = without_units(texts, LAST_LINES)
     width = _width(texts[-LAST_LINES:])
     start = _first_data_line(texts, width)
     header = _Header(None, list(labels), list(units)) if len(labels) == width else _header(texts, start, width)
     header = header or _commented_header(comments, numbers[start], separator, width)
-    above = header.at if header and header.at is not None else start
+    header = header or _Header(None, [""] * width, [""] * width)
+    above = start if header.at is None else header.at
     preamble = sorted(
         [*map(_Line, numbers[:above], texts[:above]), *(c for c in comments if c.number < numbers[start])]
     )
     numbers, texts, damaged = _without_messages(numbers[start:], texts[start:], width)
-    names = header.names if header else [""] * width
-    names = _distinct([TIME, *names[1:]] if times else names)
+    names = _distinct([TIME, *header.names[1:]] if times else header.names)
+    constants = {names[k]: value for k, value in header.constants}
+    found = behind if len(behind) == width else header.units
+    known = [given or unit for given, unit in zip(header.units, found, strict=True)]
     return Columns(
-        series=_parse(texts, names),
-        units={name: unit for name, unit in zip(names, header.units, strict=True) if unit} if header else {},
-        preamble=tuple(line.text.replace(_CELL, " ").strip().lstrip("#% ") for line in preamble),
+        series={name: series for name, series in parse(texts, names).items() if name not in constants},
+        units={name: unit for name, unit in zip(names, known, strict=True) if unit},
+        preamble=(
+            *(line.text.replace(MARK, " ").strip().lstrip("#% ") for line in preamble),
+            *(f"{name} {value}" for name, value in constants.items()),
+        ),
         lines=numbers,
         damaged=damaged,
     )
@@ -137,22 +131,17 @@ def _refuse_can_frames(texts: Sequence[str]) -> None:
 def _with_marks(numbers: Sequence[int], texts: Sequence[str], separator: str) -> list[str]:
     """The lines with a mark between their cells in place of the separator, and without quotes."""
     if separator == " ":
-        return [_CELL.join(cell.strip('"') for cell in _BETWEEN_BLANKS.findall(text)) for text in texts]
+        return [MARK.join(cell.strip('"') for cell in _BETWEEN_BLANKS.findall(text)) for text in texts]
     whole = "\n".join(texts)
     if '"' not in whole:
-        return whole.replace(separator, _CELL).split("\n")
+        return whole.replace(separator, MARK).split("\n")
     marked = []
     for number, text in zip(numbers, texts, strict=True):
         try:
-            marked.append(_CELL.join(next(csv.reader([text], delimiter=separator, skipinitialspace=True))))
+            marked.append(MARK.join(next(csv.reader([text], delimiter=separator, skipinitialspace=True))))
         except (csv.Error, StopIteration) as problem:
             raise FormatError(f"row {number} of the file cannot be split into values ({problem}); repair it") from None
     return marked
-
-
-def _cells(text: str) -> list[str]:
-    """The cells of a line with marks."""
-    return [cell.strip() for cell in text.split(_CELL)]
 
 
 def _without_messages(
@@ -166,7 +155,7 @@ def _without_messages(
     Raises:
         FormatError: where most lines are such lines.
     """
-    counts = [text.count(_CELL) + 1 for text in texts]
+    counts = [text.count(MARK) + 1 for text in texts]
     if counts.count(width) == len(counts):
         return list(numbers), list(texts), ()
     kept_numbers: list[int] = []
@@ -174,12 +163,12 @@ def _without_messages(
     damaged: list[DamagedRow] = []
     for number, text, count in zip(numbers, texts, counts, strict=True):
         if count != width:
-            is_sample = any(map(_is_number, _cells(text)))
-            shown = " ".join(text.replace(_CELL, " ").split())
+            is_sample = any(map(is_number, cells_of(text)))
+            shown = " ".join(text.replace(MARK, " ").split())
             damaged.append(DamagedRow(len(kept), number, shown, count, width, is_sample))
             if not is_sample:
                 continue
-            text = _CELL * (width - 1)
+            text = MARK * (width - 1)
         kept_numbers.append(number)
         kept.append(text)
     if 2 * len(damaged) > len(counts):
@@ -191,7 +180,7 @@ def _numeric_share(sample: Sequence[str], separator: str) -> float:
     """The share of numbers among the filled cells, with this separator."""
     rows = (text.replace('"', "").split(None if separator == " " else separator) for text in sample)
     cells = [cell.strip() for row in rows for cell in row if cell.strip()]
-    return sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) / len(cells) if cells else 0.0
+    return sum(is_number(cell) or has_unit(cell) for cell in cells) / len(cells) if cells else 0.0
 
 
 def _separator(sample: Sequence[str]) -> str:
@@ -208,34 +197,32 @@ def _separator(sample: Sequence[str]) -> str:
 
 def _width(texts: Sequence[str]) -> int:
     """The most frequent number of cells of a line with a number; of equally frequent ones the last."""
-    rows = map(_cells, reversed(texts))
-    counts = Counter(len(cells) for cells in rows if any(map(_is_number, cells)))
+    rows = map(cells_of, reversed(texts))
+    counts = Counter(len(cells) for cells in rows if any(map(is_number, cells)))
     return counts.most_common(1)[0][0] if counts else 1
-
-
-def _is_number(cell: str) -> bool:
-    return _NUMBER.fullmatch(cell) is not None
 
 
 def _first_data_line(texts: Sequence[str], width: int) -> int:
     """The index of the first line with ``width`` cells and a number that is followed by similar lines."""
 
     def has_number(k: int) -> bool:
-        return any(map(_is_number, _cells(texts[k])))
+        return any(map(is_number, cells_of(texts[k])))
 
-    def is_missing(k: int) -> bool:
-        cells = _cells(texts[k])
-        return len(cells) == width and all(map(_is_missing, cells))
+    def is_empty(k: int) -> bool:
+        cells = cells_of(texts[k])
+        return len(cells) == width and all(map(is_missing, cells))
 
     def begins(k: int) -> bool:
-        follows = k + 1 == len(texts) or has_number(k + 1) or is_missing(k + 1)
-        return follows and len(_cells(texts[k])) == width and has_number(k)
+        follows = k + 1 == len(texts) or has_number(k + 1) or is_empty(k + 1)
+        return follows and len(cells_of(texts[k])) == width and has_number(k)
 
     start = next(filter(begins, range(len(texts))), None)
     if start is None:
         raise FormatError("there are no numbers in this file; check how it was exported")
     start = _after_preamble(texts, start, width)
-    while start and is_missing(start - 1):
+    if _constants(texts, start, width):
+        return start + 1
+    while start and is_empty(start - 1):
         start -= 1
     return start
 
@@ -247,10 +234,10 @@ def _after_preamble(texts: Sequence[str], start: int, width: int) -> int:
     """
 
     def words(text: str) -> int:
-        return sum(not (_is_number(cell) or _is_missing(cell)) for cell in _cells(text))
+        return sum(not (is_number(cell) or is_missing(cell)) for cell in cells_of(text))
 
     for k in range(start, min(start + LAST_LINES, len(texts) - 1)):
-        above = _cells(texts[k])
+        above = cells_of(texts[k])
         if all(above) and _are_names(above, width):
             usual = max(map(words, texts[k + 1 : k + 1 + LAST_LINES]))
             return k + 1 if min(map(words, texts[start:k])) > usual else start
@@ -259,18 +246,36 @@ def _after_preamble(texts: Sequence[str], start: int, width: int) -> int:
     return start
 
 
+def _constants(texts: Sequence[str], k: int, width: int) -> list[tuple[int, str]]:
+    """The columns with a number in line ``k``, which has texts too, and with nothing in the lines below it.
+
+    An oscilloscope writes such a line between names and data: ``Sequence,Volt,-2.0,1e-3``, under
+    ``X,CH1,Start,Increment``.
+    """
+    row = cells_of(texts[k]) if k > 0 else []
+    below = [cells for cells in map(cells_of, texts[k + 1 : k + 1 + LAST_LINES]) if len(cells) == width]
+    if len(row) != width or not below or all(is_number(cell) or is_missing(cell) for cell in row):
+        return []
+    numbers = [(column, cell) for column, cell in enumerate(row) if is_number(cell)]
+    return numbers if all(is_missing(cells[column]) for cells in below for column, _ in numbers) else []
+
+
 def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
     """The names, and units if there are any, in the one or two lines above the first data line."""
 
     def names(k: int) -> list[str]:
         """Line ``k`` as ``width`` names; one extra separator there or in the data is accepted."""
-        cells = _cells(texts[k]) if k >= 0 else []
+        cells = cells_of(texts[k]) if k >= 0 else []
         while len(cells) > width and not cells[-1]:
             cells.pop()
-        if len(cells) == width - 1 and not _cells(texts[start])[-1]:
+        if len(cells) == width - 1 and not cells_of(texts[start])[-1]:
             cells.append("")
         return cells if _are_names(cells, width) else []
 
+    constants = _constants(texts, start - 1, width)
+    if constants:
+        units = [unit if _is_unit(unit) else "" for unit in cells_of(texts[start - 1])]
+        return _Header(start - 2, names(start - 2), units, constants)
     nearest, above = names(start - 1), names(start - 2)
     if nearest and above and all(map(_is_unit, nearest)):
         return _Header(start - 2, above, [unit.strip("()[]{} ") for unit in nearest])
@@ -283,16 +288,12 @@ def _commented_header(comments: Sequence[_Line], first: int, separator: str, wid
     if above is None:
         return None
     (text,) = _with_marks([above.number], [above.text.strip().lstrip("#% ")], separator)
-    cells = _cells(text)
+    cells = cells_of(text)
     return _Header(None, cells, [""] * width) if _are_names(cells, width) else None
 
 
 def _are_names(cells: Sequence[str], width: int) -> bool:
-    return len(cells) == width and any(cells) and not any(map(_is_number, cells))
-
-
-def _is_missing(cell: str) -> bool:
-    return cell.lower() in _MISSING
+    return len(cells) == width and any(cells) and not any(map(is_number, cells))
 
 
 def _is_unit(cell: str) -> bool:
@@ -310,60 +311,3 @@ def _distinct(names: Sequence[str]) -> list[str]:
             unique = f"{base}_{counts[base] + 1}"
         result[unique] = None
     return list(result)
-
-
-def _parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
-    import polars as pl
-
-    frame = pl.read_csv(
-        "\n".join(texts).encode() + b"\n",
-        has_header=False,
-        separator=_CELL,
-        quote_char=None,
-        schema=dict.fromkeys(names, pl.String),
-    )
-    frame = frame.select(pl.all().str.strip_chars().replace("", None))
-    numbers = frame.select(pl.all().cast(pl.Float64, strict=False))  # at once: a file may have thousands of columns
-    empty, lost = frame.null_count().row(0), numbers.null_count().row(0)
-    return {
-        text.name: number if before == after else _numbers_or_text(text)
-        for text, number, before, after in zip(frame, numbers, empty, lost, strict=True)
-    }
-
-
-def _numbers_or_text(column: pl.Series) -> pl.Series:
-    """The column as numbers where every filled cell is one, as moments likewise, else as text with decimal points."""
-    import polars as pl
-
-    numbers = column.cast(pl.Float64, strict=False)
-    if numbers.null_count() > column.null_count() and not column.str.contains(r"^[+-]?\d*\.\d").any():
-        column = column.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
-        numbers = column.cast(pl.Float64, strict=False)
-    if numbers.null_count() > column.null_count():
-        column = _without_groups(column)
-        numbers = column.cast(pl.Float64, strict=False)
-    return numbers if numbers.null_count() == column.null_count() else _moments_or_text(column)
-
-
-def _without_groups(column: pl.Series) -> pl.Series:
-    """The column without separators of thousands, ``1,234.5`` or ``1.234,5``, if all its cells are such numbers."""
-    for group, point in ((",", "."), (".", ",")):
-        g, p = re.escape(group), re.escape(point)
-        grouped = column.str.contains(rf"^[+-]?\d{{1,3}}({g}\d{{3}})+({p}\d*)?$")
-        if grouped.any() and (grouped | column.str.contains(rf"^[+-]?\d*({p}\d*)?$")).all():
-            return column.str.replace_all(group, "", literal=True).str.replace(point, ".", literal=True)
-    return column
-
-
-def _moments_or_text(column: pl.Series) -> pl.Series:
-    """The column as times if its first filled cell is one; other cells become missing."""
-    import polars as pl
-
-    pointed = column.str.replace(",", ".", literal=True)
-    pointed = pointed.str.replace(r"^(\d{1,2}:\d{2}\.\d+)$", "00:${1}")  # minutes and seconds
-    first = pointed.drop_nulls()[:1]
-    kinds: list[tuple[type[pl.Datetime | pl.Time], str]] = [(pl.Datetime, form) for form in _MOMENTS]
-    for kind, form in [*kinds, *((pl.Time, form) for form in _TIMES_OF_DAY)]:
-        if not first.str.strptime(kind, form, strict=False).has_nulls():
-            return pointed.str.strptime(kind, form, strict=False)
-    return column

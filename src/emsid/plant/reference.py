@@ -23,9 +23,7 @@ Array = NDArray[np.float64]
 _SLACK = 1e-12  # relative margin above break-away at which a body starts to slide; above rounding
 
 
-def simulate_reference(
-    motor: Motor, voltage: Array, dt: float, *, tolerance: float = 1e-12, integrator: str = "DOP853"
-) -> tuple[Array, int]:
+def simulate_reference(motor: Motor, voltage: Array, dt: float, *, tolerance: float = 1e-12) -> tuple[Array, int]:
     """The motor from rest, driven by a held voltage, without disturbance.
 
     Args:
@@ -33,7 +31,6 @@ def simulate_reference(
         voltage: (N,) in V.
         dt: sample time in s.
         tolerance: relative tolerance of the integrator; the absolute one is a hundredth of it.
-        integrator: method of `scipy.integrate.solve_ivp`.
 
     Returns:
         The states (N + 1, 5) at every sample instant, in the order of `emsid.plant.simulation.State`, and the number
@@ -47,7 +44,7 @@ def simulate_reference(
                 lambda _, x, volt=float(volt), motion=tuple(motion): _derivative(motor, x, volt, motion),
                 (t, dt),
                 x,
-                method=integrator,
+                method="DOP853",
                 rtol=tolerance,
                 atol=1e-2 * tolerance,
                 events=[_event(motor, body, motion[body]) for body in range(2)],

@@ -16,9 +16,6 @@ from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
 from emsid.report.page_plots import page_figure
 
-FORMATS = ("svg", "pdf")
-"""The formats of figures that `write_report` can write."""
-
 PAGE = "report.html"
 
 
@@ -56,7 +53,7 @@ def write_report(
         report: what to write.
         folder: where to; it is made where it is missing.
         control: when to stop, and where to report progress.
-        formats: of the files of the figures, of `FORMATS`; none for the page alone.
+        formats: ``svg``, ``pdf`` or both, for the files of the figures; none for the page alone.
 
     Returns:
         The path of the page.

@@ -71,9 +71,7 @@ def may_be_magnitudes(records: Sequence[Record]) -> bool:
     return bool(u.min() < 0 < u.max()) and keeps_its_sign(y)
 
 
-def recovered_signals(
-    u: Array, y: Array, order: int, rng: np.random.Generator, draws: int = DRAWS
-) -> list[SignedSignal]:
+def recovered_signals(u: Array, y: Array, order: int, rng: np.random.Generator) -> list[SignedSignal]:
     """Signed versions of y with their linear regressions of this order, in ascending order of cost.
 
     Of similar sign sequences only the one of least cost is returned. The true one need not come first, because the
@@ -84,7 +82,6 @@ def recovered_signals(
         y: (N,) output of a sensor that measures magnitudes.
         order: n of A and B.
         rng: source of the random starts.
-        draws: the number of random starts.
 
     Raises:
         ModelError: for fewer samples than the regression needs.
@@ -92,7 +89,7 @@ def recovered_signals(
     if len(y) < 4 * (order + 1):
         raise ModelError(f"{len(y)} samples are too few to recover the signs with a model of order {order}")
     lobes = lobe_of_sample(y)
-    found = [_alternated(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(draws)]
+    found = [_alternated(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(DRAWS)]
     different: list[SignedSignal] = []
     for each in sorted(found, key=lambda each: each.cost):
         if all(_disagreement(each.signal, other.signal) > DIFFERENT for other in different):

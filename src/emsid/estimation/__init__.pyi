@@ -26,4 +26,5 @@ from .nonlinear.losses import Squares as Squares
 from .nonlinear.minimum import Minimum as Minimum
 from .nonlinear.problem import Problem as Problem
 from .nonlinear.smoothing import Penalty as Penalty
+from .nonlinear.smoothing import Smoothing as Smoothing
 from .uncertainty.identifiability import Identifiability as Identifiability

@@ -14,6 +14,7 @@ import numpy as np
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, response_of
@@ -101,27 +102,27 @@ def identify(
             record.
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
-    options = options or Options()
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = _long_enough(as_one(several))
     names = names or usual_for(record)
-    given = options = understood(options, names)
-    responses = list(map(response_of, several))
-    options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
-    plants = plants_of(names, options)
-    check_physics(plants, names, options)
-    train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
-    _check_records(train, test, [name for name in names if name not in plants], transient)
-    whole, (train, outside) = train, to_compare(train, names)
-    later = int(whole is not train and not bootstrap)
-    searches = Searches(names, train, options, control, finished, None if budget else elsewhere, later)
-    searches.begin()  # while questions are asked
-    findings = [*record.findings, *questions(several, responses), *about_delay]
-    findings += unused_requests(plants, names, given, record, quick=quick)
-    findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
-    found = with_bootstrap(searches.all(), train, bootstrap, seed, control)
+    given = options = understood(options or Options(), names)
+    with cancelled_with(control):
+        responses = list(map(response_of, several))
+        options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
+        plants = plants_of(names, options)
+        check_physics(plants, names, options)
+        train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
+        _check_records(train, test, [name for name in names if name not in plants], transient)
+        whole, (train, outside) = train, to_compare(train, names)
+        later = int(whole is not train and not bootstrap)
+        searches = Searches(names, train, options, control, finished, None if budget else elsewhere, later)
+        searches.begin()  # while questions are asked
+        findings = [*record.findings, *questions(several, responses), *about_delay]
+        findings += unused_requests(plants, names, given, record, quick=quick)
+        findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
+        found = with_bootstrap(searches.all(), train, bootstrap, seed, control)
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
     if later and not found.stopped:

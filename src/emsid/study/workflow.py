@@ -23,6 +23,7 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
@@ -148,15 +149,21 @@ def study(
         Stopped: if it is stopped before the first part.
     """
     settings = settings or Settings()
-    control.doing("the motor with and without friction on the load side")
-    difference, variance = load_friction_difference(settings)
-    control.doing("simulating the motor")
-    pairs = _records(settings, records)
+    with cancelled_with(control):
+        control.doing("the motor with and without friction on the load side")
+        difference, variance = load_friction_difference(settings)
+        control.doing("simulating the motor")
+        pairs = _records(settings, records)
     parts: list[Part] = []
     for name, (first, second) in pairs.items():
         if parts and control.ending:
             break
-        parts.append(_part(name, first, second, settings, control, own=name == EXPERIMENT and records is not None))
+        try:
+            parts.append(_part(name, first, second, settings, control, own=name == EXPERIMENT and records is not None))
+        except Stopped:
+            if not parts:
+                raise
+            break
         if parts[-1].interrupted:
             break
     stopped = len(parts) < len(pairs) or parts[-1].interrupted
@@ -203,6 +210,9 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     """One of the studies; if it is interrupted, with the models finished by then.
 
     On records of the user, the sizes of all models but the paper's are chosen.
+
+    Raises:
+        Stopped: if it is interrupted before the first model.
     """
     candidates = of_the_paper() if own else structures(first, settings.knots)
     shaft = name == SIMULATION and not settings.motor.is_rigid
@@ -213,22 +223,25 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     failed: dict[str, str] = {}
     interrupted = False
     try:
-        for k, structure in enumerate(candidates):
-            if fits:  # the first regression takes no time, and a part without a model shows nothing
-                control.doing(f"{name}: {structure.name}", k, total)
-            fits.append(least_squares(structure, first))
-            fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
-        for k, (model, search) in enumerate(nonlinear.items(), len(candidates)):
-            control.doing(f"{name}: {model}", k, total)
-            try:
-                fits.append(fit_or_problem(partial(search, control)))
-            except EmsidError as problem:  # records of a user may not suit every model
-                failed[model] = str(problem)
-                continue
-            if fits[-1].ending is Ending.INTERRUPTED:
-                interrupted = True
-                break
+        with cancelled_with(control):
+            for k, structure in enumerate(candidates):
+                if fits:  # the first regression takes no time, and a part without a model shows nothing
+                    control.doing(f"{name}: {structure.name}", k, total)
+                fits.append(least_squares(structure, first))
+                fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
+            for k, (model, search) in enumerate(nonlinear.items(), len(candidates)):
+                control.doing(f"{name}: {model}", k, total)
+                try:
+                    fits.append(fit_or_problem(partial(search, control)))
+                except EmsidError as problem:  # records of a user may not suit every model
+                    failed[model] = str(problem)
+                    continue
+                if fits[-1].ending is Ending.INTERRUPTED:
+                    interrupted = True
+                    break
     except Stopped:
+        if not fits:
+            raise
         interrupted = True
     regressions = [fit.model.structure for fit in fits if fit.method == "ls"]
     # All models are compared on the same samples.

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from emsid.arguments import did_you_mean
 from emsid.errors import DataError
 from emsid.io.reading import read, read_columns
-from emsid.record import Record
+from emsid.record import Record, concatenate
 
 Path = str | os.PathLike[str]
 Records = Record | Path | Iterable[Record | Path]
+
+NAMED = 4
+"""Name at most this many records in a title; of more give the number."""
 
 # The arguments of `emsid.read` that describe a file.
 READING = tuple(name for name in read.__annotations__ if name not in ("path", "return"))
@@ -50,3 +53,11 @@ def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:
         columns = ", ".join(read_columns(given).series)
         raise DataError(f"{given}: name its columns with {' and '.join(missing)}; there are {columns}")
     return read(given, **reading)
+
+
+def as_one(records: Sequence[Record]) -> Record:
+    """The records joined to one, with all of their names; a single record unchanged."""
+    if len(records) == 1:
+        return records[0]
+    names = dict.fromkeys(record.name for record in records)
+    return concatenate(records, ", ".join(names) if len(names) <= NAMED else f"{len(names)} records")

@@ -6,49 +6,32 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
-from emsid.errors import DataError, ModelError
+from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.first_look.advice import questions, response_of
-from emsid.identification.all_data import from_all_data
-from emsid.identification.candidates import QUICK, usual_for
+from emsid.identification.all_data import FromAllData, from_all_data
+from emsid.identification.candidates import QUICK
 from emsid.identification.compared import Compared
-from emsid.identification.delay import with_delay
-from emsid.identification.fitting import Elsewhere, Searches, with_bootstrap
-from emsid.identification.long_records import about_excerpt, on_all_samples, to_compare
+from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
+from emsid.identification.long_records import about_excerpt, on_all_samples
 from emsid.identification.observations import built_in_values, fitted_to_all_data, observations
 from emsid.identification.options import Options
-from emsid.identification.profiles import profiles_of
-from emsid.identification.records import Records, given_records
-from emsid.identification.requests import (
-    check_physics,
-    codes_of_channel,
-    model_names,
-    plants_of,
-    understood,
-    unused_requests,
-)
+from emsid.identification.profiles import Profiles, profiles_of
+from emsid.identification.records import Records
+from emsid.identification.requests import model_names
 from emsid.identification.result import Identification
+from emsid.identification.task import Task
 from emsid.identification.verdict import model_verdicts
-from emsid.models.plants.grey_box import assumptions
-from emsid.record import Record, concatenate
-from emsid.record.holding_back import hold_back_records
+from emsid.record import Record
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison
 from emsid.validation.regions import by_record
-
-NAMED = 4
-"""Name at most this many records in a title; of more give the number."""
-FEWEST, FEWEST_FITTED = 20, 10
-"""With fewer samples nothing is left to test a model on after it is fitted, and too little to fit it to."""
 
 
 def identify(
@@ -103,49 +86,36 @@ def identify(
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
-    several = given_records(records, reading)
-    others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
-    record = _long_enough(as_one(several))
-    names = names or usual_for(record)
-    given = options = understood(options or Options(), names)
     with cancelled_with(control):
-        responses = list(map(response_of, several))
-        options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
-        plants = plants_of(names, options)
-        check_physics(plants, names, options)
-        train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
-        _check_records(train, test, [name for name in names if name not in plants], transient)
-        whole, (train, outside) = train, to_compare(train, names)
-        later = int(whole is not train and not bootstrap)
-        searches = Searches(names, train, options, control, finished, None if budget else elsewhere, later)
+        task = Task.of(records, unseen, names, options or Options(), transient, reading)
+        one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
+        there = None if budget else elsewhere
+        searches = Searches(task.names, task.train, task.options, control, finished, there, later=int(one_more))
         searches.begin()  # while questions are asked
-        findings = [*record.findings, *questions(several, responses), *about_delay]
-        findings += unused_requests(plants, names, given, record, quick=quick)
-        findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
-        found = with_bootstrap(searches.all(), train, bootstrap, seed, control)
-    findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
-    judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
-    if later and not found.stopped:
-        judged = on_all_samples(judged, whole, options, control)
-    taken = profiles_of(judged.fits, () if found.stopped else options.profile, control)
-    final = None if others or found.stopped else from_all_data(judged, test, record, options, control)
+        asked = task.findings(quick=quick)
+        found = with_bootstrap(searches.all(), task.train, bootstrap, seed, control)
+    judged = _compared(task, found.fits, control)
+    if one_more and not found.stopped:
+        judged = on_all_samples(judged, task.to_fit, task.options, control)
+    taken = profiles_of(judged.fits, () if found.stopped else task.options.profile, control)
+    no_final = found.stopped or bool(task.others)
+    final = None if no_final else from_all_data(judged, task.unseen, task.record, task.options, control)
     stopped = found.stopped or taken.stopped or control.cancelled()
-    on_unseen = judged.on_unseen
-    findings = [
-        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, judged.on_choice, tests=not stopped),
-        *judged.findings,
-        *found.failed,
-        *findings,
-        *([Finding("interrupted", data={"missing": list(found.missing)})] if stopped else []),
-        *about_excerpt(judged, whole),
-        *([] if final is None else [fitted_to_all_data(final.model.name, train, record, searched=final.searched)]),
-        *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
-        *taken.failed,
-    ]
-    verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings, tests=not stopped)
-    about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final and final.model
-    each_record = by_record(on_unseen.fits, (*several, *others), transient)
-    return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record, judged.whole)
+    return Identification(
+        record=task.train,
+        unseen=judged.on_unseen.best.record,
+        on_record=judged.on_record,
+        on_unseen=judged.on_unseen,
+        findings=tuple(_findings(task, asked, found, judged, taken, final, stopped=stopped)),
+        profiles=taken.profiles,
+        interrupted=stopped,
+        on_choice=judged.on_choice,
+        model_verdicts=model_verdicts(judged.on_record, judged.on_unseen, judged.findings, tests=not stopped),
+        ranking=judged.ranking,
+        on_all_data=final and final.model,
+        by_record=by_record(judged.fits, (*task.records, *task.others), transient),
+        whole=judged.whole,
+    )
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
@@ -172,61 +142,48 @@ def _limited(control: Control, budget: float | None) -> Control:
     return control.within(budget)
 
 
-def _long_enough(record: Record) -> Record:
-    """The record.
-
-    Raises:
-        DataError: where it has too few samples to fit a model and to test it.
-    """
-    if len(record) >= FEWEST:
-        return record
-    raise DataError(
-        f"{record.name}: {len(record)} samples are too few to fit a model and to test it; record at least {FEWEST}",
-        arguments=("rows",),
+def _compared(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compared:
+    return Compared.of(
+        fits,
+        task.train,
+        task.unseen,
+        task.options,
+        control,
+        task.outside,
+        transient=task.transient,
+        divide=not task.others,
     )
+
+
+def _findings(
+    task: Task,
+    asked: Sequence[Finding],
+    found: Fits,
+    judged: Compared,
+    taken: Profiles,
+    final: FromAllData | None,
+    *,
+    stopped: bool,
+) -> Iterator[Finding]:
+    """All findings of an identification: on the models, the data and the requests."""
+    on_unseen, profiles = judged.on_unseen, taken.profiles
+    yield from observations(on_unseen, task.train, on_unseen.best.record, profiles, judged.on_choice, tests=not stopped)
+    yield from judged.findings
+    yield from found.failed
+    yield from asked
+    for fit in found.fits:
+        yield from built_in_values(fit, task.options)
+    if stopped:
+        yield Finding("interrupted", data={"missing": list(found.missing)})
+    yield from about_excerpt(judged, task.to_fit)
+    if final is not None:
+        yield fitted_to_all_data(final.model.name, task.train, task.record, searched=final.searched)
+    if not stopped:
+        yield from _difference_of_records(on_unseen, (*task.records, *task.others))
+    yield from taken.failed
 
 
 def _difference_of_records(comparison: Comparison, records: Sequence[Record]) -> list[Finding]:
     """The difference between the records, by the best model that shows one."""
     found = (disagreement(fit.model, records) for fit in comparison.fits)
     return [each.finding for each in islice(filter(None, found), 1)]
-
-
-def _check_records(train: Record, test: Record, discrete: Sequence[str], transient: int | None) -> None:
-    """Refuse too few samples to fit, data of another sample time, and a transient that leaves no sample.
-
-    Raises:
-        DataError: naming the models, or the record.
-    """
-    if discrete and not np.isclose(train.dt, test.dt, rtol=1e-3, atol=0.0):
-        raise DataError(
-            f"{test.name} is sampled every {test.dt:g} s and {train.name} every {train.dt:g} s, so "
-            f"{', '.join(discrete)} cannot be simulated on it; resample one of them, or check the unit of its times"
-        )
-    if len(train) < FEWEST_FITTED:
-        left = f"{len(train)} sample{'s' * (len(train) != 1)} to fit; keep a smaller part unseen, or record longer"
-        raise DataError(f"{test.name}, of {len(test)} samples, leaves {left}", arguments=("unseen",))
-    for record in (train, test):
-        longest = max(map(len, record.segments))
-        if longest <= (transient or 0):
-            left = f"leaves no sample for an error; the longest segment has {longest}"
-            raise DataError(f"{record.name}: a transient of {transient} samples {left}", arguments=("transient",))
-
-
-def _fraction(unseen: Any) -> float:
-    """The fraction to keep unseen.
-
-    Raises:
-        DataError: where it is none.
-    """
-    if isinstance(unseen, (int, float)) and 0 < unseen < 1:
-        return float(unseen)
-    raise DataError(f"unseen: {unseen!r} is not a fraction between 0 and 1, nor a record", arguments=("unseen",))
-
-
-def as_one(records: Sequence[Record]) -> Record:
-    """The records joined to one, with all of their names; a single record unchanged."""
-    if len(records) == 1:
-        return records[0]
-    names = dict.fromkeys(record.name for record in records)
-    return concatenate(records, ", ".join(names) if len(names) <= NAMED else f"{len(names)} records")

@@ -237,7 +237,7 @@ def test_a_grey_box_interrupted_twice_keeps_its_search(run, motor_log, tmp_path,
 # A fresh process that is sent Ctrl-C where a module is imported, and again when it ends. It has one core, so that it
 # draws the figures itself.
 SIGNALLED = """
-import atexit, os, signal, sys
+import os, signal, sys
 
 class Finder:
     def find_spec(self, name, *_):
@@ -250,9 +250,10 @@ if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 wanted, *sys.argv = sys.argv[1:]
 sys.meta_path.insert(0, Finder())
-atexit.register(lambda: (os.kill(os.getpid(), signal.SIGINT), str(signal)))
-from emsid.__main__ import main
-main()
+from emsid import __main__
+end = __main__._end
+__main__._end = lambda status: (os.kill(os.getpid(), signal.SIGINT), str(signal), end(status))
+__main__.main()
 """
 
 
@@ -421,3 +422,17 @@ def test_a_terminated_program_ends_soon_but_not_while_it_writes(monkeypatch):
     while not left and time.monotonic() < end:
         time.sleep(0.01)
     assert left == [143]
+
+
+def test_the_program_ends_without_waiting_for_threads_and_writes_all_its_output():
+    program = """
+import atexit, time
+from threading import Thread
+from emsid.__main__ import main
+Thread(target=time.sleep, args=(60,)).start()
+atexit.register(print, "taken apart")
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", program, "list"], capture_output=True, text=True, timeout=30)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1].startswith("files written: ")

@@ -14,16 +14,20 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, _leave)
     from emsid.cli import main
-    from emsid.cli.interruption import INTERRUPTION, LEAVING
+    from emsid.cli.interruption import INTERRUPTION
 
     INTERRUPTION.own_process = True
     try:
         main()
     except SystemExit as ending:
-        if ending.code in LEAVING:  # without waiting for threads that still compute
-            sys.stdout.flush()
-            os._exit(ending.code)
-        raise
+        _end(int(ending.code or 0))
+
+
+def _end(status: int) -> None:
+    """End without waiting for threads that still compute, and without taking all modules apart, which takes 0.3 s."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _leave(*_: object) -> None:

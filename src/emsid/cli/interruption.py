@@ -18,7 +18,6 @@ from time import monotonic, sleep
 
 INTERRUPTED, TERMINATED = 130, 128 + signal.SIGTERM
 """The exit status of a command that Ctrl-C or SIGTERM ended."""
-LEAVING = (INTERRUPTED, TERMINATED)
 
 ERASED = "\r\x1b[2K"
 """Takes a terminal to the beginning of its line, and clears that."""

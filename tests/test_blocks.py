@@ -275,6 +275,14 @@ def test_two_knots_make_a_line() -> None:
     np.testing.assert_allclose(CubicSpline(np.array([0.0, 2.0]), np.array([1.0, 2.0])).value(x), 1 + x / 2, rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", [name for name, block in MAPS.items() if block.marks()[1] == "knots"])
+def test_a_map_with_more_knots_is_the_same_curve_with_one_more_between_each_two(name: str) -> None:
+    block, finer, x = MAPS[name], MAPS[name].with_more_knots(), signal()
+    np.testing.assert_allclose(finer.value(x), block.value(x), rtol=1e-9, atol=1e-9)
+    assert set(block.marks()[0]) < set(finer.marks()[0])
+    assert finer.size >= 2 * block.size - 1
+
+
 def test_polynomial_in_powers() -> None:
     block = Polynomial.from_powers([0.1, 1.0, -0.5, 0.0], -3.0, 1.0)
     x = signal()

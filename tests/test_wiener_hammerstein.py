@@ -512,6 +512,22 @@ def test_few_knots_move_to_where_the_map_bends() -> None:
     assert np.sqrt(np.mean((run.output - judge.output)[run.counted] ** 2)) < 0.8 * noise
 
 
+@pytest.mark.parametrize("kink", [True, False])
+def test_a_number_of_knots_that_is_too_small_is_said_where_the_map_bends_more_sharply(kink: bool) -> None:
+    """Eight knots round the edges of a saturation and suffice for a flat arctangent."""
+    rng = np.random.default_rng(3)
+    u = np.asarray(lfilter([1.0], [1.0, -0.8], rng.standard_normal(2000)))
+    y = lfilter([0.3], [1.0, -0.7], np.clip(u, -1, 1) if kink else np.arctan(0.3 * u))
+    record = Record(u, y + 0.01 * np.std(y) * rng.standard_normal(2000), 0.01)
+    fit = emsid.fit(emsid.hammerstein(1, static="spline", size=8, oversampling=1, delay=0), record)
+    few = [finding for finding in fit.findings if finding.code == "too-few-knots"]
+    assert len(few) == kink
+    if kink:  # the noise remains, and so do edges between the new knots
+        error, noise = np.sqrt(fit.noise_variance), 0.01 * np.std(y)
+        assert 0.3 < few[0].data["saved"] < 1 - noise / error
+        assert few[0].data["block"] == 1
+
+
 @pytest.mark.parametrize(
     "poles", [[0.9], [0.995], [0.8 + 0.3j, 0.8 - 0.3j], [0.7 + 0.4j, 0.7 - 0.4j, 0.5], [-0.2]], ids=str
 )

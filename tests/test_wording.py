@@ -190,6 +190,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("dead-zone-unseen", data={"block": 2, "share": 0.001}),
     Finding("limit-unseen", data={"block": 2, "side": "high", "share": 0.0}),
     Finding("knots-without-data", data={"block": 2, "knots": [-3.0, 3.0]}),
+    Finding("too-few-knots", "wiener", {"block": 2, "saved": 0.587}),
     Finding("map-is-straight", data={"block": 2}),
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants

@@ -52,6 +52,15 @@ def knots_without_data(f: Finding, argument: Spelling) -> str:
     return f"{_block(f)}: hardly any data around the knot{plural} at {where}; use fewer knots or a larger input"
 
 
+@words("too-few-knots", Severity.WARNING)
+def too_few_knots(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: block, saved (part of the error)."""
+    return (
+        f"{_block(f)}: the error depends on the input of the static map, which has too few knots; with more of them "
+        f"the error would fall by about {100 * f.data['saved']:.2g} %"
+    )
+
+
 @words("map-is-straight", Severity.INFO)
 def map_is_straight(f: Finding, argument: Spelling) -> str:
     return f"{_block(f)}: the static map is a straight line in the range of the data; try a linear model"

@@ -31,6 +31,7 @@ from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Task, from_smaller, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
+from emsid.models.blocks.search.knots import too_few_knots
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state
@@ -299,7 +300,9 @@ def _fitted(
         fit = conclude(found.minimum, found.problem, settings.loss)
         fit = at_the_input(fit, records, how) if settings.delay is None else fit
     periods = () if steady is None else (steady.finding(start.name),)
-    return replace(fit, findings=(*fit.findings, *periods, *corrected.findings))
+    # Where the number of knots is not given, it is enough, or chosen.
+    few = () if settings.size is None else too_few_knots(found.minimum, found.problem)
+    return replace(fit, findings=(*fit.findings, *periods, *corrected.findings, *few))
 
 
 def _check_excitation(topology: Topology, records: Sequence[Record]) -> None:

@@ -30,7 +30,7 @@ from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
 from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
-from emsid.models.blocks.static_maps.through_points import CubicSpline, ThroughPoints, spread_knots
+from emsid.models.blocks.static_maps.through_points import CubicSpline, ThroughPoints, spread_knots, with_middles
 from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
@@ -122,6 +122,11 @@ class OddSpline(ThroughPoints):
         """A map with ``size`` knots on either side, placed by `spread_knots`."""
         knots = spread_knots(np.concatenate([-x, x]), 2 * size + 1)[size + 1 :]
         return closest(cls(knots, np.zeros(size)), x, z)
+
+    def with_more_knots(self) -> OddSpline:
+        """The same curve with another knot in the middle between each two, and before the first."""
+        knots = with_middles(np.append(0.0, self.knots))[1:]
+        return OddSpline(knots, self.value(knots))
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Those of the spline on both sides, for the data and their mirror image."""
@@ -292,6 +297,11 @@ class MonotoneSpline(StaticMap):
         least = LEAST_SLOPE * max(abs(spline.steepness), 1e-300)
         slopes = np.maximum(spline.slope(spline.knots) * (-1 if falling else 1), least)
         return cls(spline.knots, float(spline.values[0]), np.log(slopes), falling)
+
+    def with_more_knots(self) -> MonotoneSpline:
+        """The same curve with another knot in the middle between each two."""
+        knots = with_middles(self.knots)
+        return replace(self, knots=knots, logarithms=np.log(np.abs(self.slope(knots))))
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Knots without data around them, and a map that is straight over the data."""

@@ -177,6 +177,10 @@ class StaticMap(ABC):
         """About the same curve over data x (m,), its knots closer together where it bends; itself if it has none."""
         return self
 
+    def with_more_knots(self) -> StaticMap:
+        """The same curve with another knot between each two; itself if it has none."""
+        return self
+
     def pieces(self) -> Pieces | None:
         """The map as polynomials between break points; None if it is none, and compiled loops cannot evaluate it."""
         return None

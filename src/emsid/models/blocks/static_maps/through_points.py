@@ -120,6 +120,11 @@ class ThroughPoints(StaticMap):
         """The number of knots."""
         return len(self.knots)
 
+    def with_more_knots(self) -> Self:
+        """The same curve with another knot in the middle between each two."""
+        knots = with_middles(self.knots)
+        return replace(self, knots=knots, values=self.value(knots))
+
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Findings: knots without data around them, and a map that is straight over the data."""
         empty = np.flatnonzero(samples_around(self.knots, x) < SAMPLES_PER_KNOT)
@@ -296,6 +301,11 @@ def spread_knots(x: Array, count: int) -> Array:
     if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
         raise ModelError("the input of the static map hardly changes; it cannot be identified from this record")
     return knots
+
+
+def with_middles(knots: Array) -> Array:
+    """(2K − 1,) the knots (K,), and the middles between them."""
+    return np.insert(knots, np.arange(1, len(knots)), 0.5 * (knots[1:] + knots[:-1]))
 
 
 def samples_around(knots: Array, x: Array) -> NDArray[np.intp]:

@@ -38,7 +38,8 @@ BRIDGES = {
 }
 LOOP = 5
 """The JGA25 log repeats every sample of a loop at 200 Hz so many times."""
-SERVOMOTOR = ("prbs_1", "prbs_2", "prbs_3", "closed_loop_profile")
+SERVOMOTOR = {"prbs_1": "deg/s", "prbs_2": "deg/s", "prbs_3": "deg/s", "closed_loop_profile": "deg"}
+"""The unit of the output in each record of the servomotor; under the controller it is the position."""
 
 
 class Problem(NamedTuple):
@@ -151,7 +152,7 @@ def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
         return emsid.read(file, input="PWM", output="mVel", dt=dt, mask="abs(PWM) > 255")
 
     def servomotor(name: str) -> emsid.Record:
-        units = {"u": "V", "y": "deg/s"}
+        units = {"u": "V", "y": SERVOMOTOR[name]}
         return emsid.read(folder / "dc_motor_prbs" / f"{name}.csv", input="u", output="y", time="t", units=units)
 
     def steps() -> emsid.Record:

@@ -387,6 +387,15 @@ class TestQuestions:
         result = emsid.identify(record, models="arx", options=emsid.Options(na=1, nb=1, nk=1))
         assert "response-negative" in {finding.code for finding in result.findings}
 
+    def test_a_position_that_is_called_a_speed(self) -> None:
+        u, position = CASES["output-integrates"]()
+        codes = {
+            unit: [finding.code for finding in asked([Record(u, position, 0.01, output_units=unit)])]
+            for unit in ("rad/s", "rad")
+        }
+        assert "output-integrates" in codes["rad/s"]
+        assert "output-integrates" not in codes["rad"]
+
     def test_one_record_of_opposite_sign(self) -> None:
         records = [Record(U, sign * motor(U), 0.01, name=f"{k}") for k, sign in enumerate((1, 1, -1))]
         assert [(found.code, found.subject) for found in asked(records)] == [("records-of-opposite-sign", "2")]

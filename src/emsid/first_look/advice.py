@@ -214,6 +214,7 @@ QUESTIONABLE = frozenset(
         "no-response",
         "outliers",
         "output-drifts",
+        "output-integrates",
         "output-without-sign",
         "response-negative",
         "samples-repeated",

@@ -79,6 +79,7 @@ def units_of(record: Record) -> dict[str, str]:
 
 
 def is_position(record: Record) -> bool:
-    """Whether the first output is a position, by its name and unit."""
+    """Whether the first output is a position, by its name and unit; of a name such as ``y``, by its unit."""
     unit = next(iter(record.output_units), "")
-    return meaning(record.output_names[0], unit).quantity is ColumnQuantity.POSITION
+    said = meaning(record.output_names[0], unit).quantity
+    return (meaning("", unit).quantity if said is ColumnQuantity.OUTPUT else said) is ColumnQuantity.POSITION

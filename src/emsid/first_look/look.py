@@ -121,42 +121,64 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     named = [name for names in given.values() for name in names]
     raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
     raw, of_file = _by_messages(raw, file.name, reading.get("time") or ""), raw
-    if raw.clocks:
-        counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
-        raw = on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
+    raw = _on_most_frequent_clock(raw)
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
-    columns = tuple(_column(name, raw) for name in raw.series)
-    table = [column for column in columns if column.rows == rows]
+    columns = {name: _column(name, raw) for name in raw.series}
+    table = [column for column in columns.values() if column.rows == rows]
     clock = find_clock(table, raw.preamble, file.name, reading.get("time") or "")
     known = (_bare([called.get(name, name) for name in names]) for names in given.values())
     roles = find_roles(table, clock.column, *known)
-    found = {column.name: column for column in columns}
+    columns = _with_responses_to_codes(columns, roles)
     noticed: list[Finding] = []
-    if roles.input in found:
-        column = found[roles.input]
-        y = _movement(found[roles.output]) if roles.output in found else np.full(rows, np.nan)
-        if column.codes and len(y) == len(column.values):
-            found[roles.input] = replace(column, codes=with_responses(column.codes, column.values, y))
     if raw.clocks and not of_file.clocks:
         rows = max(map(len, of_file.series.values()))
         data = {"rows": rows, "columns": [roles.input, roles.output]}
         noticed.append(Finding("rows-of-messages", file.name, data))
-    columns = tuple(found.values())
-    proposal = {**_proposal(raw, found, clock, roles), **reading}
+    proposal = _proposal(raw, columns, clock, roles)
     direction = "" if "direction" in reading else find_direction(table, roles)
     if direction:
         proposal["direction"] = {roles.input: direction}
         noticed.append(Finding("direction-column", roles.input, {"column": direction, "output": roles.output}))
-    proposal = {name: value for name, value in proposal.items() if value not in (None, {}, "")}
-    if "dt" in reading and "time" not in reading:
-        proposal = {name: value for name, value in proposal.items() if name not in ("time", "time_unit", "resample")}
-    elif "time" in reading and "dt" not in reading:
-        proposal.pop("dt", None)
     look = FirstLook(
-        str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance, header=tuple(raw.preamble)
+        str(path),
+        rows,
+        tuple(columns.values()),
+        raw.others,
+        clock,
+        roles,
+        _completed(reading, proposal),
+        tolerance=tolerance,
+        header=tuple(raw.preamble),
     )
     noticed += _about_columns(look, set(reading))
     return _with_record(look, parsed, noticed, set(reading))
+
+
+def _on_most_frequent_clock(raw: Columns) -> Columns:
+    """The columns at the times of the clock with the most samples, if the file has several clocks."""
+    if not raw.clocks:
+        return raw
+    counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
+    return on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
+
+
+def _with_responses_to_codes(columns: Mapping[str, Column], roles: Roles) -> dict[str, Column]:
+    """The columns, where the codes of the input say what the output does there."""
+    u, y = columns.get(roles.input), columns.get(roles.output)
+    if u is None or y is None or not u.codes or len(u.values) != len(_movement(y)):
+        return dict(columns)
+    return {**columns, u.name: replace(u, codes=with_responses(u.codes, u.values, _movement(y)))}
+
+
+def _completed(given: Mapping[str, Any], proposal: Mapping[str, Any]) -> dict[str, Any]:
+    """The given arguments of `emsid.read` with what is proposed for the others; a given clock replaces the proposed."""
+    known = {**proposal, **given}
+    replaced: tuple[str, ...] = ()
+    if "dt" in given and "time" not in given:
+        replaced = ("time", "time_unit", "resample")
+    elif "time" in given and "dt" not in given:
+        replaced = ("dt",)
+    return {name: value for name, value in known.items() if value not in (None, {}, "") and name not in replaced}
 
 
 def _by_messages(raw: Columns, name: str, time: str) -> Columns:

@@ -15,9 +15,12 @@ from emsid.first_look.names import ColumnQuantity
 from emsid.io.selection import signs_of
 
 Array = NDArray[np.float64]
+Pair = tuple[str, str]
 
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
+NAMED_WORSE = 0.9
+"""Signals are compared only in pairs whose names suit worse than those of the best by less than this."""
 CLEARER, LEAST = 1.5, 0.05
 """A direction is taken where the input with its sign explains more of the output: by this factor and difference."""
 
@@ -71,15 +74,8 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         clock: name of the time column; empty where there is none.
         input, output: where the user gives them.
     """
-    possible = [
-        column
-        for column in columns
-        if column.kind == "numbers" and (column.name != clock or column.name in (input, output))
-        if not column.constant or column.codes or column.meaning.confidence >= 0.8
-        if column.meaning.quantity not in (ColumnQuantity.TIME, ColumnQuantity.OTHER) or column.name in (input, output)
-    ]
-    by_name = sorted(possible, key=lambda c: -max(_as_input(c), _as_output(c), 2.0 * (c.name in (input, output))))
-    compared = [column for column in possible if any(column is each for each in by_name[:MOST_COMPARED])]
+    possible = [column for column in columns if _may_be_channel(column, clock, (input, output))]
+    compared = _most_likely(possible, (input, output))
     pairs = [
         (u, y) for u, y in permutations(compared, 2) if u.name == (input or u.name) and y.name == (output or y.name)
     ]
@@ -91,12 +87,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         (u.name, y.name): _as_input(u) + _as_output(y) + _of_one_experiment(experiments, u.name, y.name)
         for u, y in pairs
     }
-    best = max(named.values())
-    shares = {
-        (u.name, y.name): (influence(u.signal, y.signal), influence(y.signal, u.signal))
-        for u, y in pairs
-        if named[u.name, y.name] > best - 0.9 and len(u.values) == len(y.values)
-    }
+    shares = _influences(pairs, named)
     scores = {pair: named[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
     if not scores:
         return Roles(input=input, output=output)
@@ -109,14 +100,47 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         output_confidence=_confidence(_as_output(columns_by_name[y]), scores, (u, y), 1) if not output else 1.0,
         influence=shares[u, y][0],
         feedback=shares[u, y][1],
-        others=tuple(
-            (a.name, b.name)
-            for a, b in permutations(possible, 2)
-            if _of_one_experiment(experiments, a.name, b.name)
-            and a.meaning.quantity is columns_by_name[u].meaning.quantity
-            and b.meaning.quantity is columns_by_name[y].meaning.quantity
-            and (a.name, b.name) != (u, y)
-        ),
+        others=_further_pairs(possible, experiments, columns_by_name[u], columns_by_name[y]),
+    )
+
+
+def _may_be_channel(column: Column, clock: str, given: tuple[str, str]) -> bool:
+    """Whether a column may be input or output: numbers that change or have a clear name, and not the time."""
+    if column.kind != "numbers":
+        return False
+    if column.constant and not column.codes and column.meaning.confidence < 0.8:
+        return False
+    other = column.name == clock or column.meaning.quantity in (ColumnQuantity.TIME, ColumnQuantity.OTHER)
+    return column.name in given or not other
+
+
+def _most_likely(possible: Sequence[Column], given: tuple[str, str]) -> list[Column]:
+    """The columns whose names suit an input or an output best, at most `MOST_COMPARED`, in the order of the file."""
+    by_name = sorted(possible, key=lambda c: -max(_as_input(c), _as_output(c), 2.0 * (c.name in given)))
+    return [column for column in possible if any(column is each for each in by_name[:MOST_COMPARED])]
+
+
+def _influences(pairs: Sequence[tuple[Column, Column]], named: Mapping[Pair, float]) -> dict[Pair, tuple[float, float]]:
+    """The influence of input on output and of output on input, of pairs whose names suit almost as well as the best."""
+    best = max(named.values())
+    return {
+        (u.name, y.name): (influence(u.signal, y.signal), influence(y.signal, u.signal))
+        for u, y in pairs
+        if named[u.name, y.name] > best - NAMED_WORSE and len(u.values) == len(y.values)
+    }
+
+
+def _further_pairs(
+    possible: Sequence[Column], experiments: Mapping[str, str], u: Column, y: Column
+) -> tuple[Pair, ...]:
+    """Names of further inputs and outputs of the same quantities, each pair of one experiment."""
+    return tuple(
+        (a.name, b.name)
+        for a, b in permutations(possible, 2)
+        if _of_one_experiment(experiments, a.name, b.name)
+        and a.meaning.quantity is u.meaning.quantity
+        and b.meaning.quantity is y.meaning.quantity
+        and (a.name, b.name) != (u.name, y.name)
     )
 
 
@@ -163,17 +187,17 @@ def _of_one_experiment(experiments: Mapping[str, str], u: str, y: str) -> float:
 
 
 def _first_of_its_kind(
-    best: tuple[str, str],
-    scores: Mapping[tuple[str, str], float],
+    best: Pair,
+    scores: Mapping[Pair, float],
     columns: Sequence[Column],
     experiments: Mapping[str, str],
-) -> tuple[str, str]:
+) -> Pair:
     """The first of the pairs that differ from the best one by their experiment only."""
     known = {column.name: column for column in columns}
     if not _of_one_experiment(experiments, *best):
         return best
 
-    def alike(pair: tuple[str, str]) -> bool:
+    def alike(pair: Pair) -> bool:
         (a, b), (u, y) = ((known[name] for name in names) for names in (pair, best))
         kinds = a.meaning.quantity is u.meaning.quantity and b.meaning.quantity is y.meaning.quantity
         other = experiments[a.name] != experiments[u.name]
@@ -220,7 +244,7 @@ def _as_output(column: Column) -> float:
     return _AS_OUTPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
 
 
-def _shape(columns: Sequence[Column], pair: tuple[str, str]) -> float:
+def _shape(columns: Sequence[Column], pair: Pair) -> float:
     """Inputs change in steps, and the first of two columns is more often the input."""
     names = [column.name for column in columns]
     u, y = (columns[names.index(name)] for name in pair)
@@ -229,7 +253,7 @@ def _shape(columns: Sequence[Column], pair: tuple[str, str]) -> float:
     return 0.3 * held + order
 
 
-def _confidence(by_name: float, scores: dict[tuple[str, str], float], chosen: tuple[str, str], side: int) -> float:
+def _confidence(by_name: float, scores: dict[Pair, float], chosen: Pair, side: int) -> float:
     """How sure a role is: by the name, and by the distance to the best pair with another column in this role."""
     other = max((score for pair, score in scores.items() if pair[side] != chosen[side]), default=-1.0)
     margin = min(1.0, max(0.0, scores[chosen] - other))

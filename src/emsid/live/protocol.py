@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
+from math import nan
 from operator import xor
 
 import numpy as np
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import DataError, some
-from emsid.units import conversion
+from emsid.units import Conversion, conversion
 
 Array = NDArray[np.float64]
 
@@ -128,14 +129,7 @@ def read_header(
         DataError: for a header without such columns, or a unit that is not known.
     """
     separator = next((s for s in SEPARATORS[:-1] if s and s.decode() in text), None)
-    parts = text.split(separator.decode()) if separator else text.split()
-    found = [_COLUMN.fullmatch(part) for part in parts]
-    if not all(found):
-        raise DataError(f"header {text[:80]!r} is not understood; write names with commas, such as t[ms],u[V],y[rpm]")
-    names = tuple(match[1] for match in found if match)
-    given = tuple(units) or tuple(match[2] or "" for match in found if match)
-    if len(set(names)) < len(names):
-        raise DataError(f"header {text[:80]!r} has a name twice; every column needs its own name")
+    names, given = _names_and_units(text, separator)
     lower = [name.lower() for name in names]
     clock = names.index(time) if time in names else next((lower.index(name) for name in _TIMES if name in lower), None)
     number = next((lower.index(name) for name in _NUMBERS if name in lower), None)
@@ -148,13 +142,37 @@ def read_header(
     last = names.index(output) if output else next((k for k in rest if k not in wanted), None)
     if not wanted or last is None:
         raise DataError(f"header {text[:80]!r} has no input and output; it needs two columns besides t and n")
-    gains, offsets, si = [], [], []
-    for k, unit in enumerate(given):
-        gain, zero, target = conversion(unit, "s" if k == clock else None) if unit and k != number else (1.0, 0.0, "")
-        gains.append(gain)
-        offsets.append(zero)
-        si.append(target)
-    return Columns(names, tuple(si), clock, number, wanted, last, tuple(gains), tuple(offsets), checked, separator)
+    to_si = [
+        conversion(unit, "s" if k == clock else None) if unit and k != number else Conversion(1.0, 0.0, "")
+        for k, unit in enumerate(units or given)
+    ]
+    return Columns(
+        names,
+        tuple(each.unit for each in to_si),
+        clock,
+        number,
+        wanted,
+        last,
+        tuple(each.gain for each in to_si),
+        tuple(each.offset for each in to_si),
+        checked,
+        separator,
+    )
+
+
+def _names_and_units(header: str, separator: bytes | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names in a header and their units, empty where none is given.
+
+    Raises:
+        DataError: for text that is no header, or a name used twice.
+    """
+    found = [_COLUMN.fullmatch(part) for part in (header.split(separator.decode()) if separator else header.split())]
+    if not all(found):
+        raise DataError(f"header {header[:80]!r} is not understood; write names with commas, such as t[ms],u[V],y[rpm]")
+    names = tuple(match[1] for match in found if match)
+    if len(set(names)) < len(names):
+        raise DataError(f"header {header[:80]!r} has a name twice; every column needs its own name")
+    return names, tuple(match[2] or "" for match in found if match)
 
 
 class LineParser:
@@ -253,70 +271,77 @@ class LineParser:
         if not line or line[:1] == b"#":
             return None
         self.lines += 1
-        body = line
-        if b"*" in line:
-            body, _, sum_ = line.rpartition(b"*")
-            if sum_.upper() != b"%02X" % reduce(xor, body, 0):
-                body = line if self.columns is None else b""
-        elif self.columns is not None and self.columns.checked:
-            body = b""
-        columns = self.columns
-        if columns is None or not body[:1].isascii() or body[:1].isalpha() or body[:1] == b"[":
+        body = self._without_checksum(line)
+        if self.columns is None or not body[:1].isascii() or body[:1].isalpha() or body[:1] == b"[":
             if self._heading(body, body is not line and bool(body)):
                 return None
-            columns = self.columns
-            if columns is None:
+            if self.columns is None:
                 if self.implies:
                     self._refuse(line)
                 return None
-        parts = body.split(columns.separator)
-        if len(parts) == len(columns.names) and b"_" not in body:
-            try:
-                row = [float(part) for part in parts]
-            except ValueError:
-                if all(_is_number(part) for part in parts):
-                    self._overflow()
-                    return None
-            else:
-                if all(-LARGEST < value < LARGEST for value in row):
-                    return row
-                self._overflow()
-                return None
-        self._refuse(line)
-        return None
+        parts = body.split(self.columns.separator)
+        row = [value for part in parts if (value := _number(part)) is not None]
+        if not len(row) == len(parts) == len(self.columns.names) or b"_" in body:
+            self._refuse(line)
+            return None
+        if not all(-LARGEST < value < LARGEST for value in row):
+            self._overflow()
+            return None
+        return row
+
+    def _without_checksum(self, line: bytes) -> bytes:
+        """A line without its checksum; empty where that is wrong, or missing although every line should have one."""
+        if b"*" not in line:
+            return b"" if self.columns is not None and self.columns.checked else line
+        body, _, sum_ = line.rpartition(b"*")
+        if sum_.upper() == b"%02X" % reduce(xor, body, 0):
+            return body
+        return line if self.columns is None else b""
 
     def _heading(self, body: bytes, checked: bool) -> bool:
         """Take a line as header or as a row of units, if it is one; before a header, a row of numbers implies one."""
         text = body.decode("ascii", "replace")
         if "\ufffd" in text:
             return False
-        columns = self.columns
-        if columns is not None and text[:1] == "[":
-            units = [each.strip().strip("[]") for each in text.split((columns.separator or b" ").decode())]
-            if len(units) != len(columns.names):
-                return False
-            self.columns = self._header(",".join(columns.names), units, columns.checked, columns.separator)
-            return True
+        if self.columns is not None and text[:1] == "[":
+            return self._take_units(text, self.columns)
         if re.match(r"[A-Za-z]", text) and not _NOT_FINITE.match(body):
-            try:
-                new = read_header(text, *self._channels, checked=checked)
-            except DataError as problem:
-                if re.search(r"[,;\t]", text):
-                    self.problem = problem
-                return False
-            if self._given or (columns is not None and new.names != columns.names):
-                return self._given and columns is not None and len(new.names) == len(columns.names)
-            self.columns = columns or new
-            return True
-        if columns is None and self.implies and self.problem is None:
-            separator = next((s for s in SEPARATORS if s is None or s in body), None)
-            parts = body.split(separator)
-            if len(parts) in USUAL and all(_is_number(part) for part in parts):
-                try:
-                    self.columns = self._header(USUAL[len(parts)], (), checked, separator)
-                except DataError as problem:
-                    self.problem = problem
+            return self._take_header(text, checked)
+        if self.columns is None and self.implies and self.problem is None:
+            self._imply_usual_columns(body, checked)
         return False
+
+    def _take_units(self, text: str, columns: Columns) -> bool:
+        """Take a row of units such as ``[s],[V],[rpm]``; whether it has one for every column."""
+        units = [each.strip().strip("[]") for each in text.split((columns.separator or b" ").decode())]
+        if len(units) != len(columns.names):
+            return False
+        self.columns = self._header(",".join(columns.names), units, columns.checked, columns.separator)
+        return True
+
+    def _take_header(self, text: str, checked: bool) -> bool:
+        """Take a line of names as the header, unless one is known; whether it is one that fits what is known."""
+        columns = self.columns
+        try:
+            new = read_header(text, *self._channels, checked=checked)
+        except DataError as problem:
+            if re.search(r"[,;\t]", text):
+                self.problem = problem
+            return False
+        if self._given or (columns is not None and new.names != columns.names):
+            return self._given and columns is not None and len(new.names) == len(columns.names)
+        self.columns = columns or new
+        return True
+
+    def _imply_usual_columns(self, body: bytes, checked: bool) -> None:
+        """Take the usual columns for a row of numbers, if there are as many."""
+        separator = next((s for s in SEPARATORS if s is None or s in body), None)
+        parts = body.split(separator)
+        if len(parts) in USUAL and all(_number(part) is not None for part in parts):
+            try:
+                self.columns = self._header(USUAL[len(parts)], (), checked, separator)
+            except DataError as problem:
+                self.problem = problem
 
     def _header(self, text: str, units: Sequence[str], checked: bool, separator: bytes | None) -> Columns:
         return replace(read_header(text, *self._channels, units=units, checked=checked), separator=separator)
@@ -344,13 +369,12 @@ class LineParser:
         )
 
 
-def _is_number(part: bytes) -> bool:
-    """Whether it is a number, or what stands for one that is not finite."""
+def _number(part: bytes) -> float | None:
+    """The number in a part of a line, NaN for a word such as ``ovf``; None where there is no number."""
     try:
-        float(part)
+        return float(part)
     except ValueError:
-        return _NOT_FINITE.fullmatch(part.strip()) is not None
-    return True
+        return nan if _NOT_FINITE.fullmatch(part.strip()) else None
 
 
 def joined(parts: Sequence[Rows]) -> Rows:

@@ -73,16 +73,13 @@ class Record(Presented):
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        def put(field: str, value: object) -> None:
-            object.__setattr__(self, field, value)  # frozen for everybody else
-
         for each in ("input_names", "output_names", "input_units", "output_units"):
-            put(each, as_names(getattr(self, each)))
+            self._put(each, as_names(getattr(self, each)))
         if self.output is None:
-            put("output", np.empty((np.shape(self.input)[0] if np.ndim(self.input) else 0, 0)))
+            self._put("output", np.empty((np.shape(self.input)[0] if np.ndim(self.input) else 0, 0)))
         for side in ("input", "output"):
-            names = tuple(getattr(self, f"{side}_names"))
-            put(side, as_channels(getattr(self, side), f"{self.name}: {side}", len(names)))
+            names = getattr(self, f"{side}_names")
+            self._put(side, as_channels(getattr(self, side), f"{self.name}: {side}", len(names)))
         if len(self.input) != len(self.output):
             raise DataError(
                 f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
@@ -92,29 +89,41 @@ class Record(Presented):
         if not (isinstance(self.dt, Real) and np.isfinite(self.dt) and self.dt > 0):
             given = "no sample time" if self.dt is nan else f"sample time {self.dt} s"
             raise DataError(f"{self.name}: {given}; give a positive number of seconds as dt")
-        put("dt", float(self.dt))
+        self._put("dt", float(self.dt))
+        self._complete_channels()
+        self._complete_segments()
+
+    def _put(self, field: str, value: object) -> None:
+        """Set a field while the record is made; it is frozen for everybody else."""
+        object.__setattr__(self, field, value)
+
+    def _complete_channels(self) -> None:
+        """Complete the names and units of the channels, and refuse wrong ones and values that are not finite."""
         for side, letter in (("input", "u"), ("output", "y")):
             width = getattr(self, side).shape[1]
-            names = tuple(getattr(self, f"{side}_names")) or tuple(f"{letter}{k + 1}" for k in range(width))
-            units = tuple(getattr(self, f"{side}_units")) or ("",) * width
+            names = getattr(self, f"{side}_names") or tuple(f"{letter}{k + 1}" for k in range(width))
+            units = getattr(self, f"{side}_units") or ("",) * width
             for what, values in (("names", names), ("units", units)):
                 if len(values) != width:
                     raise DataError(f"{self.name}: {len(values)} {side} {what} for {width} {side} channels")
-            put(f"{side}_names", names)
-            put(f"{side}_units", units)
+            self._put(f"{side}_names", names)
+            self._put(f"{side}_units", units)
             check_finite(getattr(self, side), names, self.name)
         channels = self.input_names + self.output_names
         twice = next((name for name in channels if channels.count(name) > 1), None)
         if twice is not None:
             raise DataError(f"{self.name}: two channels are called {twice!r}; every channel needs its own name")
-        put("breaks", tuple(int(b) for b in self.breaks))
+
+    def _complete_segments(self) -> None:
+        """Complete the times of the segments, and refuse breaks, times and sources that do not agree."""
+        self._put("breaks", tuple(int(b) for b in self.breaks))
         edges = (0, *self.breaks, len(self))
         if any(b <= a for a, b in pairwise(edges)):
             raise DataError(f"{self.name}: breaks {self.breaks} must ascend inside 1 … {len(self) - 1}")
-        put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
+        self._put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
         if len(self.times) != len(edges) - 1:
             raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
-        put("sources", tuple(self.sources))
+        self._put("sources", tuple(self.sources))
         if self.sources and len(self.sources) != len(edges) - 1:
             raise DataError(f"{self.name}: {len(self.sources)} segment sources for {len(edges) - 1} segments")
 

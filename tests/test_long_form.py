@@ -55,6 +55,14 @@ def test_one_signal_after_the_other_is_the_same_table(write: Write) -> None:
     }
 
 
+def test_rows_stay_in_order_where_the_time_of_a_signal_begins_again(write: Write) -> None:
+    again = [0.0, 0.1, 0.2, 0.05, 0.15, 0.25]
+    rows = "".join(f"{t},voltage,{k}\n{t},speed,{-k}\n" for k, t in enumerate(again))
+    columns = read_columns(write(f"time,signal,value\n{rows}"))
+    assert columns.series["time"].to_list() == again
+    assert columns.series["voltage"].to_list() == [0, 1, 2, 3, 4, 5]
+
+
 def test_signals_at_times_of_their_own_are_read_as_messages(write: Write) -> None:
     path = write(interleaved(late=0.004))
     look = describe(path)

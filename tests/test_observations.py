@@ -18,7 +18,7 @@ from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
 from emsid.report.identification_page import report, summary
 from emsid.validation.comparison import assess
-from emsid.validation.residual_test import residual_tests
+from emsid.validation.residual_test import NOTABLE, SIGNIFICANCE, ResidualTest, residual_tests
 
 DT = 0.01
 
@@ -68,6 +68,18 @@ def test_a_model_that_lacks_a_nonlinearity_leaves_coloured_errors():
     assert "residual-white" not in found
     assert found["residual-coloured"].data["largest"] > 0.1
     assert found["residual-coloured"].data["p_value"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("p_value", "largest", "white"),
+    [
+        (2 * SIGNIFICANCE, 2 * NOTABLE, True),  # by chance
+        (0.5 * SIGNIFICANCE, 0.5 * NOTABLE, True),  # significant in a long record, and too small to matter
+        (0.5 * SIGNIFICANCE, 2 * NOTABLE, False),
+    ],
+)
+def test_errors_are_coloured_where_that_is_significant_and_matters(p_value, largest, white):
+    assert ResidualTest("speed", 25, p_value, largest, 1).white == white
 
 
 def test_white_errors_are_rejected_as_seldom_as_they_should_be():

@@ -112,6 +112,13 @@ def test_a_straight_command_is_simulated_as_a_fine_one(delay: float):
     assert np.std(held - fine) > 0.02 * np.std(fine)
 
 
+def test_a_straight_command_that_never_arrives_is_simulated_as_it_was_at_rest():
+    volts = np.linspace(1.0, 2.0, 100)[:, None]
+    late = START.with_values({**TRUTH, "drive.delay": 1e12 * DT}).with_hold(Hold.FIRST)
+    run = late.simulate(volts, DT, np.zeros(2), (Signal.SPEED,))
+    assert run == pytest.approx(late.simulate(np.ones((100, 1)), DT, np.zeros(2), (Signal.SPEED,)))
+
+
 @pytest.mark.parametrize(
     "plant",
     [

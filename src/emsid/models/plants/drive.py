@@ -337,6 +337,7 @@ def _delayed_rows(samples: tuple[int, ...], whole: int) -> tuple[NDArray[np.intp
 
 def _read(rows: Array, start: float, count: int) -> Array:
     """(count,) rows read at ``start``, ``start`` + 1, …, straight between two; the first and the last row go on."""
+    start = max(start, -float(count + 1))  # long before the first row, all are equal to it
     below = int(np.floor(start))
     before, after = max(-below, 0), max(below + count + 1 - len(rows), 0)
     if before or after:

@@ -246,6 +246,44 @@ def test_what_is_within_noise_of_a_plausible_model_is_not_so_of_the_best():
     assert recommended([doubtful, uneven, simple], {"doubtful"}).name == "uneven"
 
 
+def test_a_model_that_needs_all_data_is_ranked_by_its_fit_to_them_as_well():
+    """The one fold favours the poor model by a little; fitted to all data, the rich one has a third of its error."""
+
+    def errors(root, seed):
+        return (StretchErrors(root**2 * noisy(1.0, 0.1, seed), np.full(16, 100.0)),)
+
+    rich, poor = (replace(model(size, np.ones(16), name), folds=()) for size, name in ((20, "rich"), (9, "poor")))
+    rich, poor = replace(rich, folds=errors(0.11, 1)), replace(poor, folds=errors(0.1, 2))
+    assert recommended([rich, poor], ()).name == "poor"
+    seen = [replace(rich, included=errors(0.03, 1)), replace(poor, included=errors(0.09, 2))]
+    assert recommended(seen, ()).name == "rich"
+    assert seen[0].errors.mean == pytest.approx(rich.errors.mean**0.632 * seen[0].included[0].mean ** 0.368)
+    assert recommended([replace(seen[0], folds=errors(0.2, 1)), seen[1]], ()).name == "poor"
+    assert [each.rmse for each in seen] == [rich.rmse, poor.rmse]
+    assert {row.model: row.error for row in front_rows(seen, "rich")} == {"rich": rich.rmse[0], "poor": poor.rmse[0]}
+
+
+def test_a_run_that_diverges_on_a_part_left_out_stays_without_bound():
+    left = StretchErrors(np.array([np.inf, 4.0, 0.0]), np.array([9.0, 9.0, 0.0]))
+    assert left.mixed(StretchErrors(np.array([0.0, 1.0, 0.0]), left.samples), 0.5).means.tolist() == [np.inf, 2.0, 0.0]
+
+
+def test_models_are_fitted_to_all_data_for_their_ranking_where_these_are_few(monkeypatch):
+    fitted, choice = misleading()
+    whole = emsid.concatenate([fitted, choice.best.record])
+    for each in ranked(choice, fitted, Options()):
+        again = free_run_error(refitted(each.fit, whole), [whole])
+        assert again < free_run_error(each.fit.model, [whole])
+        included = StretchErrors.joined(each.included)
+        assert included.samples.tolist() == each.left_out.samples.tolist()
+        assert included.mean == pytest.approx(again / np.var(whole.output), rel=0.05)
+    assert [each.included for each in ranked(choice, fitted, Options(), outside=drive(6, 900))] == [(), ()]
+    monkeypatch.setattr(ranking_module, "LEAST", 1_000)
+    assert [(len(each.folds), len(each.included)) for each in ranked(choice, fitted, Options())] == [(1, 1)] * 2
+    monkeypatch.setattr(ranking_module, "MANY", 600)
+    assert [each.included for each in ranked(choice, fitted, Options())] == [(), ()]
+
+
 def misleading():
     """A record whose last part does not show the dead zone, and the models of all of it."""
     first = emsid.concatenate([drive(3, 1200, low=0.3, noise=0.05), drive(5, 300, low=-1.0, high=-0.3, noise=0.05)])

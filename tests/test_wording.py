@@ -425,7 +425,7 @@ EXAMPLES: tuple[Finding, ...] = (
                     "folds": 4,
                     "same_in": same_in,
                 }
-                for same_in in ("noise", "practice")
+                for same_in in ("noise", "practice", "all-data")
             ),
         )
     ),

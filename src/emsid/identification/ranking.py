@@ -8,17 +8,27 @@ spread, the noise of the ranking, contains what differs from fold to fold. Where
 does not, models extrapolate; their errors there are large, and weigh more in the mean square. Models are tied if
 neither the differences of their mean squares, stretch by stretch, nor the ratios are larger than chance explains.
 
+The model that is handed over is fitted to all data in the end (`all_data`). The error over the folds is too large for
+it, and varies much from record to record, above all where the held-back part is the only fold. The error on data that
+it was fitted to is too small and varies less. Efron's .632 estimator is the weighted mean of the two mean squares; here
+it is that of their logarithms, stretch by stretch, so that a stretch that is far off while it is left out weighs less.
+
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
 followed over the other folds: those with at most `HOPELESS` times its smallest error. Models that were fitted to an
 excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
 another fit. Where there are none and the held-back part has `MANY` samples, or where only one model is left, the
 held-back part decides alone.
+
+References:
+    Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
+    Statistical Association 78 (1983).
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,8 +39,8 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.options import Options
-from emsid.models.free_run import free_run
-from emsid.models.model import Run
+from emsid.models.free_run import free_run, free_run_error
+from emsid.models.model import Model, Run
 from emsid.models.refitting import refitted
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import left_out_once, parted
@@ -47,19 +57,23 @@ MANY = 5_000
 """A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
 LEAST = 3
 """A fold has at least this many samples for each that starts a model."""
+INCLUDED = 0.368
+"""The weight of the error on data that the fit includes, beside the error on data that it leaves out (Efron)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """A model with its free-run errors on data that its parameters are not from.
+    """A model with its free-run errors over the folds.
 
     Attributes:
         fit: the model.
         folds: its squared errors over the variance of the output, stretch by stretch, on every part that was left out.
+        included: those of its parameters from all data, on the same stretches; empty where these are not known.
     """
 
     fit: Fit[Any]
     folds: tuple[StretchErrors, ...]
+    included: tuple[StretchErrors, ...] = ()
 
     @property
     def name(self) -> str:
@@ -73,17 +87,24 @@ class Ranked:
         return len(self.fit.estimate)
 
     @cached_property
-    def errors(self) -> StretchErrors:
-        """Over all folds."""
+    def left_out(self) -> StretchErrors:
+        """Over all folds, on data that its parameters are not from."""
         return StretchErrors.joined(self.folds)
+
+    @cached_property
+    def errors(self) -> StretchErrors:
+        """What models are ranked by: the errors left out, with those of fits to all data where these are known."""
+        if not self.included:
+            return self.left_out
+        return self.left_out.mixed(StretchErrors.joined(self.included), INCLUDED)
 
     @property
     def rmse(self) -> tuple[float, float, float]:
-        """Root mean square error as a share of the output's deviation, and the ends of one standard error.
+        """Root mean square error on data left out over the output's deviation, and the ends of one standard error.
 
         The standard error is that of the mean over the stretches of all folds; NaN where a run diverges.
         """
-        mean, means = self.errors.mean, self.errors.means[self.errors.samples > 0]
+        mean, means = self.left_out.mean, self.left_out.means[self.left_out.samples > 0]
         if not np.isfinite(means).all() or len(means) < 2:
             return float(np.sqrt(mean)), float("nan"), float("nan")
         half = float(np.std(means, ddof=1) / np.sqrt(len(means)))
@@ -119,11 +140,14 @@ def ranked(
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
     followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
     start = choice.best.transient
-    if len(followed) < 2 or len(fitted) // (FOLDS - 1) < LEAST * start:
+    if len(followed) < 2:
         return tuple(alone)
     folds = _outside(outside, start) if outside else _left_out(fitted, choice.best.record, start)
     try:
         over_all = _over_folds(followed, folds, scale, options, control)
+        if not outside:
+            whole, parts = concatenate([fitted, choice.best.record]), [choice.best.record, *(part for _, part in folds)]
+            over_all = [_with_included(each, whole, parts, start, scale, options, control) for each in over_all]
     except Stopped:
         return tuple(alone)
     over_all.sort(key=lambda each: each.errors.mean)
@@ -138,10 +162,10 @@ class FrontRow:
     Attributes:
         model: its name.
         parameters: the number of its estimated parameters.
-        error: RMSE of the free run over all folds, as a share of the deviation of the output.
+        error: RMSE of the free run over all folds, left out of the fit, as a share of the deviation of the output.
         low, high: of the error, one standard error away; NaN where a run diverges.
         folds: the number of parts of the data that were left out in turn.
-        on_front: whether it is better than every simpler one on the front by more than noise.
+        on_front: whether it is better than every simpler one on the front by more than noise (`Ranked.errors`).
         recommended: whether it is the recommended model.
     """
 
@@ -176,9 +200,13 @@ def close(model: Ranked, best: Ranked) -> bool:
 
 
 def compared(ranking: Sequence[Ranked]) -> list[Ranked]:
-    """The models that were followed over all folds, so that their errors are on the same samples."""
-    most = max(len(each.folds) for each in ranking)
-    return [each for each in ranking if len(each.folds) == most]
+    """The models that were followed over all folds, so that their errors are on the same samples and of one kind."""
+
+    def known(each: Ranked) -> tuple[int, int]:
+        return len(each.folds), len(each.included)
+
+    most = max(map(known, ranking))
+    return [each for each in ranking if known(each) == most]
 
 
 Fold = tuple[Record | None, Record]
@@ -186,7 +214,9 @@ Fold = tuple[Record | None, Record]
 
 
 def _left_out(fitted: Record, held_back: Record, start: int) -> list[Fold]:
-    """The parts of the data that were fitted, each with all the rest."""
+    """The parts of the data that were fitted, each with all the rest; none where they are too short."""
+    if len(fitted) // (FOLDS - 1) < LEAST * start:
+        return []
     return [(concatenate([rest, held_back]), part) for rest, part in left_out_once(fitted, FOLDS - 1, start)]
 
 
@@ -203,8 +233,8 @@ def _over_folds(
     followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, options: Options, control: Control
 ) -> list[Ranked]:
     """The models with their errors on the held-back part and on the other folds."""
-    start = followed[0].transient
-    found = [[_errors(each.simulation, each.record, scale, STRETCHES // FOLDS)] for each in followed]
+    start, first = followed[0].transient, STRETCHES // FOLDS if folds else STRETCHES
+    found = [[_errors(each.simulation, each.record, scale, first)] for each in followed]
     for number, (others, part) in enumerate(folds, 2):
         for one, errors in zip(followed, found, strict=True):
             control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
@@ -216,6 +246,26 @@ def _over_folds(
             except EmsidError:  # these data do not suit it
                 errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))
     return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
+
+
+def _with_included(
+    each: Ranked, whole: Record, parts: Sequence[Record], start: int, scale: Array, options: Options, control: Control
+) -> Ranked:
+    """A model with the error on the folds, the parts, of its parameters from all data."""
+    control.doing(f"ranking {each.name}", len(parts), len(parts))
+    model = _from_all(each.fit, whole, options, control)
+    runs = [(free_run(model, part, start), part, len(fold.means)) for part, fold in zip(parts, each.folds, strict=True)]
+    return replace(each, included=tuple(_errors(run, part, scale, stretches) for run, part, stretches in runs))
+
+
+def _from_all(fit: Fit[Any], whole: Record, options: Options, control: Control) -> Model:
+    """The model with its parameters from all data, if these simulate them better."""
+    model: Model = fit.model
+    with suppress(EmsidError):  # the data do not suit it
+        again = refitted(fit, whole, linear=options.estimate, control=control)
+        if free_run_error(again, (whole,)) < free_run_error(model, (whole,)):
+            return again
+    return model
 
 
 def _errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:

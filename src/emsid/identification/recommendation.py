@@ -104,8 +104,8 @@ def recommendation(
     }
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)
-    smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
-    if smallest.errors.mean < own.errors.mean:
+    smallest, own = min(among.values(), key=lambda each: each.left_out.mean), among[row.model]
+    if smallest.left_out.mean < own.left_out.mean:
         data |= _instead_of(own, smallest, findings)
     return Finding("model-recommended", row.model, data)
 
@@ -113,14 +113,22 @@ def recommendation(
 def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> dict[str, Any]:
     """The model with the smallest error, how it compares with the recommended one, and what makes it implausible."""
     against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
-    in_practice = "practice" if equivalent(own.errors, smallest.errors) else None
     return {
         "instead_of": smallest.name,
         "because": {"code": against[0].code, **against[0].data} if against else None,
-        "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
-        "same_in": "noise" if _within_noise(own, smallest) else in_practice,
+        "ratio": float(np.sqrt(own.left_out.mean / smallest.left_out.mean)),
+        "same_in": _same_in(own, smallest),
         "parameters": [own.size, smallest.size],
     }
+
+
+def _same_in(own: Ranked, smallest: Ranked) -> str | None:
+    """In what respect a model is as good as that with the smallest error on data left out; None for none."""
+    if own.errors.mean < smallest.errors.mean:
+        return "all-data"
+    if _within_noise(own, smallest):
+        return "noise"
+    return "practice" if equivalent(own.errors, smallest.errors) else None
 
 
 def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) -> Finding:

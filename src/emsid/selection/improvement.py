@@ -69,6 +69,17 @@ class StretchErrors:
         """The stretches of several parts of the data."""
         return cls(np.concatenate([each.means for each in several]), np.concatenate([each.samples for each in several]))
 
+    def mixed(self, other: StretchErrors, weight: float) -> StretchErrors:
+        """The weighted geometric mean with other errors on the same samples; infinite where either is.
+
+        Args:
+            other: these errors.
+            weight: of their logarithm, between 0 and 1.
+        """
+        finite = np.isfinite(self.means) & np.isfinite(other.means)
+        own, others = (np.where(finite, each.means, 0.0) for each in (self, other))
+        return StretchErrors(np.where(finite, own ** (1 - weight) * others**weight, np.inf), self.samples)
+
     @property
     def mean(self) -> float:
         """The mean square error over all samples; infinite without any."""

@@ -109,8 +109,8 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
     seen, verdict, reasons, tests_failed (how many); instead_of, because (None for no finding), ratio, parameters (of it
-    and of the other) and same_in (noise or practice, None where the errors differ) where another model has a smaller
-    error."""
+    and of the other) and same_in (noise, practice or all-data, None where the errors differ) where another model has a
+    smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
@@ -135,7 +135,12 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     return f"Recommended: {f.subject}. Reasons: {why}; {verdict}{_first_reasons(d['reasons'])}"
 
 
-_SAME_IN = {"noise": ", which is within noise", "practice": ", which is more than noise but hardly matters", None: ""}
+_SAME_IN = {
+    "noise": ", which is within noise",
+    "practice": ", which is more than noise but hardly matters",
+    "all-data": ", but not where the errors of fits to all data count too",
+    None: "",
+}
 _LEVELS = {
     "model-limited": "use it with its limits in mind: ",
     "model-implausible": "no plausible model is as good, but be careful: ",

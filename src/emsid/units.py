@@ -7,6 +7,7 @@ revolution, one sample is the sample time, full PWM is the supply voltage.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from math import inf, pi
 from typing import TYPE_CHECKING, NamedTuple
@@ -189,23 +190,16 @@ def conversion(
     Raises:
         DataError: for an unknown unit, one of another quantity, or a count, sample or PWM whose size is not given.
     """
-    given = {
-        "count": (counts_per_revolution, "counts_per_revolution"),
-        "sample": (sample_time, "dt"),
-        "pwm": (supply_voltage, "supply_voltage"),
-    }
-    meanings: dict[str, float] = {}
-    for word in re.findall(r"[A-Za-z]+", f"{unit} {target or ''}"):
-        key = word.lower().removesuffix("s")
-        if key in given:
-            value, argument = given[key]
-            if value is None or not 0 < value < inf:
-                raise DataError(
-                    f"unit {unit!r}: the size of a {word!r} is not known; give {argument}, a positive number",
-                    arguments=(argument,),
-                )
-            meanings[key] = value
-    if "pwm" in meanings and not 0 < pwm_full_scale < inf:
+    sizes = _sizes(
+        unit,
+        target or "",
+        {
+            "count": (counts_per_revolution, "counts_per_revolution"),
+            "sample": (sample_time, "dt"),
+            "pwm": (supply_voltage, "supply_voltage"),
+        },
+    )
+    if "pwm" in sizes and not 0 < pwm_full_scale < inf:
         raise DataError(f"pwm_full_scale is {pwm_full_scale:g}; give a positive number", arguments=("pwm_full_scale",))
 
     for text in (unit, target or ""):
@@ -216,9 +210,9 @@ def conversion(
     import pint  # takes a third of a second, with its registry
 
     registry = _registry(
-        turn_per_count=1 / meanings["count"] if "count" in meanings else None,
-        volt_per_pwm=meanings["pwm"] / pwm_full_scale if "pwm" in meanings else None,
-        second_per_sample=meanings.get("sample"),
+        turn_per_count=1 / sizes["count"] if "count" in sizes else None,
+        volt_per_pwm=sizes["pwm"] / pwm_full_scale if "pwm" in sizes else None,
+        second_per_sample=sizes.get("sample"),
     )
     try:
         quantity = registry.Quantity(1.0, _spelling(unit))
@@ -236,6 +230,30 @@ def conversion(
             "count/sample, pwm, …"
         ) from None
     return Conversion(float(one - zero), float(zero), target)
+
+
+def _sizes(unit: str, target: str, given: Mapping[str, tuple[float | None, str]]) -> dict[str, float]:
+    """The sizes of the units that depend on the hardware and occur in one of the two.
+
+    Args:
+        unit, target: the two units.
+        given: the size of each such unit, or None, and the argument that gives it.
+
+    Raises:
+        DataError: for one whose size is not given, or not positive.
+    """
+    sizes: dict[str, float] = {}
+    for word in re.findall(r"[A-Za-z]+", f"{unit} {target}"):
+        key = word.lower().removesuffix("s")
+        if key in given:
+            value, argument = given[key]
+            if value is None or not 0 < value < inf:
+                raise DataError(
+                    f"unit {unit!r}: the size of a {word!r} is not known; give {argument}, a positive number",
+                    arguments=(argument,),
+                )
+            sizes[key] = value
+    return sizes
 
 
 def _spelling(unit: str) -> str:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from emsid.errors import DataError, some
 from emsid.io.columns import Columns, nearest
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 def file_and_column(name: str, beside: Path | None = None) -> tuple[Path, str] | None:
@@ -62,17 +66,32 @@ def with_other_files(
             file, wanted = found
             others = columns if file.resolve() == path.resolve() else read_columns(file)
             column = _column(others, wanted, file)
-            if time in others.series and time in series and not others.series[time].equals(series[time]):
-                raise DataError(
-                    f"the times in {time!r} of {file.name} and {path.name} differ; bring both to the same times first"
-                )
-            own = column if column != f"c{list(others.series).index(column) + 1}" else file.stem
-            own = name if own in own_names.values() or (own in series and others is not columns) else own
+            _check_same_times(others, file, series, path, time)
+            own = _own_name(others, column, file)
+            if own in own_names.values() or (own in series and others is not columns):
+                own = name
             own_names[name], series[own] = own, others.series[column].alias(own)
             units[own] = others.units.get(column, "")
         if name in own_names:
             renamed[given] = own_names[name] if name == given else f"d({own_names[name]})"
     return replace(columns, series=series, units=units), renamed
+
+
+def _check_same_times(
+    others: Columns, file: Path, series: Mapping[str, pl.Series], path: Path, time: str | None
+) -> None:
+    """Refuse a file whose times differ from those of the first one."""
+    if time is None or time not in others.series or time not in series:
+        return
+    if not others.series[time].equals(series[time]):
+        raise DataError(
+            f"the times in {time!r} of {file.name} and {path.name} differ; bring both to the same times first"
+        )
+
+
+def _own_name(columns: Columns, column: str, file: Path) -> str:
+    """The name of a column, or of its file if the column is only numbered."""
+    return file.stem if column == f"c{list(columns.series).index(column) + 1}" else column
 
 
 def _column(columns: Columns, wanted: str, file: Path) -> str:

@@ -44,7 +44,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +65,8 @@ from emsid.findings import Finding
 # A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
 # is less than this fraction.
 ROUNDING = 1e-13
+# The largest number of steps.
+MOST_STEPS = 100
 # The number of successive steps that together must lower the cost by `least_saving`.
 PATIENCE = 4
 # Limits of the damping. At the largest, a step is a tiny one along the gradient; if even that does not lower the cost,
@@ -170,13 +172,13 @@ class _Search:
             )
         return self._at(point, np.zeros(len(self.box.varied)), FIRST_DAMPING, np.inf, (point.cost,))
 
-    def advance(self, iterate: _Iterate) -> _Iterate | None:
-        """The state after one more step; None if no step lowers the cost.
+    def advance(self, iterate: _Iterate, lower: tuple[Array | None, float] | None = None) -> _Iterate | None:
+        """The state after one more step, the one to `lower` if that is known; None if no step lowers the cost.
 
         Raises:
             Stopped: if the search has to end before a step is found.
         """
-        (theta, damping), before, lightened = self.lower(iterate), iterate.point, 0
+        (theta, damping), before, lightened = lower or self.lower(iterate), iterate.point, 0
         while theta is not None:
             try:
                 point = self._linearise(theta, before.weights, before.most, before.independent)
@@ -297,7 +299,7 @@ def gauss_newton(
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
     loss: Loss = SQUARES,
-    max_iterations: int = 100,
+    max_iterations: int = MOST_STEPS,
     tolerance: float = 1e-3,
     least_saving: float = 0.0,
     noise: float = 0.0,
@@ -350,35 +352,30 @@ def gauss_newton(
     return _conclude(iterate, box, loss if covariances else None, labels, end, check)
 
 
-def after_few_steps(
+def each_step(
     problem: Problem,
     start: ArrayLike,
-    steps: int,
     *,
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
     tolerance: float = 1e-3,
     names: Sequence[str] = (),
     control: Control = FREE,
-) -> Array:
-    """θ (p,) after at most so many steps of `gauss_newton`, to compare starts; without the derivative there.
+) -> Iterator[Array]:
+    """θ (p,) after every step of `gauss_newton`, to compare starts; the derivative there belongs to the next step.
 
     Raises:
         ModelError: as `gauss_newton`.
         Stopped: by ``problem`` or ``control``.
     """
     theta, box = _check_start(start, lower, upper, names)
-    search = _Search(problem, box, SQUARES, steps, tolerance, 0.0, 0.0, control, NONE)
+    search = _Search(problem, box, SQUARES, MOST_STEPS, tolerance, 0.0, 0.0, control, NONE)
     iterate: _Iterate | None = search.begin(theta)
-    while iterate is not None:
-        theta = iterate.point.theta
-        if search.end(iterate) is not None:
-            break
-        if iterate.steps == steps - 1:
-            last, _ = search.lower(iterate)
-            return theta if last is None else last
-        iterate = search.advance(iterate)
-    return theta
+    while iterate is not None and search.end(iterate) is None:
+        after = search.lower(iterate)
+        if after[0] is not None:
+            yield after[0]
+        iterate = search.advance(iterate, after)
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:

@@ -19,8 +19,9 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from math import inf, isfinite
 
 import numpy as np
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import after_few_steps, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
@@ -41,8 +42,8 @@ from emsid.selection.improvement import StretchErrors, schwarz_gain
 
 Array = NDArray[np.float64]
 
-KEPT, FIRST_STEPS = 4, 3
-"""How many starts take steps, and how many steps before all but the best stop."""
+KEPT, FINALISTS, FIRST_STEPS = 4, 2, 3
+"""How many starts take a step, how many of them go on, and after how many steps all but the best stop."""
 TOLERANCE = 0.02
 """Of a search, in standard errors."""
 HOPELESS = 10.0
@@ -145,8 +146,11 @@ class Trials:
         ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
-        moved = ((k, self._advanced(problem)) for _, k, problem in ranked)
-        return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
+        searches = {k: self._each_step(problem) for _, k, problem in ranked}
+        for count in (1, FIRST_STEPS - 1):
+            moved = ((k, self._after(problem, islice(searches[k], count))) for _, k, problem in ranked)
+            ranked = sorted((cost_of(problem), k, problem) for k, problem in moved if problem is not None)[:FINALISTS]
+        return ranked
 
     def _ranked(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
@@ -178,7 +182,7 @@ class Trials:
             problem = self._problem(trial.plant, trial.names, trial.states)
             if problem is None or not len(problem.start):  # nothing to move
                 break
-            lower, upper = problem.within(self._bounds(trial.plant, trial.names))
+            lower, upper = self._within(problem)
             try:
                 slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
                 step = drawn(slopes, trial.residuals, rng, problem.plausible if stalled else np.inf)
@@ -253,32 +257,39 @@ class Trials:
         return {name: self.limits.get(name, (handles[name].lower, handles[name].upper)) for name in names}
 
     def _searched(self, problem: FreeRunError) -> FreeRunError | None:
-        def ended(lower: Array, upper: Array) -> Array:
-            return gauss_newton(
-                problem, problem.start, lower=lower, upper=upper, max_iterations=STEPS, tolerance=TOLERANCE,
-                least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
-            ).estimate  # fmt: skip
-
-        return self._moved(problem, ended)
-
-    def _advanced(self, problem: FreeRunError) -> FreeRunError | None:
-        def ended(lower: Array, upper: Array) -> Array:
-            return after_few_steps(
-                problem, problem.start, FIRST_STEPS, lower=lower, upper=upper, tolerance=TOLERANCE,
-                names=problem.names, control=self.control,
-            )  # fmt: skip
-
-        return self._moved(problem, ended)
-
-    def _moved(self, problem: FreeRunError, ended: Callable[[Array, Array], Array]) -> FreeRunError | None:
-        """A problem that begins where a search within these bounds ended; None where it cannot begin."""
+        """The problem begun where a search ends; None where it cannot begin."""
+        lower, upper = self._within(problem)
         self.control.check()
-        lower, upper = problem.within(self._bounds(problem.plant, problem.free))  # type: ignore[arg-type]
         try:
             with problem.under(self.control):
-                return problem.begun_at(ended(lower, upper))
+                found = gauss_newton(
+                    problem, problem.start, lower=lower, upper=upper, max_iterations=STEPS, tolerance=TOLERANCE,
+                    least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
+                )  # fmt: skip
+                return problem.begun_at(found.estimate)
         except EmsidError:
             return None
+
+    def _each_step(self, problem: FreeRunError) -> Iterator[Array]:
+        """θ after every step of a search."""
+        lower, upper = self._within(problem)
+        with problem.under(self.control):
+            yield from each_step(
+                problem, problem.start, lower=lower, upper=upper, tolerance=TOLERANCE, names=problem.names,
+                control=self.control,
+            )  # fmt: skip
+
+    def _after(self, problem: FreeRunError, steps: Iterator[Array]) -> FreeRunError | None:
+        """The problem begun after some more steps of its search; None where there is no step."""
+        self.control.check()
+        try:
+            *_, theta = problem.start, *steps
+            return problem.begun_at(theta)
+        except EmsidError:
+            return None
+
+    def _within(self, problem: FreeRunError) -> tuple[Array, Array]:
+        return problem.within(self._bounds(problem.plant, problem.free))  # type: ignore[arg-type]
 
     def _trial(self, problem: FreeRunError) -> Trial:
         residuals = problem.residuals(problem.start)

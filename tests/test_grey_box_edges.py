@@ -144,14 +144,14 @@ def problem_of(plant, names, record=None):
 
 def test_derivatives_are_one_sided_where_only_one_side_has_a_free_run(monkeypatch):
     both = problem_of(DrivenMotor(ONE_MASS), USUAL).linearised(problem_of(DrivenMotor(ONE_MASS), USUAL).start)[0][1]
-    simulate = DrivenMotor.simulate_each
+    changed = DrivenMotor.with_values
 
-    def only_below(self, *arguments):
-        if self.motor.motor_constant > ONE_MASS.motor_constant:
+    def only_below(self, values):
+        if values.get("motor_constant", 0.0) > ONE_MASS.motor_constant:
             raise ModelError("too much")
-        return simulate(self, *arguments)
+        return changed(self, values)
 
-    monkeypatch.setattr(DrivenMotor, "simulate_each", only_below)
+    monkeypatch.setattr(DrivenMotor, "with_values", only_below)
     problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
     one = problem.linearised(problem.start)[0][1]
     assert np.array_equal(one[:, 1:], both[:, 1:])
@@ -161,7 +161,8 @@ def test_derivatives_are_one_sided_where_only_one_side_has_a_free_run(monkeypatc
 def test_derivatives_are_exact_where_a_search_ends_and_cheap_where_it_passes(monkeypatch):
     runs = []
     simulate = DrivenMotor.simulate_each
-    monkeypatch.setattr(DrivenMotor, "simulate_each", lambda self, *rest: (runs.append(1), simulate(self, *rest))[1])
+    counted = staticmethod(lambda plants, *rest: (runs.extend(plants), simulate(plants, *rest))[1])
+    monkeypatch.setattr(DrivenMotor, "simulate_each", counted)
     problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
     runs.clear()
     cheap = problem.linearised(problem.start)[0][1]
@@ -189,14 +190,14 @@ def test_derivatives_with_respect_to_what_is_nearly_zero_are_not_rounding():
 
 
 def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
-    simulate = DrivenMotor.simulate_each
+    changed = DrivenMotor.with_values
 
-    def only_here(self, *arguments):
-        if self.motor.motor_constant != ONE_MASS.motor_constant:
+    def only_here(self, values):
+        if values.get("motor_constant", ONE_MASS.motor_constant) != ONE_MASS.motor_constant:
             raise ModelError("out of all proportion")
-        return simulate(self, *arguments)
+        return changed(self, values)
 
-    monkeypatch.setattr(DrivenMotor, "simulate_each", only_here)
+    monkeypatch.setattr(DrivenMotor, "with_values", only_here)
     problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
     with pytest.raises(ModelError, match=r"motor_constant cannot be moved from 0.05: out of all proportion"):
         problem.linearised(problem.start)
@@ -205,12 +206,12 @@ def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
 def test_a_bound_beside_which_there_is_no_free_run_has_a_zero_derivative(monkeypatch):
     simulate = DrivenMotor.simulate_each
 
-    def only_rigid(self, *arguments):
-        if self.motor.inductance > 0:
+    def only_rigid(plants, *arguments):
+        if any(plant.motor.inductance > 0 for plant in plants):
             raise ModelError("out of all proportion")
-        return simulate(self, *arguments)
+        return simulate(plants, *arguments)
 
-    monkeypatch.setattr(DrivenMotor, "simulate_each", only_rigid)
+    monkeypatch.setattr(DrivenMotor, "simulate_each", staticmethod(only_rigid))
     problem = problem_of(DrivenMotor(ONE_MASS), ("inductance", *USUAL))
     assert problem.start[0] == 0.0
     slopes = problem.exactly(problem.start)[0][1]

@@ -37,7 +37,8 @@ from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.state_space import _run as run_states
 from emsid.models.model import Model
-from emsid.models.plants.drive import Drive
+from emsid.models.plants.drive import Drive, Hold
+from emsid.models.plants.driven import Driven
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
@@ -354,10 +355,30 @@ def test_segments_run_as_they_do_alone(model: Model) -> None:
 def test_plants_run_several_inputs_at_once_as_one_after_the_other(model: GreyBox) -> None:
     rng = np.random.default_rng(3)
     inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7, 25)]
-    states = [rng.uniform(-1.0, 1.0, model.plant.states) for _ in inputs]
-    together = model.plant.simulate_each(inputs, DT, states, model.signals)
-    for at_once, u, state in zip(together, inputs, states, strict=True):
-        assert np.array_equal(at_once, model.plant.simulate(u, DT, state, model.signals))
+    every = {name: (1 + 1e-3) * model.plant.value(name) for name in model.plant.default_free}
+    plants = [model.plant, *(model.plant.with_values({name: value}) for name, value in every.items())]
+    states = [[rng.uniform(-1.0, 1.0, model.plant.states) for _ in inputs] for _ in plants]
+    together = model.plant.simulate_each(plants, inputs, DT, states, model.signals)
+    for k, u in enumerate(inputs):
+        for run, plant, begin in zip(together[k], plants, states, strict=True):
+            assert np.array_equal(run, plant.simulate(u, DT, begin[k], model.signals))
+
+
+@pytest.mark.parametrize("plant", [DrivenMotor(replace(Motor(), inductance=0.0).rigid()), LinearAxis()])
+@pytest.mark.parametrize("delay", [0.0, 1.4 * DT, 10 * DT])
+@pytest.mark.parametrize("hold", list(Hold))
+def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(plant: Driven, delay: float, hold: Hold) -> None:
+    rng = np.random.default_rng(4)
+    inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7)]
+    late = plant.with_drive(delay=delay, hold=hold)
+    slow = late.with_values({"sensor.lag": DT, "sensor.average": 0.3})
+    plants = [late, slow, slow.with_drive(delay=delay + 1e-9), late.with_values({"cogging.sine_2": 0.01})]
+    states = [[rng.uniform(-1.0, 1.0, 3) for _ in inputs] for _ in plants]
+    signals = (Signal.POSITION, Signal.SPEED)
+    together = late.simulate_each(plants, inputs, DT, states, signals)
+    for k, u in enumerate(inputs):
+        for run, each, begin in zip(together[k], plants, states, strict=True):
+            assert np.array_equal(run, each.simulate(u, DT, begin[k], signals))
 
 
 @every_model

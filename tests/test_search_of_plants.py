@@ -235,12 +235,12 @@ def test_a_drift_that_returns_is_told_from_a_walk(returns):
 def test_a_load_that_does_not_change_is_that_of_the_plant():
     u, state = 3 * levels(300, np.random.default_rng(0), 30)[:, None], np.array([0.1, 0.2, 0.1])
     for plant in (AXIS, AXIS.with_values({"drive.delay": 0.012}), AXIS.with_hold(Hold.FIRST)):
-        under = plant.simulate_under(np.full(300, 0.2), u, 5e-3, state, (Signal.POSITION,))
+        (under,) = plant.simulate_each([plant], [u], 5e-3, [[state]], (Signal.POSITION,), [np.full(300, 0.2)])
         loaded = plant.with_values({"offset": plant.value("offset") + 0.2})
-        assert np.allclose(under, loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
+        assert np.allclose(under[0], loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
     two = DrivenMotor(Motor())
     with pytest.raises(ModelError, match="simulated for one mass"):
-        two.simulate_under(np.zeros(300), u, 5e-3, np.zeros(4), (Signal.POSITION,))
+        two.simulate_each([two], [u], 5e-3, [[np.zeros(4)]], (Signal.POSITION,), [np.zeros(300)])
 
 
 def test_a_trial_without_free_parameters_is_not_begun_again():
@@ -396,8 +396,8 @@ def test_a_trial_begins_no_free_run_after_the_search_was_ended():
 
 def test_a_fit_that_is_interrupted_before_its_first_step_takes_few_free_runs(monkeypatch):
     """It has no stages, needs no exact derivatives, and says which values it has."""
-    runs, simulated = [], FreeRunError._simulated
-    monkeypatch.setattr(FreeRunError, "_simulated", lambda *args: runs.append(args[1]) or simulated(*args))
+    runs, run = [], FreeRunError._run
+    monkeypatch.setattr(FreeRunError, "_run", lambda self, *args: runs.extend(args[0]) or run(self, *args))
     u = 8 * levels(150, np.random.default_rng(3), 15)
     record = Record(u, simulate(Motor(), u, 2e-3).load_speed, 2e-3, output_units="rad/s")
     free = ("motor_constant", "load_inertia", "shaft_stiffness", "rotor_friction.coulomb")

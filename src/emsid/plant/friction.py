@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
@@ -126,13 +126,13 @@ class FrictionLaw(ABC):
     level: ClassVar[Level]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, _pair(field.name, getattr(self, field.name)))
+        for each in self.parameters:
+            object.__setattr__(self, each.name, _pair(each.name, getattr(self, each.name)))
 
     @cached_property
     def numbers(self) -> Array:
         """(2, n) the parameters of each direction, in order."""
-        return np.array([getattr(self, field.name) for field in fields(self)]).T.copy()
+        return np.array([getattr(self, each.name) for each in self.parameters]).T.copy()
 
     @cached_property
     def varies(self) -> NDArray[np.bool_]:
@@ -164,12 +164,12 @@ class FrictionLaw(ABC):
     @property
     def base(self) -> tuple[float, float]:
         """(forward, backward) the first parameter, a friction level."""
-        forward, backward = getattr(self, fields(self)[0].name)
+        forward, backward = getattr(self, self.parameters[0].name)
         return forward, backward
 
     def sliding_at(self, level: float) -> Self:
         """The same law with its first parameter, a friction level, set to this value in both directions."""
-        return replace(self, **{fields(self)[0].name: level})
+        return replace(self, **{self.parameters[0].name: level})
 
 
 L = TypeVar("L", bound=type[FrictionLaw])
@@ -289,7 +289,7 @@ class Friction(FrictionLaw):
         return coulomb(w, level) + stribeck(w, excess, rate)
 
     def _sliding(self, direction: int) -> OneDirection:
-        return OneDirection(*(getattr(self, field.name)[direction] for field in fields(self)))
+        return OneDirection(*(getattr(self, each.name)[direction] for each in self.parameters))
 
 
 def _pair(name: str, value: object) -> tuple[float, float]:

@@ -31,18 +31,19 @@ def filtered(above: ArrayLike, below: ArrayLike, signals: ArrayLike) -> Array:
     return values
 
 
-def filtered_from(above: ArrayLike, below: ArrayLike, signal: ArrayLike, state: ArrayLike) -> tuple[Array, Array]:
-    """A signal (N,) through B/A from a state, and the state after it.
+def filtered_from(above: ArrayLike, below: ArrayLike, signals: ArrayLike, states: ArrayLike) -> tuple[Array, Array]:
+    """The signals (N,) or (k, N) through B/A from a state, and the state after them.
 
     Args:
         above, below: as in `filtered`; n is the larger of their orders.
-        signal: (N,).
-        state: (n,) of the transposed direct form; see `past_state`.
+        signals: each row is filtered on its own.
+        states: (n,) or (k, n) of the transposed direct form; see `past_state`.
     """
     b, a = _equally_long(above, below)
-    rows, after = np.array(signal, dtype=float, ndmin=2), np.array(state, dtype=float, ndmin=2)
-    filter_rows(b, a, rows, rows, after)
-    return rows[0], after[0]
+    values, after = np.array(signals, dtype=float, order="C"), np.array(states, dtype=float, order="C")
+    rows = values.reshape(-1, values.shape[-1])
+    filter_rows(b, a, rows, rows, after.reshape(len(rows), -1))
+    return values, after
 
 
 def filtered_both_ways(above: ArrayLike, below: ArrayLike, signal: ArrayLike, padding: int) -> Array:

@@ -62,11 +62,41 @@ class BasePlant(ABC):
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
+    def at_once(self, signals: Sequence[Signal]) -> bool:
+        """False: plants are simulated one after the other."""
+        return False
+
+    @staticmethod
     def simulate_each(
-        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+        plants: Sequence[Any],
+        inputs: Sequence[Array],
+        dt: float,
+        states: Sequence[Sequence[Array]],
+        signals: Sequence[Signal],
+        loads: Sequence[Array] = (),
     ) -> list[Array]:
-        """`simulate` for several inputs, each with its initial state; a plant may do it at once."""
-        return [self.simulate(u, dt, state, signals) for u, state in zip(inputs, states, strict=True)]
+        """`simulate` for several plants of this kind and several inputs.
+
+        Args:
+            plants: P of them.
+            inputs: (N, nu) each.
+            dt: sample time in s.
+            states: of every plant the initial state for every input.
+            signals: of the outputs.
+            loads: (N,) for every input, held over every sample, besides that of the plant; of one mass only.
+
+        Returns:
+            (P, N, ny) for every input.
+
+        Raises:
+            ModelError: for loads on a plant that is not one mass, or with a current.
+        """
+        if loads:
+            raise ModelError(f"{plants[0].name}: a load that changes is simulated for one mass and its motion only")
+        return [
+            np.array([plant.simulate(u, dt, begin[k], signals) for plant, begin in zip(plants, states, strict=True)])
+            for k, u in enumerate(inputs)
+        ]
 
     def for_inputs(self, inputs: Array) -> Self:
         """The same plant."""

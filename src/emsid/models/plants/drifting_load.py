@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from emsid.models.plants.beginning import beginning
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.plant import DrivenPlant
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -121,8 +121,9 @@ class DriftingLoad:
         return cls(loads, effects, effects @ drifted, basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2), drift)
 
     def __call__(self, error: Array, dt: float) -> Array:
-        """(N,) the error of the segment times the inverse root of its covariance, in its unit."""
-        return np.asarray(error - self.basis @ (self.shares * (self.basis.T @ error)))
+        """(…, N) e(θ) of the segment for ŷ(θ, d₀) − y, times the inverse root of its covariance, in its unit."""
+        error = error - self.missed
+        return np.asarray(error - ((error @ self.basis) * self.shares) @ self.basis.T)
 
     def trusted(self, seconds: float) -> float:
         """The time from the start of a segment of this length until the drift moves the free run by more than noise.
@@ -134,13 +135,6 @@ class DriftingLoad:
         seen = np.append(variances > self.drift.noise**2, True)
         return seconds * int(np.argmax(seen)) / len(self.effects)
 
-    def run(self, plant: Plant, segment: Record, state: Array, signals: Sequence[Signal]) -> Array:
-        """(N, ny) the free run that is to be compared with the output, ŷ(θ, d₀) − M·d₀."""
-        driven = plant.driven
-        assert driven is not None
-        load = by_sample(self.loads, len(segment))
-        return driven.simulate_under(load, segment.input, segment.dt, state, signals) - self.missed[:, None]
-
 
 def by_sample(loads: Array, samples: int) -> Array:
     """(N,) the load at every sample of a segment, from (K,) those of its pieces."""
@@ -149,24 +143,26 @@ def by_sample(loads: Array, samples: int) -> Array:
 
 def start_effects(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
     """(N, 2) what one standard deviation of speed and position at the start changes in the free run of a position."""
-    load, seen = by_sample(loads, len(segment)), beginning(segment.output[:, 0], segment.dt)
-
-    def run(state: Array) -> Array:
-        return np.asarray(plant.simulate_under(load, segment.input, segment.dt, state, signals)[:, 0])
-
-    deviations = np.diag(np.nan_to_num([seen.speed[1], seen.position[1]], posinf=0.0))
-    return np.column_stack([run(np.array([*(state[:2] + each), *state[2:]])) - run(state) for each in deviations])
+    seen = beginning(segment.output[:, 0], segment.dt)
+    deviations = np.nan_to_num([seen.speed[1], seen.position[1]], posinf=0.0)
+    moved = [state + np.append(each, np.zeros(len(state) - 2)) for each in np.diag(deviations)]
+    plain, *runs = _positions(plant, segment, signals, [state, *moved], [loads] * 3)
+    return np.column_stack([run - plain for run in runs])
 
 
 def load_effects(
     plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
 ) -> Array:
     """(N, K) the derivative of the free run of a position by the load in every piece."""
+    moved = [loads + change * each for each in np.eye(PIECES)]
+    plain, *runs = _positions(plant, segment, signals, [state] * (PIECES + 1), [loads, *moved])
+    return np.column_stack([(run - plain) / change for run in runs])
 
-    def run(loads: Array) -> Array:
-        load = by_sample(loads, len(segment))
-        return np.asarray(plant.simulate_under(load, segment.input, segment.dt, state, signals)[:, 0])
 
-    plain = run(loads)
-    effects = [(run(loads + change * (np.arange(PIECES) == k)) - plain) / change for k in range(PIECES)]
-    return np.column_stack(effects)
+def _positions(
+    plant: DrivenPlant, segment: Record, signals: Sequence[Signal], states: Sequence[Array], loads: Sequence[Array]
+) -> list[Array]:
+    """(N,) free runs of a segment from several initial states, each with its own load in every piece."""
+    inputs, held = [segment.input] * len(states), [by_sample(each, len(segment)) for each in loads]
+    runs = plant.simulate_each([plant], inputs, segment.dt, [states], signals, held)
+    return [run[0, :, 0] for run in runs]

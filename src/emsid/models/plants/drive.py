@@ -108,6 +108,39 @@ class Acting(NamedTuple):
     left: Array
 
 
+class ActingEach(NamedTuple):
+    """What a drive does over S runs, one after the other.
+
+    Attributes:
+        voltage, conducts: (M,) as in `Acting`.
+        ends: (S + 1,) where runs begin, and M.
+        dt, late: (S,) as in `Acting`.
+        samples: which of the M are the samples of every run.
+    """
+
+    voltage: Array
+    conducts: Array
+    ends: NDArray[np.intp]
+    dt: Array
+    late: Array
+    samples: list[slice]
+
+    @classmethod
+    def of(cls, runs: Sequence[Acting]) -> ActingEach:
+        """The runs, one after the other."""
+        voltage, conducts, dt, late, samples, _, _ = zip(*runs, strict=True)
+        ends = np.cumsum([0, *map(len, voltage)])
+        inside = (range(a, b)[some] for a, b, some in zip(ends.tolist(), ends[1:].tolist(), samples, strict=False))
+        slices = [slice(some.start, some.stop, some.step) for some in inside]
+        return cls(np.concatenate(voltage), np.concatenate(conducts), ends, np.array(dt), np.array(late), slices)
+
+    def held(self, values: Sequence[Array]) -> Array:
+        """(M,) values (N,) of every run, which are held over its samples."""
+        lengths = np.diff(self.ends).tolist()
+        each = zip(values, lengths, strict=True)
+        return np.concatenate([some[np.maximum(np.arange(n) - 1, 0) * len(some) // max(n - 1, 1)] for some, n in each])
+
+
 @dataclass(frozen=True)
 class Drive:
     """The drive between the command in a log and the terminals of the motor (or the force on an axis).
@@ -276,20 +309,17 @@ class Drive:
         kept = voltage[: samples + 1], conducts[: samples + 1]
         return Acting(*kept, dt, late, slice(None, -1), None, left)
 
-    def acting_each(self, inputs: Sequence[Array], dt: float) -> tuple[Acting, list[slice]] | None:
-        """What the drive does over several runs, one after the other, and the pieces of each; None if they differ.
-
-        Args:
-            inputs: (N, nu) of every run; the first command of each is assumed before it.
-            dt: sample time in s.
-        """
+    def acting_each(self, inputs: Sequence[Array], dt: float) -> ActingEach:
+        """What the drive does over several runs, for inputs (N, nu) of each, whose first command acts before it."""
         whole = int(self.delay / dt)
-        if self.hold is not Hold.ZERO or whole >= min(len(each) for each in inputs):
-            return None
+        if self.hold is not Hold.ZERO or whole >= min(map(len, inputs)):
+            drives = [(self.for_inputs(each), each) for each in inputs]
+            return ActingEach.of([d.acting(each, d.standing(each[0], dt, len(each)), dt) for d, each in drives])
         voltage, conducts = self.applied(np.concatenate(inputs))
-        which, pieces = _delayed_rows(tuple(map(len, inputs)), whole)
-        late = self.delay / dt - whole
-        return Acting(voltage[which], conducts[which], dt, late, slice(None), None, np.empty((0, 2))), pieces
+        which, ends, samples = _delayed_rows(tuple(map(len, inputs)), whole)
+        runs = len(inputs)
+        late = np.full(runs, self.delay / dt - whole)
+        return ActingEach(voltage[which], conducts[which], ends, np.full(runs, dt), late, samples)
 
     def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""
@@ -325,14 +355,12 @@ class Drive:
 
 
 @lru_cache(maxsize=4)
-def _delayed_rows(samples: tuple[int, ...], whole: int) -> tuple[NDArray[np.intp], list[slice]]:
-    """Which command acts at every sample of runs after a delay of ``whole`` samples, and the pieces of each run."""
-    rows, pieces, first, begin = [], [], 0, 0
-    for count in samples:
-        rows.append(first + np.maximum(np.arange(-whole - 1, count - whole), 0))
-        pieces.append(slice(begin, begin + count + 1))
-        first, begin = first + count, pieces[-1].stop
-    return np.concatenate(rows), pieces
+def _delayed_rows(samples: tuple[int, ...], whole: int) -> tuple[NDArray[np.intp], NDArray[np.intp], list[slice]]:
+    """Which command acts at every sample of runs after a delay of ``whole`` samples, and `ActingEach.ends, samples`."""
+    firsts = np.cumsum([0, *samples[:-1]])
+    rows = [k + np.maximum(np.arange(-whole - 1, n - whole), 0) for k, n in zip(firsts, samples, strict=True)]
+    ends = np.cumsum([0, *(n + 1 for n in samples)])
+    return np.concatenate(rows), ends, [slice(k, k + n) for k, n in zip(ends.tolist(), samples, strict=False)]
 
 
 def _read(rows: Array, start: float, count: int) -> Array:

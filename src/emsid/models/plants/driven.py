@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
 from emsid.models.plants.base_plant import BEGINNING, BasePlant, parameters_of
 from emsid.models.plants.beginning import beginning
-from emsid.models.plants.drive import Bridge, Drive, Hold
+from emsid.models.plants.drive import Acting, Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits, Plant
@@ -104,56 +103,54 @@ class Driven(BasePlant):
         plant = self.for_inputs(inputs)
         return plant.run(plant.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
+    def at_once(self, signals: Sequence[Signal]) -> bool:
+        """Whether it is one mass, of which no current is measured."""
+        return self.is_one_mass and Signal.CURRENT not in signals
+
+    @staticmethod
     def simulate_each(
-        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+        plants: Sequence[Any],
+        inputs: Sequence[Array],
+        dt: float,
+        states: Sequence[Sequence[Array]],
+        signals: Sequence[Signal],
+        loads: Sequence[Array] = (),
     ) -> list[Array]:
-        """See `BasePlant.simulate_each`; drive and forces of one mass are computed for all runs at once."""
-        on = None if Signal.CURRENT in signals else self.drive.acting_each(inputs, dt)
-        sliding = None if on is None else self._as_one_mass(on[0].voltage, on[0].conducts)
-        if on is None or sliding is None:
-            return super().simulate_each(inputs, dt, states, signals)
-        outputs = []
-        for piece, state in zip(on[1], states, strict=True):
-            begin = self.sensed_first(state, dt, signals)
-            whole = (*sliding[:3], sliding.force[piece], sliding.damping[piece])
-            speeds, positions = moved(*whole, dt, on[0].late, self.steps, float(state[0]), float(state[1]))
-            outputs.append(self.read(speeds[:-1], positions[:-1], dt, signals, begin)[0])
+        """See `BasePlant.simulate_each`; plants of one mass move in one compiled call."""
+        if not all(plant.at_once(signals) for plant in plants):
+            return BasePlant.simulate_each(plants, inputs, dt, states, signals, loads)
+        drives = {id(plant.drive): plant.drive for plant in plants}  # a derivative changes few of them
+        acting = {key: drive.acting_each(inputs, dt) for key, drive in drives.items()}
+        on = [acting[id(plant.drive)] for plant in plants]
+        masses = [plant.as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
+        if loads:
+            against = on[0].held(loads)
+            masses = [mass._replace(force=mass.force - against) for mass in masses]
+        begin = np.array(states, dtype=float)
+        motion = moved(masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2])
+        outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
+        for sensor in {id(plant.sensor): plant.sensor for plant in plants}.values():
+            same = [k for k, plant in enumerate(plants) if plant.sensor is sensor]
+            for s, samples in enumerate(on[0].samples):
+                kept = sensor.first(signals, begin[same, s], dt)
+                speeds, positions = (each[same, samples] for each in motion)
+                outputs[s][same] = sensor.read(signals, speeds, positions, dt, kept)[0]
         return outputs
 
-    def simulate_under(self, load: Array, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """`simulate` with a load (N,) that is held over every sample, besides that of the plant, on one mass."""
-        plant = self.for_inputs(inputs)
-        at = plant.start(state, inputs[0], dt, signals, len(inputs))
-        on = plant.drive.acting(inputs, at.commands, dt)
-        sliding = plant._as_one_mass(on.voltage, on.conducts)
-        if sliding is None or Signal.CURRENT in signals:
-            raise ModelError(f"{self.name}: a load that changes is simulated for one mass and its motion only")
-        instants = np.maximum(np.arange(len(sliding.force)) - 1, 0) * len(load) // max(len(sliding.force) - 1, 1)
-        whole = (*sliding[:3], sliding.force - load[instants], sliding.damping)
-        speeds, positions = moved(*whole, on.dt, on.late, self.steps, float(state[0]), float(state[1]))
-        return self.read(speeds[on.samples], positions[on.samples], dt, signals, at.sensed)[0]
+    @property
+    @abstractmethod
+    def is_one_mass(self) -> bool:
+        """Whether the fast loop of one mass can simulate it."""
 
     @abstractmethod
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
-        """The forces on one mass for an output of the drive (M,); None where it is not one mass."""
+    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+        """The forces on one mass for an output of the drive (M,)."""
 
-    def sensed_first(self, state: Array, dt: float, signals: Sequence[Signal]) -> Array:
-        """(ny, 2) the sensor before the first sample, for an initial state: speed, position, and the speed reading."""
-        shown = float(state[2] if len(state) > 2 else state[0])
-        motion = np.array([float(state[0]), float(state[1])])
-        return np.array([self.sensor.begins(signal is Signal.POSITION, motion, dt, shown) for signal in signals])
-
-    def read(
-        self, speeds: Array, positions: Array, dt: float, signals: Sequence[Signal], kept: Array
-    ) -> tuple[Array, Array]:
-        """(N, ny) what the sensor shows of a motion, and its state (ny, 2) after it; ``kept`` is that before."""
-        columns = [
-            self.sensor.position(positions, dt, before)
-            if signal is Signal.POSITION
-            else self.sensor.speed(speeds, positions, dt, before)
-            for signal, before in zip(signals, kept, strict=True)
-        ]
-        return np.column_stack([values for values, _ in columns]), np.array([after for _, after in columns])
+    def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array]:
+        """Speeds and positions (M + 1,) of one mass from (speed, position)."""
+        ends = np.array([0, len(on.voltage)])
+        speeds, positions = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None, :2])
+        return speeds[0], positions[0]
 
     def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""

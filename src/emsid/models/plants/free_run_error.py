@@ -9,11 +9,11 @@ prediction would get its sign from the measured speed. Several outputs are each 
 that rad/s and A have equal weight. W may weight errors by their age, see `Recent`, or the load may drift, see
 `drifting_load`.
 
-The derivative of ŷ is a difference of free runs, whose columns are computed in parallel threads. The motion is a
-continuous function of θ, because events are located, and a run takes microseconds. Differences are one-sided far from
-the minimum, and central near it, where they give the intervals. The initial states of all segments are changed
-together, because segments are independent; and so is a parameter that differs by record, whose column is zero in all
-other records.
+The derivative of ŷ is a difference of free runs, which are computed in one call, and of long records in parallel
+threads. The motion is a continuous function of θ, because events are located, and a run takes microseconds.
+Differences are one-sided far from the minimum, and central near it, where they give the intervals. The initial states
+of all segments are changed together, because segments are independent; and so is a parameter that differs by record,
+whose column is zero in all other records.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 3.3 and 7.5. Schoukens, Ljung, *Nonlinear System Identification: A
@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
+from itertools import chain
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -37,7 +38,7 @@ from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Block, Infeasible, LastRun
 from emsid.estimation.threads import short_tasks
-from emsid.models.plants.drifting_load import DriftingLoad
+from emsid.models.plants.drifting_load import DriftingLoad, by_sample
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes
 from emsid.record import Record
@@ -108,8 +109,20 @@ PRECISION = 1e-11
 """The relative precision of a free run: the tolerance of the simulation."""
 NEAR = 1e-4
 """The relative step of a search below which its derivatives are central differences."""
+AT_ONCE = 10_000
+"""The most samples of free runs that are computed at once; more would leave the cache of a core."""
 LOST, WIDER = 100.0, 1e3
 """Below `LOST` times the precision of the runs, their difference is rounding; its step is widened by `WIDER`."""
+
+
+class _Run(NamedTuple):
+    """A θ with its plant, its initial states and its residuals; why another θ has none, where it stands for that."""
+
+    theta: Array
+    plant: Plant
+    states: list[Array]
+    residuals: list[Array]
+    why: str = ""
 
 
 class _Linearised(NamedTuple):
@@ -148,6 +161,8 @@ class FreeRunError:
         self._places = [
             (segment, index) for segment, indices in enumerate(free_states) for index in indices
         ]  # segment and index of the initial states in θ
+        bounds = [(plant.handles[name].lower, plant.handles[name].upper) for name in self.free]
+        self.lower, self.upper = self._bounds(bounds)
         whole = np.concatenate([segment.output for segment in segments])
         spread = np.std(whole, axis=0)
         self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
@@ -162,20 +177,12 @@ class FreeRunError:
         values = [self.plant.value(name) for name in self.free]
         return np.array([*values, *(self._initial[s][i] for s, i in self._places)])
 
-    @property
-    def lower(self) -> Array:
-        """The smallest physical values."""
-        return np.array([self.plant.handles[n].lower for n in self.free] + [-inf] * len(self._places))
-
-    @property
-    def upper(self) -> Array:
-        """The largest physical values."""
-        return np.array([self.plant.handles[n].upper for n in self.free] + [inf] * len(self._places))
-
     def within(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
         """The bounds of θ, given bounds of its parameters; initial states have no bounds."""
-        unbounded = [(-inf, inf)] * len(self._places)
-        both = np.array([limits[name] for name in self.free] + unbounded).reshape(-1, 2)
+        return self._bounds([limits[name] for name in self.free])
+
+    def _bounds(self, of_parameters: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+        both = np.array([*of_parameters, *[(-inf, inf)] * len(self._places)]).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
     @property
@@ -234,83 +241,127 @@ class FreeRunError:
         finally:
             self.control = FREE
 
-    def _simulated(self, theta: Array, near: Plant | None = None, moved: Sequence[int] = ()) -> list[Array]:
-        """The residuals at θ; faster from the plant ``near`` it that differs in the parameters ``moved``."""
-        self.control.check()
+    def _simulated(self, theta: Array) -> list[Array]:
         try:
-            values = {self.free[k]: float(theta[k]) for k in moved if k < len(self.free)}
-            plant = self.plant_at(theta) if near is None else near.with_values(values) if values else near
-            plants = {k: plant.of_record(k) for k in set(self._record_of)}
-            with np.errstate(all="ignore"):
-                states = self.states(theta)
-                residuals: list[Array] = [np.empty(0)] * len(states)
-                for (record, dt), which in self._alike.items():
-                    inputs, begin = [self.segments[k].input for k in which], [states[k] for k in which]
-                    if isinstance(self.weighting, tuple):
-                        runs = [
-                            self.weighting[k].run(plants[record], self.segments[k], states[k], self.signals)
-                            for k in which
-                        ]
-                    else:
-                        runs = plants[record].simulate_each(inputs, dt, begin, self.signals)
-                    for k, run in zip(which, runs, strict=True):
-                        residuals[k] = self._weighed(run, k)
-            if self._counted is not None:
-                residuals = [r * some for r, some in zip(residuals, self._counted, strict=True)]
+            plant = self.plant_at(theta)
         except ModelError as problem:
             raise Infeasible(str(problem)) from None
-        if not all(np.isfinite(residual).all() for residual in residuals):
-            raise Infeasible(f"the free run of {plant.name} is not finite; check the start values and the plant")
-        return residuals
+        (found,) = self._run([plant], [self.states(theta)])
+        if isinstance(found, str):
+            raise Infeasible(found)
+        return found
 
-    def _weighed(self, run: Array, k: int) -> Array:
+    def _run(self, plants: Sequence[Plant], states: Sequence[list[Array]]) -> list[list[Array] | str]:
+        """The residuals of every plant from its initial states, or why there are none."""
+        found: list[list[Array] | str] = [""] * len(plants)
+        at_once = [plant.at_once(self.signals) for plant in plants]
+        groups = [[k] for k, some in enumerate(at_once) if not some]
+        groups += [np.flatnonzero(at_once).tolist()] * any(at_once)
+        for group in groups:
+            self.control.check()
+            try:
+                residuals = self._residuals([plants[k] for k in group], [states[k] for k in group])
+            except ModelError as problem:
+                for k in group:
+                    found[k] = str(problem)
+                continue
+            finite = np.all([np.isfinite(each).all(axis=1) for each in residuals], axis=0)
+            why = f"the free run of {self.plant.name} is not finite; check the start values and the plant"
+            for row, k in enumerate(group):
+                found[k] = [each[row] for each in residuals] if finite[row] else why
+        return found
+
+    def _residuals(self, plants: Sequence[Plant], states: Sequence[list[Array]]) -> list[Array]:
+        """(P, n) of every segment: the residuals of P plants from their initial states, channel after channel."""
+        found: list[Array] = [np.empty(0)] * len(self.segments)
+        with np.errstate(all="ignore"):
+            for (record, dt), which in self._alike.items():
+                here = [plant.of_record(record) for plant in plants]
+                segments, begin = [self.segments[k] for k in which], [[each[k] for k in which] for each in states]
+                loads: list[Array] = []
+                if isinstance(self.weighting, tuple):
+                    loads = [by_sample(self.weighting[k].loads, len(self.segments[k])) for k in which]
+                inputs = [segment.input for segment in segments]
+                runs = here[0].simulate_each(here, inputs, dt, begin, self.signals, loads)
+                for k, run in zip(which, runs, strict=True):
+                    found[k] = self._weighed(run, k)
+        return found
+
+    def _weighed(self, runs: Array, k: int) -> Array:
+        """(P, n) W·(ŷ − y) of runs (P, N, ny) of a segment."""
         segment = self.segments[k]
-        error = (run - segment.output) / self._scale
+        errors = (runs - segment.output) / self._scale
         weigh = self.weighting[k] if isinstance(self.weighting, tuple) else self.weighting
-        return np.concatenate([weigh(column, segment.dt) for column in error.T])
+        weighed = np.concatenate([weigh(errors[..., j], segment.dt) for j in range(errors.shape[-1])], axis=1)
+        return weighed if self._counted is None else weighed * self._counted[k]
 
     def _differentiated(self, theta: Array, central: bool) -> _Linearised:
-        here, plant = self.residuals(theta), self.plant_at(theta)
+        here = _Run(theta, self.plant_at(theta), self.states(theta), self.residuals(theta))
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
-        rounding = LOST * self.precision
-        lower, upper = self.lower, self.upper
-        moves = self._moved_together(theta + step <= upper)
-
-        def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
-            there = theta.copy()
-            there[move] = np.minimum(np.maximum(theta[move] + by[move], lower[move]), upper[move])
-            try:
-                return there, self._simulated(there, plant, move) if (there != theta).any() else here, ""
-            except Infeasible as problem:
-                return theta, here, str(problem)
-
-        def sides(move: list[int], by: Array) -> tuple[Array, list[Array], Array, list[Array], str]:
-            above, after, why = moved(move, by)
-            below, before = theta, here
-            if central or not (above > below).any():
-                below, before, why = moved(move, -by)
-            return above, after, below, before, why
-
-        def difference(move: list[int]) -> tuple[Array, list[Array]]:
-            above, after, below, before, why = sides(move, step)
-            if not (above > below).any():
-                if np.all((theta[move] <= lower[move]) | (theta[move] >= upper[move])):
-                    return np.ones(len(theta)), [np.zeros(len(b)) for b in here]
-                raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
-            if 0 < max(np.max(np.abs(b - a), initial=0.0) for a, b in zip(before, after, strict=True)) < rounding:
-                wider = sides(move, WIDER * step)
-                if (wider[0] > wider[2]).any():
-                    above, after, below, before, _ = wider
-            return above - below, [b - a for a, b in zip(before, after, strict=True)]
-
+        moves = self._moved_together(theta + step <= self.upper)
+        size = max(min(AT_ONCE // sum(map(len, self.segments)), -(-len(moves) // self.threads)), 1)
+        parts = [moves[k : k + size] for k in range(0, len(moves), size)]
         in_turn = short_tasks(self.threads) if self.threads > 1 else map  # a pool of one would be shared by all
-        differences = list(in_turn(difference, moves))
-        jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
-        for move, (width, columns) in zip(moves, differences, strict=True):
+        found = in_turn(lambda part: self._differences(here, part, step, central), parts)
+        jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here.residuals]
+        for move, (width, columns) in zip(moves, chain.from_iterable(found), strict=True):
             for k in move:
                 for segment in self._touched(k):
                     jacobians[segment][:, k] = columns[segment] / width[k]
-        return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
+        return _Linearised(theta.copy(), list(zip(here.residuals, jacobians, strict=True)), central)
+
+    def _differences(
+        self, here: _Run, moves: Sequence[list[int]], step: Array, central: bool
+    ) -> list[tuple[Array, list[Array]]]:
+        """For every move the change of θ (p,) and of the residuals."""
+        sides = self._sides(here, moves, step, central)
+        found = [self._difference(here, move, *pair) for move, pair in zip(moves, sides, strict=True)]
+        rounding = LOST * self.precision
+        sizes = [max(np.max(np.abs(column), initial=0.0) for column in columns) for _, columns in found]
+        lost = [k for k, size in enumerate(sizes) if 0 < size < rounding]
+        wider = self._sides(here, [moves[k] for k in lost], WIDER * step, central)
+        for k, (above, below) in zip(lost, wider, strict=True):
+            if (above.theta > below.theta).any():
+                found[k] = self._difference(here, moves[k], above, below)
+        return found
+
+    def _difference(self, here: _Run, move: list[int], above: _Run, below: _Run) -> tuple[Array, list[Array]]:
+        width, theta = above.theta - below.theta, here.theta[move]
+        if (width > 0).any():
+            return width, [a - b for a, b in zip(above.residuals, below.residuals, strict=True)]
+        if np.all((theta <= self.lower[move]) | (theta >= self.upper[move])):
+            return np.ones(len(width)), [np.zeros(len(each)) for each in here.residuals]
+        raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[0]:g}: {below.why}")
+
+    def _sides(self, here: _Run, moves: Sequence[list[int]], step: Array, central: bool) -> list[tuple[_Run, _Run]]:
+        """The runs above and below θ for every move; a one-sided difference has θ itself on one side."""
+        above = self._beside(here, moves, step)
+        both = [k for k, run in enumerate(above) if central or run.theta is here.theta]
+        below = dict(zip(both, self._beside(here, [moves[k] for k in both], -step), strict=True))
+        return [(run, below.get(k, here)) for k, run in enumerate(above)]
+
+    def _beside(self, here: _Run, moves: Sequence[list[int]], by: Array) -> list[_Run]:
+        """The runs after every move, within the physical bounds; where there is none, that at θ, and why."""
+        runs, there = [], np.minimum(np.maximum(here.theta + by, self.lower), self.upper)
+        for move in moves:
+            theta = here.theta.copy()
+            theta[move] = there[move]
+            values = {self.free[k]: float(theta[k]) for k in move if k < len(self.free)}
+            try:
+                plant = here.plant.with_values(values) if values else here.plant
+            except ModelError as problem:
+                runs.append(here._replace(why=str(problem)))
+                continue
+            states = self.states(theta) if len(values) < len(move) else here.states
+            runs.append(here if (theta == here.theta).all() else _Run(theta, plant, states, []))
+        moved = [k for k, run in enumerate(runs) if not run.residuals]
+        found = self._run([runs[k].plant for k in moved], [runs[k].states for k in moved])
+        for k, residuals in zip(moved, found, strict=True):
+            if isinstance(residuals, str):
+                runs[k] = here._replace(why=residuals)
+            else:
+                runs[k] = runs[k]._replace(residuals=residuals)
+        return runs
 
     def _moved_together(self, may: NDArray[np.bool_]) -> list[list[int]]:
         """Which elements of θ are changed in the same free run, because no segment depends on two of them.

@@ -22,7 +22,7 @@ from emsid.models.plants.characteristics import dead_zone_over_command, friction
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import NEED_SUPPLY, Driven
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
@@ -151,18 +151,23 @@ class LinearAxis(Driven):
         if missing:
             raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
         commands = self.drive.standing(command, dt, samples)
-        return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensed_first(state, dt, signals))
+        return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
         on = self.drive.acting(inputs, state.commands, state.dt)
-        begin = float(state.motion[0]), float(state.motion[1])
-        speeds, positions = moved(*self._as_one_mass(on.voltage, on.conducts), on.dt, on.late, self.steps, *begin)
+        speeds, positions = self._moved(self.as_one_mass(on.voltage, on.conducts), on, state.motion)
         motion = np.array([speeds[-1], positions[-1]])
-        output, sensed = self.read(speeds[on.samples], positions[on.samples], state.dt, signals, state.sensed)
+        shown = speeds[on.samples], positions[on.samples]
+        output, sensed = self.sensor.read(signals, *shown, state.dt, state.sensed)
         return output, PlantState(state.dt, motion, on.left, sensed)
 
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+    @property
+    def is_one_mass(self) -> bool:
+        """Always."""
+        return True
+
+    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""
         force = voltage if self.dead_zone is None else self.dead_zone(voltage)
         law = Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves)  # type: ignore[arg-type]

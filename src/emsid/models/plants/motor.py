@@ -27,7 +27,7 @@ from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.motor_equations import equations, linear_motor, quantities, together
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
@@ -197,9 +197,9 @@ class DrivenMotor(Driven):
     def _torque_per_unit(self) -> float:
         """The torque at rest per unit of the output of the drive."""
         motor = self.motor
-        return {
-            Feed.VOLTAGE: motor.motor_constant / motor.resistance, Feed.CURRENT: motor.motor_constant, Feed.TORQUE: 1.0
-        }[self.feed]  # fmt: skip
+        if self.feed is Feed.VOLTAGE:
+            return motor.motor_constant / motor.resistance
+        return motor.motor_constant if self.feed is Feed.CURRENT else 1.0
 
     def largest_force(self, inputs: Array) -> float:
         """The torque at rest."""
@@ -269,18 +269,18 @@ class DrivenMotor(Driven):
         speed, angle = float(state[0]), float(state[1])
         commands = self.drive.standing(command, dt, samples)
         motor, motion = self.motor, np.array([speed, angle])
-        if not self._is_one_mass:
+        if not self.is_one_mass:
             volts = commands[:1, 0]
             across = volts[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(volts)[0])
             current = (across - motor.motor_constant * speed) / motor.resistance
             motion = np.array([current, speed, speed, 0.0, angle])
-        return PlantState(dt, motion, commands, self.sensed_first(state, dt, signals))
+        return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
         dt = state.dt
         on = self.drive.acting(inputs, state.commands, dt)
-        simulated = self._one_mass if self._is_one_mass else self._two_masses
+        simulated = self._one_mass if self.is_one_mass else self._two_masses
         at, motion = simulated(on, state.motion)
         sensor = self.sensor
         shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
@@ -295,9 +295,8 @@ class DrivenMotor(Driven):
 
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""
-        begin = float(motion[0]), float(motion[1])
         torque, braking = self._torque(on.voltage, on.conducts)
-        speeds, positions = moved(*self._sliding(torque, braking), on.dt, on.late, self.steps, *begin)
+        speeds, positions = self._moved(self._sliding(torque, braking), on, motion)
         motion = np.array([speeds[-1], positions[-1]])
         speeds, positions = speeds[on.samples], positions[on.samples]
 
@@ -310,9 +309,9 @@ class DrivenMotor(Driven):
 
         return MotorMotion(current, speeds, speeds, positions, positions), motion
 
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
-        """Of the fast loop of one mass, where that can simulate it."""
-        return self._sliding(*self._torque(voltage, conducts)) if self._is_one_mass else None
+    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+        """The torques of the drive, friction and load."""
+        return self._sliding(*self._torque(voltage, conducts))
 
     def _sliding(self, torque: Array, braking: Array) -> OneMass:
         motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
@@ -343,8 +342,8 @@ class DrivenMotor(Driven):
         return part.with_lag(self.sensor.lag, filtered)
 
     @property
-    def _is_one_mass(self) -> bool:
-        """Whether the fast loop of one mass can simulate it."""
+    def is_one_mass(self) -> bool:
+        """True for a rigid motor without inductance, and for any that is fed with a current or a torque."""
         motor = self.motor
         return self.feed is not Feed.VOLTAGE or (
             motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None

@@ -17,7 +17,8 @@ depends on speed, such as a Stribeck excess or quadratic friction, is evaluated 
 which is of second order in h; the tests compare it with `emsid.plant.simulate`. A force that repeats with position
 (`cogging`) counts with its mean over the way of the step, so that many periods in one step average out.
 
-The loop is the same for every friction law: `loop_for` replaces ``level``.
+The loop is the same for every friction law: `loop_for` replaces ``level``. One call simulates several plants, each in
+several runs, as a derivative by differences needs them.
 
 A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
 and every output is a continuous function of every parameter.
@@ -25,14 +26,14 @@ and every output is a continuous function of every parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.plant.friction import FrictionLaw, Level
 from emsid.plant.friction import coulomb_stribeck as level
@@ -63,7 +64,7 @@ class Motion(NamedTuple):
 
 
 class Sliding(NamedTuple):
-    """Friction in both directions; every pair is (forward, backward).
+    """Friction in both directions; every pair is (forward, backward). Of P plants, each array has a first axis (P,).
 
     Attributes:
         numbers: (2, n) the parameters of the friction law.
@@ -78,7 +79,7 @@ class Sliding(NamedTuple):
     breakaway: Array
     varies: NDArray[np.bool_]
     viscous: Array
-    quadratic: float
+    quadratic: Any
     waves: Array
 
     @classmethod
@@ -93,9 +94,26 @@ class Sliding(NamedTuple):
         varies = law.varies | bool(quadratic > 0 or len(waves))
         return cls(law.numbers, np.array(law.breakaway), varies, np.array(viscous), float(quadratic), waves)
 
+    @classmethod
+    def of_all(cls, plants: Sequence[Sliding]) -> Sliding:
+        """That of several plants; harmonics that one of them does not have are zero."""
+        numbers, breakaway, varies, viscous, quadratic, waves = zip(*plants, strict=True)
+        most = max(map(len, waves))
+        padded = [np.concatenate([each, np.zeros((most - len(each), 3))]) if most else each for each in waves]
+        both = np.array(breakaway), np.array(varies), np.array(viscous)
+        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded))
+
 
 class OneMass(NamedTuple):
-    """The first arguments of `moved`: mass, friction law, its parameters, force and damping (M,)."""
+    """A plant that is one mass, and what acts on it in all runs, one after the other.
+
+    Attributes:
+        mass: M.
+        law: the friction law.
+        friction: its parameters.
+        force: (M,) F; the first value of a run acts before its first sample.
+        damping: (M,) D.
+    """
 
     mass: float
     law: Level
@@ -133,7 +151,7 @@ def move(
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
     v, x = speed, position
-    known_rate, known_time, first, second = -1.0, -1.0, 0.0, 0.0
+    known = np.full((2, 4), -1.0)  # of either part of a sample the last r and h, with φ₁ and φ₂
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
         for part in range(2):
@@ -159,9 +177,10 @@ def move(
                         a = (drive - _ripple(x, direction * middle * left, friction.waves) - direction * against) / mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) / mass
-                    if r != known_rate or left != known_time:
-                        known_rate, known_time = r, left
-                        first, second = _phi(r, left)
+                    if r != known[part, 0] or left != known[part, 1]:
+                        known[part, 0], known[part, 1] = r, left
+                        known[part, 2], known[part, 3] = _phi(r, left)
+                    first, second = known[part, 2], known[part, 3]
                     pull = a - r * v
                     after = v + pull * first
                     if direction * after > 0.0:
@@ -179,27 +198,79 @@ def move(
         speeds[-1], positions[-1] = v, x
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def move_each(
+    mass: Array,
+    friction: Sliding,
+    force: Array,
+    damping: Array,
+    ends: NDArray[np.intp],
+    dt: Array,
+    late: Array,
+    steps: int,
+    begin: Array,
+    speeds: Array,
+    positions: Array,
+) -> None:
+    """`move` for P plants in S runs; the forces of a run stand between two of ``ends`` (S + 1,).
+
+    Args:
+        mass, friction: (P,) of every plant.
+        force, damping: (P, M) of all runs, one after the other.
+        ends: where runs begin, and M.
+        dt: (S,) of every run.
+        late, begin: (P, S) and (P, S, 2) of every plant in every run; the second is speed and position.
+        steps: as in `move`; one is enough where friction is constant.
+        speeds, positions: (P, M) the results.
+    """
+    for p in range(len(mass)):
+        varies = friction.varies[p]
+        own = Sliding(
+            friction.numbers[p],
+            friction.breakaway[p],
+            varies,
+            friction.viscous[p],
+            friction.quadratic[p],
+            friction.waves[p],
+        )
+        most = steps if varies[0] or varies[1] else 1
+        for s in range(len(dt)):
+            a, b = ends[s], ends[s + 1]
+            v, x = begin[p, s, 0], begin[p, s, 1]
+            there, been = speeds[p, a:b], positions[p, a:b]
+            move(mass[p], own, force[p, a:b], damping[p, a:b], dt[s], late[p, s], most, v, x, there, been)
+
+
 @cache
 def loop_for(law: Level) -> Callable[..., None]:
-    """`move` with another friction law: compiled if the law is, otherwise in plain Python."""
+    """`move_each` with another friction law: compiled if the law is, otherwise in plain Python."""
     if law is level:
-        return move
-    compiled = hasattr(law, "py_func")
-    names = {**move.py_func.__globals__, "level": law}
-    if not compiled:
-        names |= {"_phi": _phi.py_func, "_ripple": _ripple.py_func}
-    with_law = FunctionType(move.py_func.__code__, names, f"move_with_{law.__name__}")
-    if compiled:
-        with_law.__qualname__ = with_law.__name__  # the cache on disk identifies a law by this name alone
-        ours = law.__module__.startswith("emsid.")
-        loop: Callable[..., None] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
-        return loop
+        return move_each
+    if hasattr(law, "py_func"):
+        one = _compiled_with(law, move, "level", law)
+        return _compiled_with(law, move_each, "move", one)
+    one = _with(law, move, {"level": law, "_phi": _phi.py_func, "_ripple": _ripple.py_func})
+    every = _with(law, move_each, {"move": one})
 
     def slow(*arguments: Any) -> None:
         with np.errstate(all="ignore"):
-            with_law(*arguments)
+            every(*arguments)
 
     return slow
+
+
+def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
+    """A compiled loop in plain Python with other functions for some that it calls."""
+    code = loop.py_func
+    return FunctionType(code.__code__, {**code.__globals__, **names}, f"{code.__name__}_with_{law.__name__}")
+
+
+def _compiled_with(law: Level, loop: Any, name: str, function: Any) -> Callable[..., None]:
+    with_law = _with(law, loop, {name: function})
+    with_law.__qualname__ = with_law.__name__  # the cache on disk identifies a law by this name alone
+    ours = law.__module__.startswith("emsid.")
+    compiled: Callable[..., None] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
+    return compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -227,20 +298,23 @@ def _phi(r: float, h: float) -> tuple[float, float]:
 
 
 def moved(
-    mass: float,
-    law: Level,
-    friction: Sliding,
-    force: Array,
-    damping: Array,
-    dt: float,
-    late: float,
+    plants: Sequence[OneMass],
+    ends: NDArray[np.intp],
+    dt: ArrayLike,
+    late: ArrayLike,
     steps: int,
-    speed: float,
-    position: float,
+    begin: ArrayLike,
 ) -> tuple[Array, Array]:
-    """Speeds and positions (N + 1,) at every sample and at the end; the arguments after ``law`` are those of `move`."""
-    speeds, positions = np.empty(len(force)), np.empty(len(force))
-    steps = steps if friction.varies.any() else 1
-    run = loop_for(law)
-    run(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
+    """Speeds and positions (P, M) of plants with one friction law, at every sample and at the end of every run.
+
+    Args:
+        plants: P of them.
+        ends, dt, late, steps, begin: as in `move_each`.
+    """
+    mass, laws, friction, force, damping = zip(*plants, strict=True)
+    forces = np.array(force)
+    speeds, positions = np.empty(forces.shape), np.empty(forces.shape)
+    acting = (np.array(mass), Sliding.of_all(friction), forces, np.array(damping), ends)
+    timing = (np.array(dt, dtype=float), np.array(late, dtype=float), steps, np.array(begin, dtype=float))
+    loop_for(laws[0])(*acting, *timing, speeds, positions)
     return speeds, positions

@@ -101,11 +101,11 @@ def with_numbers(thing: Any, numbers: Mapping[tuple[str | int, ...], float]) -> 
         thing = DeadZoneLaw(0.0, 0.0)
     changed: dict[str, Any] = {}
     inner: dict[str, dict[tuple[str | int, ...], float]] = {}
-    for (step, *rest), value in numbers.items():
-        if rest:
-            inner.setdefault(str(step), {})[tuple(rest)] = value
+    for path, value in numbers.items():
+        if len(path) > 1:
+            inner.setdefault(str(path[0]), {})[path[1:]] = value
         else:
-            changed[str(step)] = value
+            changed[str(path[0])] = value
     changed |= {step: with_numbers(getattr(thing, step), below) for step, below in inner.items()}
     kept = {name: getattr(thing, name) for name in _field_names(type(thing))}  # type: ignore[arg-type]
     return type(thing)(**(kept | changed))

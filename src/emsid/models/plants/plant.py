@@ -186,10 +186,26 @@ class Plant(Protocol):
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         ...
 
+    def at_once(self, signals: Sequence[Signal]) -> bool:
+        """Whether `simulate_each` computes the runs of several plants at once, not one after the other."""
+        ...
+
+    @staticmethod
     def simulate_each(
-        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+        plants: Sequence[Any],
+        inputs: Sequence[Array],
+        dt: float,
+        states: Sequence[Sequence[Array]],
+        signals: Sequence[Signal],
+        loads: Sequence[Array] = (),
     ) -> list[Array]:
-        """`simulate` for several inputs, each with its initial state."""
+        """(P, N, ny) of every input: `simulate` for P plants of this kind, each with its initial states.
+
+        Loads (N,) of every input are held over every sample, besides that of the plant.
+
+        Raises:
+            ModelError: for loads on a plant that is not one mass, or with a current.
+        """
         ...
 
     def for_command(self, record: Record) -> Self:
@@ -316,14 +332,6 @@ class DrivenPlant(Plant, Protocol):
 
     def largest_force(self, inputs: Array) -> float:
         """The largest force (torque) that inputs (N, nu) make."""
-        ...
-
-    def simulate_under(self, load: Array, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """`simulate` with a load (N,) that is held over every sample, besides that of the plant.
-
-        Raises:
-            ModelError: for a plant of two masses, or a current.
-        """
         ...
 
     def force_scale(self, command: float, output: float) -> float:

@@ -6,6 +6,7 @@ edges.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filtered_from
+from emsid.models.plants.parameters import Signal
 
 Array = NDArray[np.float64]
 
@@ -48,41 +50,67 @@ class Sensor:
         if not 0 <= self.average <= 1:
             raise ModelError(f"sensor with average {self.average}; give 0 (a tachometer) to 1 (an encoder)")
 
-    def begins(self, position: bool, motion: Array, dt: float, shown: float) -> Array:
-        """(2,) its state before the first sample: the last position (NaN) and the state of its filter.
+    def first(self, signals: Sequence[Signal], states: Array, dt: float) -> Array:
+        """(ny, …, 2) its state before the first sample, for initial states (…, 2 or 3).
+
+        Args:
+            signals: of the outputs.
+            states: speed, position, and the speed reading, by default the true speed.
+            dt: sample time in s.
+        """
+        shown, motion = states[..., 2 if states.shape[-1] > 2 else 0], states[..., :2]
+        return np.array([self._first(signal is Signal.POSITION, motion, dt, shown) for signal in signals])
+
+    def read(
+        self, signals: Sequence[Signal], speeds: Array, positions: Array, dt: float, kept: Array
+    ) -> tuple[Array, Array]:
+        """(…, N, ny) its readings of motions (…, N), and its state (ny, …, 2) after them; ``kept`` is that before."""
+        columns = [
+            self.position(positions, dt, before)
+            if signal is Signal.POSITION
+            else self.speed(speeds, positions, dt, before)
+            for signal, before in zip(signals, kept, strict=True)
+        ]
+        return np.stack([values for values, _ in columns], axis=-1), np.array([after for _, after in columns])
+
+    def _first(self, position: bool, motion: Array, dt: float, shown: Array) -> Array:
+        """(…, 2) its state before the first sample: the last position (NaN) and the state of its filter.
 
         Args:
             position: whether it measures a position, not a speed.
-            motion: (2,) speed and position at the first sample.
+            motion: (…, 2) speed and position at the first sample.
             dt: sample time in s.
-            shown: its speed reading at the first sample, before ratio and offset; a position reading lags by
+            shown: (…) its speed reading at the first sample, before ratio and offset; a position reading lags by
                 lag·shown.
         """
-        if not self.lag:
-            return np.array([np.nan, 0.0])
-        first = float(motion[1]) - self.lag * shown if position else shown
-        return np.array([np.nan, first - self._weights(dt)[0] * float(motion[1 if position else 0])])
+        kept = np.full(motion.shape, np.nan)
+        kept[..., 1] = 0.0
+        if self.lag:
+            seen = motion[..., 1 if position else 0]
+            kept[..., 1] = (seen - self.lag * shown if position else shown) - self._weights(dt)[0] * seen
+        return kept
 
     def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) its readings of a speed, and its state (2,) after them; ``kept`` is the state before."""
+        """(…, N) its readings of a speed, and its state (…, 2) after them; ``kept`` is the state before."""
         seen = speeds
         if self.average:
-            before = float(kept[0])
-            start = speeds[:1] if np.isnan(before) else (positions[:1] - before) / dt
-            mean = np.concatenate([start, np.diff(positions) / dt])
+            before = kept[..., :1]
+            start = np.where(np.isnan(before), speeds[..., :1], (positions[..., :1] - before) / dt)
+            mean = np.concatenate([start, np.diff(positions) / dt], axis=-1)
             seen = mean if self.average == 1 else self.average * mean + (1 - self.average) * speeds
         return self._shown(seen, positions, dt, kept)
 
     def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) its readings of a position, and its state (2,) after them; ``kept`` is the state before."""
+        """(…, N) its readings of a position, and its state (…, 2) after them; ``kept`` is the state before."""
         return self._shown(positions, positions, dt, kept)
 
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        lagging, state = values, float(kept[1])
+        lagging, after = values, kept.copy()
         if self.lag:
             newest, before, decay = self._weights(dt)
-            lagging, (state,) = filtered_from([newest, before], [1.0, -decay], values, [state])
-        return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])
+            lagging, after[..., 1:] = filtered_from([newest, before], [1.0, -decay], values, kept[..., 1:])
+        after[..., 0] = positions[..., -1]
+        return lagging / self.ratio + self.offset, after
 
     def _weights(self, dt: float) -> tuple[float, float, float]:
         """The discrete 1/(1 + lag·s) for a piecewise linear signal: weights of the newest value, the previous one, and

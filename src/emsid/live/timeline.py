@@ -136,16 +136,13 @@ class Timeline:
         return replace(rows, time=time, number=number)
 
     def _placed(self, rows: Rows, dt: float) -> list[Stretch]:
+        """The rows as stretches, divided where the time, the number or an unusable line shows a gap."""
+        rows = self._without_repeats(rows, dt)
+        if not len(rows):
+            return []
         clocked, counted = not np.isnan(rows.time[0]), not np.isnan(rows.number[0])
-        before = self._last or (rows.time[0] - dt, rows.number[0] - 1)
-        step = np.diff(rows.time, prepend=before[0]) / dt if clocked else np.ones(len(rows))
-        count = np.diff(rows.number, prepend=before[1]) if counted else np.rint(step)
+        step, count = self._steps(rows, dt)
         back = step < 0
-        if clocked:
-            again = (step >= 0) & (step < 0.5) & ~back & ~(counted & (count > 0))
-            if again.any():
-                self.repeated += int(again.sum())
-                return self._placed(rows[~again], dt) if not again.all() else []
         jump = (count < 1) | (count > 1) if counted else np.zeros(len(rows), bool)
         jump |= np.abs(step - 1) > 0.5 if clocked else False
         starts = jump | back | (rows.broken & (np.rint(step) != 1 if clocked else True))
@@ -156,20 +153,45 @@ class Timeline:
         if not starts[0]:
             edges.insert(0, 0)
         for first, stop in pairwise(edges):
-            missing = count[first] - 1 if counted and count[first] >= 1 else step[first] - 1
             gap = None
             if starts[first] and self._last is not None:
-                known = bool(missing >= 0.5) and not back[first]
-                cause = "backwards" if back[first] else "unusable" if rows.broken[first] else "lost"
-                cause = self._cause or cause if first == 0 else cause
-                gap = Gap(self._at(rows, first), round(missing) if known else None, cause)
-                self.lost += round(missing) if known else 0
+                missing = count[first] - 1 if counted and count[first] >= 1 else step[first] - 1
+                gap = self._gap(rows, first, missing, bool(back[first]))
             self._last = (float(rows.time[first]), float(rows.number[first]))
             stretches.append(Stretch(self._at(rows, first), rows.input[first:stop], rows.output[first:stop], gap))
             self._base += stop - first
         self._cause = ""
         self._last = (float(rows.time[-1]), float(rows.number[-1]))
         return stretches
+
+    def _steps(self, rows: Rows, dt: float) -> tuple[Array, Array]:
+        """(m,) each: the intervals before the rows, in sample times, and the differences of their numbers."""
+        before = self._last or (rows.time[0] - dt, rows.number[0] - 1)
+        step = np.ones(len(rows)) if np.isnan(rows.time[0]) else np.diff(rows.time, prepend=before[0]) / dt
+        count = np.rint(step) if np.isnan(rows.number[0]) else np.diff(rows.number, prepend=before[1])
+        return step, count
+
+    def _without_repeats(self, rows: Rows, dt: float) -> Rows:
+        """The rows without those that have the time of the row before, and no higher number."""
+        while len(rows):
+            step, count = self._steps(rows, dt)
+            again = (step >= 0) & (step < 0.5)
+            if not np.isnan(rows.number[0]):
+                again &= ~(count > 0)
+            if not again.any():
+                break
+            self.repeated += int(again.sum())
+            rows = rows[~again]
+        return rows
+
+    def _gap(self, rows: Rows, first: int, missing: float, back: bool) -> Gap:
+        """The gap before a row; its length is not known where the time steps back."""
+        known = bool(missing >= 0.5) and not back
+        cause = "backwards" if back else "unusable" if rows.broken[first] else "lost"
+        if first == 0 and self._cause:
+            cause = self._cause
+        self.lost += round(missing) if known else 0
+        return Gap(self._at(rows, first), round(missing) if known else None, cause)
 
     def _at(self, rows: Rows, k: int) -> float:
         """The time of a row; without a clock, the samples so far are counted."""

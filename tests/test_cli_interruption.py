@@ -11,6 +11,7 @@ import time
 from contextlib import nullcontext
 from functools import partial
 
+import numba
 import pytest
 
 import emsid
@@ -436,3 +437,15 @@ main()
     done = subprocess.run([sys.executable, "-c", program, "list"], capture_output=True, text=True, timeout=30)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1].startswith("files written: ")
+
+
+def test_ctrl_c_ends_the_compilation_of_a_kernel(run, log, monkeypatch):
+    kernel = numba.njit(lambda x: x + 1.0)
+
+    def pressed(*_, **__):
+        os.kill(os.getpid(), signal.SIGINT)
+        kernel(1.0)
+
+    monkeypatch.setattr("emsid.models.regression.search.orders.order_grid", pressed)
+    assert run("orders", log, *IDENTIFY)[0] == 130
+    assert not kernel.signatures

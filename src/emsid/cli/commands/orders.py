@@ -49,6 +49,7 @@ def orders(
       emsid orders log.csv --input voltage --output speed --dt 10ms
       emsid orders log.csv -u voltage -y speed --time t --na 1-6 --nb 1,2,4 --nk 1
     """
+    from emsid.estimation.nonlinear.compilation import cancelled_with
     from emsid.identification.records import as_one
     from emsid.models.regression.search.orders import order_grid
 
@@ -56,7 +57,7 @@ def orders(
     if not 0 < unseen < 1:
         raise DataError(f"{option('unseen')} {unseen:g}: give a fraction between 0 and 1")
     record = as_one([reader(path) for path in reader.files(files)])
-    with working() as control:
+    with working() as control, cancelled_with(control):
         found = order_grid(record, na=grid["na"], nb=grid["nb"], nk=grid["nk"], unseen=unseen, control=control)
     best = {name: found.best(name) for name in ("free_run", "bic", "aic", "fpe")}
     if json:

@@ -54,16 +54,7 @@ def read_table(content: bytes) -> Columns:
     Raises:
         FormatError: for binary content, frames of a CAN bus, no data, or lines of differing numbers of values.
     """
-    comments: list[_Line] = []
-    numbers: list[int] = []
-    texts: list[str] = []
-    for number, text in enumerate(_decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
-        first = text.lstrip()[:1]
-        if first and first in "#%":
-            comments.append(_Line(number, text))
-        elif first:
-            numbers.append(number)
-            texts.append(text)
+    comments, numbers, texts = _lines(content)
     if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
@@ -100,6 +91,21 @@ def read_table(content: bytes) -> Columns:
         lines=numbers,
         damaged=damaged,
     )
+
+
+def _lines(content: bytes) -> tuple[list[_Line], list[int], list[str]]:
+    """The comments, and the numbers and texts of all other lines that are not blank."""
+    comments: list[_Line] = []
+    numbers: list[int] = []
+    texts: list[str] = []
+    for number, text in enumerate(_decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
+        first = text.lstrip()[:1]
+        if first and first in "#%":
+            comments.append(_Line(number, text))
+        elif first:
+            numbers.append(number)
+            texts.append(text)
+    return comments, numbers, texts
 
 
 def _decode(content: bytes) -> str:

@@ -303,6 +303,19 @@ def test_an_identification_calls_its_implausible_model_so(codes, data, options, 
         assert (result.model_verdicts[0].code in ("model-implausible", "model-unusable")) == bool(expected)
 
 
+def test_a_model_that_diverges_on_steps_within_the_range_of_the_input_is_implausible():
+    """The cube of how far the output is behind the input, which is little in a smooth record."""
+    u = np.sin(0.02 * np.arange(2000.0))
+    smooth = emsid.Record(u, lfilter([0.0, 1 - POLE], [1.0, -POLE], u), DT, name="smooth")
+    cube = ("u(t-1)^3", "y(t-1)*u(t-1)^2", "y(t-1)^2*u(t-1)", "y(t-1)^3")
+    steep = emsid.Structure.parse("y(t-1)", "u(t-1)", *cube, name="steep")
+    fit = as_fit(emsid.Narx(steep, np.array([POLE, 1 - POLE, *(3.0 * np.array([1, -3, 3, -1]))]), DT))
+    findings = implausible(fit, smooth)
+    assert findings["diverges-on-steps"] == {"model": "steep"}
+    assert "diverges-beyond-range" not in findings
+    assert "diverges-on-steps" not in implausible(linear(), smooth)
+
+
 def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
     known, unseen = record(0), record(1, name="other")
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")

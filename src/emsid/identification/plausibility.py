@@ -2,12 +2,14 @@
 
 A static map that turns or leaves the range of the output where there are hardly any data, poles that zeros cancel,
 poles faster than the sampling, and a delay longer than the response of the drive are signs that the structure is too
-rich, or that it imitates something else.
+rich, or that it imitates something else. A free run that diverges on a larger input, or on one that steps within its
+range, is another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +23,7 @@ from emsid.first_look.dynamics import response
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.free_run import free_run
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.plants.grey_box import GreyBox
@@ -51,7 +54,11 @@ RISE = 2.2
 """Rise time (10 to 90 %) over time constant of a first-order response."""
 
 LOOKED_AT = 20_000
-"""Samples of the record with a larger input."""
+"""Samples of the records with a larger input and with steps."""
+HELD = 50
+"""The largest number of samples for which a step is held."""
+LEAD = 200
+"""Samples of the record before the steps, or a quarter of it; they give the initial state."""
 DIVERGES = "diverges-beyond-range"
 """The finding that keeps a model from being chosen, however small its error is."""
 
@@ -59,6 +66,7 @@ IMPLAUSIBLE = frozenset(
     {
         DIVERGES,
         "delay-longer-than-rise",
+        "diverges-on-steps",
         "faster-than-sampling",
         "knots-without-data",
         "map-leaves-range",
@@ -85,6 +93,15 @@ class Plausibility:
         """The beginning of the record with a larger input."""
         return enlarged(self.record[:LOOKED_AT], BEYOND_INPUT)
 
+    @cached_property
+    def steps(self) -> Record:
+        """The beginning of the longest segment, whose input soon steps between values that it takes."""
+        record, rng = max(self.record.segments, key=len)[:LOOKED_AT], np.random.default_rng(1)
+        samples, lead = len(record), min(LEAD, len(record) // 4)
+        levels = record.input[rng.integers(samples, size=samples)]
+        held = np.repeat(levels, rng.integers(1, HELD + 1, size=samples), axis=0)
+        return replace(record, input=np.concatenate([record.input[:lead], held])[:samples])
+
     def findings(self, fit: Fit[Any]) -> list[Finding]:
         """Why a model is implausible, without what the fit itself has found."""
         model = fit.model
@@ -93,6 +110,8 @@ class Plausibility:
         found: list[Finding] = []
         if not isinstance(model, GreyBox) and diverges(model, self.beyond):
             found.append(Finding(DIVERGES, model.name, {"factor": BEYOND_INPUT}))
+        if not isinstance(model, GreyBox) and free_run(model, self.steps).diverged_at is not None:
+            found.append(Finding("diverges-on-steps", model.name))
         if isinstance(model, Cascade):
             found += [each for k, x in self._entering(model) for each in self._of_map(model, k, x)]
             poles = [pole for block in model.blocks if isinstance(block, Rational) for pole in block.poles]

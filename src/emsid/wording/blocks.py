@@ -162,3 +162,12 @@ def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
         f"its free run diverges on an input {f.data['factor']:.3g} times as large as that of the record, so it is not "
         "chosen; record a larger input, or give a smaller order or degree"
     )
+
+
+@words("diverges-on-steps", Severity.WARNING)
+def diverges_on_steps(f: Finding, argument: Spelling) -> str:
+    """Subject: the model."""
+    return (
+        "its free run diverges where the input steps between values that it has in the record; record steps too, or "
+        "give a smaller order or degree"
+    )

@@ -154,8 +154,8 @@ def load_effects(
     plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
 ) -> Array:
     """(N, K) the derivative of the free run of a position by the load in every piece."""
-    moved = [loads + change * each for each in np.eye(PIECES)]
-    plain, *runs = _positions(plant, segment, signals, [state] * (PIECES + 1), [loads, *moved])
+    drifts = [loads, *(loads + change * each for each in np.eye(PIECES))]
+    plain, *runs = (_positions(plant, segment, signals, [state], [each])[0] for each in drifts)
     return np.column_stack([(run - plain) / change for run in runs])
 
 

@@ -129,8 +129,10 @@ class Driven(BasePlant):
         begin = np.array(states, dtype=float)
         motion = moved(masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2])
         outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
-        for sensor in {id(plant.sensor): plant.sensor for plant in plants}.values():
-            same = [k for k, plant in enumerate(plants) if plant.sensor is sensor]
+        sensors = {id(plant.sensor): plant.sensor for plant in plants}
+        for sensor in sensors.values():
+            every = len(sensors) == 1  # a slice takes no copy
+            same: Any = slice(None) if every else [k for k, plant in enumerate(plants) if plant.sensor is sensor]
             for s, samples in enumerate(on[0].samples):
                 kept = sensor.first(signals, begin[same, s], dt)
                 speeds, positions = (each[same, samples] for each in motion)

@@ -31,7 +31,7 @@ ELSEWHERE = {
     "lines-not-used": QUIET,
     "log-not-written": QUIET,
     "tracking-errors-coloured": QUIET,
-    "motor-not-at-zero": "test_live.py::test_a_run_over_a_socket_ends_at_zero_volts",
+    "motor-not-at-zero": "test_live_board.py::test_a_run_over_a_socket_ends_at_zero_volts",
     "model-recommended": "test_verdict.py::test_a_model_without_use_is_unusable_and_not_recommended",
     "residual-independent-of-input": (
         "test_conclusions.py::test_a_residual_depends_on_the_input_where_the_model_misses_something"

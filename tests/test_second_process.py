@@ -94,7 +94,7 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
     ("samples", "order"),
     [
         (100, ("wiener-hammerstein", "friction-motor", "output-error", "polynomial-narx", "arx", "feedback")),
-        (3000, ("arx", "output-error", "polynomial-narx", "friction-motor", "wiener-hammerstein", "feedback")),
+        (3000, ("arx", "friction-motor", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback")),
     ],
 )
 def test_the_other_process_begins_with_the_slowest_and_one_of_them_makes_a_shared_search(samples, order) -> None:

@@ -14,7 +14,7 @@ from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.estimation.threads import sharing_cores
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES
+from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.observations import failure, out_of_time
 from emsid.identification.options import Options
 from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
@@ -132,18 +132,19 @@ class Searches:
     def order(self) -> Sequence[str]:
         """The models in the order in which they are taken here; the other place takes them from the last one on.
 
-        Of a short record the slowest searches come first and last, and then what shares the search for the orders of an
-        output-error model, so that one place makes it. The rest takes little time: both places end at about the same
-        time. Of a long record the regressions come first, so that an interruption leaves them.
+        The slowest searches come first and last, so that both places end at about the same time, and what shares the
+        search for the orders of an output-error model comes together, so that one place makes it. Of a long record the
+        regressions without a search come before all others: they take a second, and an interruption leaves them.
         """
         if self.elsewhere is None:
             return self.names
         regressions = [name for name in self.names if name in REGRESSIONS]
         slowest = [name for name in SLOWEST if name in self.names]
         others = [name for name in self.names if name not in REGRESSIONS and name not in SLOWEST]
-        if len(self.record) > SHORT:
-            return [*regressions, *others, *slowest]
         sharing = [name for name in regressions if name in OF_OUTPUT_ERROR]
+        if len(self.record) > SHORT:
+            quick = [name for name in regressions if name in QUICK and name not in sharing]
+            return list(dict.fromkeys([*quick, *others, *sharing, *regressions, *slowest]))
         return list(dict.fromkeys([*slowest[:-1], *others, *sharing, *regressions, *slowest[-1:]]))
 
     def all(self) -> Fits:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,9 @@ from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, s
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
-from emsid.models.blocks.search.refinement import FINISHED, Plan, promising, unseen_errors
+from emsid.models.blocks.search.estimation import wiener_hammerstein
+from emsid.models.blocks.search.map_families import TRIAL_KNOTS
+from emsid.models.blocks.search.refinement import FINISHED, Plan, promising, refined, unseen_errors
 from emsid.models.blocks.search.sources import refined_first
 from emsid.models.blocks.static_maps import (
     Abs,
@@ -518,6 +521,30 @@ def test_of_many_starts_those_that_are_far_after_a_few_steps_are_given_up() -> N
     assert all(len(plan.model.parameters) == len(true.parameters) for plan in left)
     (alone,) = promising([Plan(stuck)], [record[:1]], {}, 1, Control())  # too short for any search
     assert alone.model is stuck
+
+
+def test_without_splits_the_best_choice_of_every_kind_is_left_and_none_is_run_on_unseen_data() -> None:
+    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
+    record, gain = record_of(true, 100), Cascade((Rational(np.array([1.0]), np.zeros(0)),))
+    starts = [gain, *[true.with_parameters(part * true.parameters) for part in (0.9, 1.1)]]
+    first, second = refined([Plan(each) for each in starts], [record], (), 1, Control())
+    assert [len(each.model.parameters) for each in (first, second)] == [len(true.parameters), len(gain.parameters)]
+    assert first.known < second.known
+    assert first.error == second.error == np.inf
+
+
+def test_the_trial_splines_of_a_short_record_are_not_cross_validated(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+
+    def unseen(model: Cascade, *others: Any) -> Any:
+        compared.append(next(len(block.knots) for block in model.blocks if isinstance(block, CubicSpline)))
+        return unseen_errors(model, *others)
+
+    monkeypatch.setattr("emsid.models.blocks.search.refinement.unseen_errors", unseen)
+    record = record_of(CASCADES["wiener-hammerstein"], 300, noise=0.01)
+    wiener_hammerstein((1, 1), static="spline", oversampling=1).fit(record)
+    assert compared
+    assert TRIAL_KNOTS not in compared
 
 
 def test_a_search_that_ends_where_it_saves_little_is_not_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -153,7 +154,7 @@ class _Rational:
     na: int
     oversampling: int
 
-    @property
+    @cached_property
     def _powers(self) -> ComplexArray:
         z = np.exp(-2j * np.pi * self.response.frequency / self.oversampling)
         return np.asarray(z[:, None] ** np.arange(max(self.nb, self.na + 1)), dtype=complex)

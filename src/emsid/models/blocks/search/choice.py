@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from math import inf
 
 import numpy as np
 
@@ -30,8 +31,8 @@ from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topolog
 from emsid.record import Record
 from emsid.selection.improvement import better, matters
 
-# The number of refined starts that continue with a map of the required family; fits to a short record take little time.
-REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
+# The number of refined starts that continue with a map of the required family; of a short record all do.
+REFINED_MAPS = 2
 # A cascade whose error is below this fraction of the output, a thousandth of its power, explains the output: no further
 # sources of starts are needed.
 EXPLAINED = 0.03
@@ -98,6 +99,8 @@ class Task:
         Raises:
             ModelError: if there is no rival and every plan fails.
         """
+        # Of choices beside a rival, only those that fit better than it does are of use.
+        ahead = inf if rival is None else rival.known
         enough = EXPLAINED * float(np.std(np.concatenate([y for _, y in as_arrays(self.part)])))
         found: list[Choice] = []
         others = [] if rival is None else [rival]
@@ -105,7 +108,7 @@ class Task:
         for starts in ordered_starts(self.topology, records, orders, self.settings, template, self.control):
             self.control.doing(f"refining {len(starts)} start values")
             try:
-                found += self.refined([plan(start) for start in starts], rival)
+                found += self.refined([plan(start) for start in starts], rival, lambda each: each.known < ahead)
             except ModelError as failed:
                 problem = failed
             if any(choice.known < enough for choice in [*others, *found]):
@@ -169,17 +172,23 @@ def _from_starts(task: Task, rate: int) -> list[Choice]:
     def plan(start: Cascade) -> Plan:
         return Plan(start, family, leading) if direct else Plan(start, correlated=family.smooth)
 
-    found = task.refined_starts(task.shown, task.orders, replace(task.template, oversampling=rate), plan)
+    template = replace(task.template, oversampling=rate)
+    # In a short record trial maps are not compared on unseen data: of the best of every kind all continue.
+    trials = task if direct or not task.short else replace(task, rounds=())
+    found = trials.refined_starts(task.shown, task.orders, template, plan)
     others = task.sizes(family)[int(direct) :]
     if direct and not (task.short and others):
         return found
-    simple = simplest(found)
     task.control.doing(f"static map: {family.name}")
     size = others[0] if task.short or family.smooth else others[len(others) // 2]
-    ahead = [simple, *(choice for choice in found if choice is not simple)]
-    ahead = ahead[: REFINED_MAPS_SHORT if task.short else REFINED_MAPS]
-    plans = [task.plan(each.model, family, size) for each in ahead]
+    plans = [task.plan(each.model, family, size) for each in (found if task.short else _simplest_first(found))]
     return [*(found if direct else []), *task.refined(plans)]
+
+
+def _simplest_first(found: Sequence[Choice]) -> list[Choice]:
+    """The `REFINED_MAPS` choices that continue: the simplest that none improves by more than noise, and the best."""
+    simple = simplest(found)
+    return [simple, *(choice for choice in found if choice is not simple)][:REFINED_MAPS]
 
 
 def _with_filters_exchanged(task: Task, best: Choice) -> Choice:

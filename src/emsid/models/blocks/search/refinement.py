@@ -99,7 +99,8 @@ def refined(
     """The plans refined on a part of the data and ranked by cross-validation, best first; failures are left out.
 
     Plans that are worse than the rival, if there is one, are left out too, and those that are not to be ``compared`` by
-    what they reach on this part, so the list may be empty.
+    what they reach on this part, so the list may be empty. Without ``rounds`` nothing is compared on unseen data: the
+    best of every kind are returned, those that fit this part best first.
 
     Raises:
         ModelError: if there is no rival and every plan fails.
@@ -120,9 +121,11 @@ def refined(
     found = [choice for choice in _successes(refine, plans, threads, control, problems) if compared(choice)]
     ranked: list[Choice] = []
     best = None if rival is None or len(rounds) == 1 else rival.unseen
-    if len(rounds) > 1:  # every split costs a fit, so only the best of each kind is compared
-        kinds = {(_kind(each.model), each.size): each for each in sorted(found, key=lambda each: -each.known)}
-        found = sorted(kinds.values(), key=lambda each: each.known)[:COMPARED]
+    if len(rounds) != 1:  # every split costs a fit, so only the best of each kind is compared
+        found = _best_of_kinds(found)
+    if not rounds:
+        ranked, found = found, []
+    elif len(rounds) > 1:
         if rival is None:
             ranked, found = _successes(compare, found[:1], threads, control, problems), found[1:]
             best = ranked[0].unseen if ranked else None
@@ -137,6 +140,12 @@ def refined(
             f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
         )
     return ranked
+
+
+def _best_of_kinds(choices: Sequence[Choice]) -> list[Choice]:
+    """The best choice of every kind on the data that it was refined on, `COMPARED` at most, best first."""
+    kinds = {(_kind(each.model), each.size): each for each in sorted(choices, key=lambda each: -each.known)}
+    return sorted(kinds.values(), key=lambda each: each.known)[:COMPARED]
 
 
 def _limits(steps: int, control: Control) -> Search:

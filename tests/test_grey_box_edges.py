@@ -795,3 +795,10 @@ def test_a_motor_that_takes_too_many_steps_is_refused_at_once():
     motor = STARTS["motor"].with_values({"inductance": 1e-7})
     with pytest.raises(ModelError, match="out of all proportion"):
         motor.simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))
+
+
+@pytest.mark.parametrize("plant", [DrivenMotor(Motor().rigid()), LinearAxis()])
+@pytest.mark.parametrize("steps", [0, -1, 1.5, []])
+def test_steps_per_sample_are_a_positive_whole_number(plant, steps):
+    with pytest.raises(ModelError, match=r"steps per sample; give a positive whole number"):
+        replace(plant, steps=steps)

@@ -10,7 +10,7 @@ from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
-from emsid.models.plants.drive import Acting, Bridge, Drive, Feed, Hold
+from emsid.models.plants.drive import Acting, ActingEach, Bridge, Drive, Feed, Hold
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
@@ -34,6 +34,7 @@ from emsid.plant.parameter import Measure, Parameter
 
 __all__ = [
     "Acting",
+    "ActingEach",
     "BasePlant",
     "Bridge",
     "Channels",

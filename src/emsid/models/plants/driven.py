@@ -122,7 +122,7 @@ class Driven(BasePlant):
         drives = {id(plant.drive): plant.drive for plant in plants}  # a derivative changes few of them
         acting = {key: drive.acting_each(inputs, dt) for key, drive in drives.items()}
         on = [acting[id(plant.drive)] for plant in plants]
-        masses = [plant.as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
+        masses = [plant._as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
         if loads:
             against = on[0].held(loads)
             masses = [mass._replace(force=mass.force - against) for mass in masses]
@@ -145,7 +145,7 @@ class Driven(BasePlant):
         """Whether the fast loop of one mass can simulate it."""
 
     @abstractmethod
-    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The forces on one mass for an output of the drive (M,)."""
 
     def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array]:

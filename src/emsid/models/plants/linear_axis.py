@@ -22,7 +22,7 @@ from emsid.models.plants.characteristics import dead_zone_over_command, friction
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import NEED_SUPPLY, Driven
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
@@ -96,6 +96,7 @@ class LinearAxis(Driven):
         if not isfinite(self.offset):
             raise ModelError(f"linear axis with an offset of {self.offset} N; it must be finite")
         check_quadratic("linear axis", self.quadratic_viscous)
+        check_steps("linear axis", self.steps)
 
     @property
     def name(self) -> str:
@@ -156,7 +157,7 @@ class LinearAxis(Driven):
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
         on = self.drive.acting(inputs, state.commands, state.dt)
-        speeds, positions = self._moved(self.as_one_mass(on.voltage, on.conducts), on, state.motion)
+        speeds, positions = self._moved(self._as_one_mass(on.voltage, on.conducts), on, state.motion)
         motion = np.array([speeds[-1], positions[-1]])
         shown = speeds[on.samples], positions[on.samples]
         output, sensed = self.sensor.read(signals, *shown, state.dt, state.sensed)
@@ -167,7 +168,7 @@ class LinearAxis(Driven):
         """Always."""
         return True
 
-    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""
         force = voltage if self.dead_zone is None else self.dead_zone(voltage)
         law = Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves)  # type: ignore[arg-type]

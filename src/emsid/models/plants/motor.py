@@ -27,7 +27,7 @@ from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.motor_equations import equations, linear_motor, quantities, together
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
@@ -105,6 +105,7 @@ class DrivenMotor(Driven):
 
     def __post_init__(self) -> None:
         check_quadratic(self.name, self.quadratic_viscous)
+        check_steps(self.name, self.steps)
         if self.feed is not Feed.VOLTAGE and not self.motor.is_rigid:
             raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
 
@@ -309,7 +310,7 @@ class DrivenMotor(Driven):
 
         return MotorMotion(current, speeds, speeds, positions, positions), motion
 
-    def as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The torques of the drive, friction and load."""
         return self._sliding(*self._torque(voltage, conducts))
 

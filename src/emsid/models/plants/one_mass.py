@@ -35,6 +35,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.errors import ModelError
 from emsid.plant.friction import FrictionLaw, Level
 from emsid.plant.friction import coulomb_stribeck as level
 
@@ -295,6 +296,16 @@ def _phi(r: float, h: float) -> tuple[float, float]:
         return one, two
     one = -np.expm1(-z) / r
     return one, (h - one) / r
+
+
+def check_steps(what: str, steps: int) -> None:
+    """Refuse a number of steps per sample that is not a positive whole number.
+
+    Raises:
+        ModelError: naming ``what`` has it.
+    """
+    if not (isinstance(steps, int) and steps > 0):
+        raise ModelError(f"{what} with {steps!r} steps per sample; give a positive whole number")
 
 
 def moved(

@@ -24,7 +24,7 @@ from emsid.models.blocks.fitting import FreeRun, freedom
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.selection.improvement import schwarz_gain
 
-WORTH = 0.1
+LEAST_FALL = 0.1
 """More knots matter where they lower the error by this part."""
 
 
@@ -50,7 +50,7 @@ def too_few_knots(minimum: Minimum, problem: FreeRun) -> tuple[Finding, ...]:
         except Infeasible:
             continue
         (square, rank), (least, more) = before, after
-        if least < (1 - WORTH) ** 2 * square and schwarz_gain(least, square, independent, more - rank) > 0:
+        if least < (1 - LEAST_FALL) ** 2 * square and schwarz_gain(least, square, independent, more - rank) > 0:
             saved = 1 - float(np.sqrt(least / square))
             found.append(Finding("too-few-knots", cascade.name, {"block": k + 1, "saved": saved}))
     return tuple(found)

@@ -3,7 +3,8 @@
 A motor begins with what every motor has. Real drives add to that what `refinements` lists. The search is greedy. In
 every round each refinement is fitted, from several starts, to the whole record, and the one that Schwarz's criterion
 prefers most is added (`trials.gain`), until it prefers none to the plant as it is. Then what has become superfluous is
-removed in the same way; a delay and a lag, which look alike, are exchanged where that is better.
+removed in the same way; a delay, a lag and a mean over the sample, which look alike, are exchanged where that is better
+(`look_alikes`).
 
 All of this is done in units of the record's own size (`scaling`), so the outcome does not depend on the units of its
 channels. Only the last fit, with its intervals, is done in SI units.
@@ -48,12 +49,12 @@ from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds, both_directions_seen
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
+from emsid.models.plants.search.look_alikes import in_place
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
     BY_DIRECTION,
     EXTRAPOLATES,
     INSTEAD,
-    LOOK_ALIKE,
     REFINEMENTS,
     simplified,
 )  # fmt: skip
@@ -375,14 +376,11 @@ class _Choice:
         return True
 
     def _exchange(self, refinements: Sequence[Refinement]) -> None:
-        for mine, name in LOOK_ALIKE.items():
-            for other in (each for each in LOOK_ALIKE if each is not mine and each in refinements):
-                if name in self.trial.names and LOOK_ALIKE[other] not in self.trial.names:
-                    without = tuple(each for each in self.trial.names if each != name)
-                    plain = self.trial.plant.with_values({name: 0.0})
-                    exchanged = self._tried([other(plain, without, self._record)])[0]
-                    if exchanged is not None and exchanged.cost < self.trial.cost:
-                        self._take(exchanged)
+        groups = in_place(self.trial.plant, self.trial.names, self._original, refinements, self._record)
+        exchanged = [(self._gain(self.trial, each), each) for each in self._tried(list(groups)) if each is not None]
+        gained, best = max(exchanged, key=lambda pair: pair[0], default=(0.0, self.trial))
+        if gained > 0:
+            self._take(best)
         shaped = self._tried([usual_shape(self.trial.plant, self.trial.names)])[0]
         if shaped is not None and gain(shaped, self.trial) < POSITIVE:
             self._take(shaped)

@@ -61,6 +61,7 @@ BY_DIRECTION: tuple[Refinement, ...] = (
 LOOK_ALIKE: dict[Refinement, str] = {
     late_command: "drive.delay",
     slow_sensor: "sensor.lag",
+    averaging_sensor: "sensor.average",
     inductance: INDUCTANCE,
 }
 """Refinements that look alike in many records, each with its parameter, which is zero without it."""

@@ -12,6 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.live_view import view_of
 from emsid.cli.options import Json, Out, Pdf, names, option, quantity
 from emsid.cli.structures import structure_of
+from emsid.cli.terminal import working
 from emsid.cli.writing import as_json, check_folder, draw, say_where
 from emsid.errors import DataError
 
@@ -162,7 +163,9 @@ def _followed(
 
     source = session.name
     again = partial(connect, source, baud) if is_connection(source) else None
-    opened = open_source(source) if again is None else again()
+    opened = open_source(source) if again is None else None  # a file that is not there is refused at once
+    _compile(session, settings, max(len(reading["inputs"]), 1))
+    opened = opened or connect(source, baud)
     session.name = opened.name
     log = None if opened.lasting else Log(out / "log.txt")
     parser = LineParser(**reading)
@@ -179,6 +182,17 @@ def _followed(
             read = partial(read_log, **reading, dt=settings.dt, whole=log is None, columns=parser.columns)
             written = _written(session, log, read, out)
     return written
+
+
+def _compile(session: "Session", settings: "Settings", inputs: int) -> None:
+    """Compile what the session needs, which takes half a minute once on a machine; Ctrl-C ends the command."""
+    from emsid.estimation.nonlinear.compilation import cancelled_with
+    from emsid.live.rehearsal import rehearse
+
+    with working("ending; nothing was opened") as control, cancelled_with(control):
+        control.doing("preparing; the first time on a machine it takes half a minute")
+        rehearse(session.tracker, inputs, detects=settings.false_alarm > 0)
+        control.check()
 
 
 def _drawn(session: "Session", record: "Record | None", out: Path, pdf: bool) -> bool:

@@ -44,15 +44,16 @@ from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, bounds_of_parts, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search import kinds
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
-from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds, both_directions_seen
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
 from emsid.models.plants.search.look_alikes import in_place
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
     BY_DIRECTION,
+    DELAYS,
     EXTRAPOLATES,
     INSTEAD,
     REFINEMENTS,
@@ -368,11 +369,13 @@ class _Choice:
         With one that extrapolates it is better by more than noise, also on what it was not fitted to.
         """
         if refine in BREAKS:
-            return better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
+            return kinds.better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
         if refine in BY_DIRECTION:
-            return both_directions_seen(self._trials)
+            return kinds.both_directions_seen(self._trials)
+        if refine in DELAYS:
+            return kinds.better_in_both_changes(self._trials, trial, self.trial)
         if refine in EXTRAPOLATES:
-            return better(trial.errors, self.trial.errors) and better_on_kinds(self._trials, trial, self.trial)
+            return better(trial.errors, self.trial.errors) and kinds.better_on_kinds(self._trials, trial, self.trial)
         return True
 
     def _exchange(self, refinements: Sequence[Refinement]) -> None:

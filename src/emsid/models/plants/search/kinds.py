@@ -8,6 +8,10 @@ Of a break, such as the limit of a supply, one side says nothing about the other
 the samples are on each side, and the error of neither is larger with the break than without. On the side with fewer
 samples it is smaller by more than noise. In all samples this would not be seen where few of them are beyond the break,
 as of a supply that limits one of many records.
+
+What delays the output (a delay, a lag, a mean over the sample) does the same while the speed grows and while it falls.
+Where both are seen, they are judged like the sides of a break: a drive with a soft start, or a bridge that brakes other
+than it drives, is late in one of them only. Steps from rest show one only, and nothing can be said about the other.
 """
 
 from __future__ import annotations
@@ -81,8 +85,6 @@ def both_directions_seen(trials: Trials) -> bool:
 def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
     """Whether both sides of a break in the voltage have been seen, and the break improves them.
 
-    It does if the side with fewer samples is better with it by more than noise, and the other is not worse.
-
     Args:
         trials: what the two share.
         rich, simple: the trials with and without the break.
@@ -92,10 +94,45 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
     wanted = [drive.gain * (drive.commands(segment.input) + drive.offset) for segment in trials.segments]
     if name == "drive.supply":
         wanted = [drive.after_knee(each) for each in wanted]
-    beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
-    if not SEEN <= np.mean(beyond) <= 1 - SEEN:
+    beyond = [np.abs(each) > BESIDE * level for each in wanted]
+    return _better_on_both(trials, rich, simple, beyond, [~each for each in beyond])
+
+
+def better_in_both_changes(trials: Trials, rich: Trial, simple: Trial) -> bool:
+    """Whether a refinement that delays the output improves both changes of the speed; it does if only one is seen.
+
+    Args:
+        trials: what the two share.
+        rich, simple: the trials with and without the refinement; the free run of the latter says where the speed
+            changes, as noise hides it in samples.
+    """
+    grows, falls = _changes(trials, simple)
+    return not _enough_of_each(grows, falls) or _better_on_both(trials, rich, simple, grows, falls)
+
+
+def _changes(trials: Trials, trial: Trial) -> tuple[list[Mask], list[Mask]]:
+    """(N,) of every segment, where the speed of a free run grows and where it falls."""
+    is_position = trials.signals[0] is Signal.POSITION
+    changes = []
+    for segment, state in zip(trials.segments, trial.states, strict=True):
+        run = trial.plant.simulate(segment.input, segment.dt, state, trials.signals)[:, 0]
+        speed = np.abs(speed_of(run, segment.dt, is_position))
+        changes.append(np.diff(speed, prepend=speed[:1]))
+    least = MOVING * max(float(np.max(np.abs(change))) for change in changes)
+    return [each > least for each in changes], [each < -least for each in changes]
+
+
+def _enough_of_each(one: Sequence[Mask], other: Sequence[Mask]) -> bool:
+    return min(float(np.mean(np.concatenate(side))) for side in (one, other)) >= SEEN
+
+
+def _better_on_both(trials: Trials, rich: Trial, simple: Trial, one: Sequence[Mask], other: Sequence[Mask]) -> bool:
+    """Whether each side has enough samples, the error is smaller by more than noise on that with fewer, and not larger
+    on the other."""
+    if not _enough_of_each(one, other):
         return False
-    fewer, others = sorted((beyond, ~beyond), key=np.sum)
+    sides = [np.concatenate([np.tile(some, len(trials.signals)) for some in side]) for side in (one, other)]
+    fewer, others = sorted(sides, key=np.sum)
     squares = [np.concatenate(each.residuals) ** 2 for each in (rich, simple)]
     with_it, without = (float(np.mean(each[others])) for each in squares)
     return not matters(without, than=with_it) and better(*(StretchErrors.of(each[fewer]) for each in squares))

@@ -65,6 +65,8 @@ LOOK_ALIKE: dict[Refinement, str] = {
     inductance: INDUCTANCE,
 }
 """Refinements that look alike in many records, each with its parameter, which is zero without it."""
+DELAYS: tuple[Refinement, ...] = (late_command, slow_sensor, averaging_sensor)
+"""Refinements that delay the output; they are judged while the speed grows and while it falls."""
 INSTEAD: tuple[Refinement, ...] = (inductance,)
 """Refinements that are slow to simulate: they are only tried instead of one that looks alike."""
 WITHOUT: tuple[Mapping[str, float], ...] = (

@@ -191,6 +191,9 @@ def main(arguments: Sequence[str]) -> None:
             out = Path(place, "result")
             try:
                 seconds = run(trial, out, options.seconds)
+                if (out / "result.json").exists() and not (out / "recommended.json").exists():
+                    board.add_row(trial.title, "nothing: no model can be used")
+                    continue
                 found = errors(trial, out, options.seconds)
             except (EmsidError, OSError) as problem:
                 log = Path(place, "log.txt").read_text("utf-8").strip().splitlines()

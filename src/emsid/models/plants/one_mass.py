@@ -152,7 +152,7 @@ def move(
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
     v, x = speed, position
-    known = np.full((2, 4), -1.0)  # of either part of a sample the last r and h, with φ₁ and φ₂
+    known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
         for part in range(2):
@@ -178,10 +178,10 @@ def move(
                         a = (drive - _ripple(x, direction * middle * left, friction.waves) - direction * against) / mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) / mass
-                    if r != known[part, 0] or left != known[part, 1]:
-                        known[part, 0], known[part, 1] = r, left
-                        known[part, 2], known[part, 3] = _phi(r, left)
-                    first, second = known[part, 2], known[part, 3]
+                    if r != known[0] or left != known[1]:
+                        first, second = _phi(r, left)
+                        known = (r, left, first, second)
+                    _, _, first, second = known
                     pull = a - r * v
                     after = v + pull * first
                     if direction * after > 0.0:
@@ -195,6 +195,7 @@ def move(
                     x += v * time + pull * integral
                     v = 0.0
                     left -= time
+            known, other = other, known
     if len(speeds) == len(force):
         speeds[-1], positions[-1] = v, x
 

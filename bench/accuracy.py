@@ -22,6 +22,7 @@ from rich.table import Table
 
 import emsid
 import regressions
+from arguments import asked_parts
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.estimation import searched
 from emsid.plants import choose, linear_axis, rigid_motor
@@ -227,17 +228,17 @@ PARTS: dict[str, Callable[[str], list[Target] | None]] = {
     "emps": lambda _: positioning_axis(),
     "pairs": lambda begins: pairs([name for name in BRIDGE if name.startswith(begins)]),
     "steps": lambda _: steps(),
-    "regressions": lambda _: regressions.main([]),
+    "regressions": lambda systems: regressions.main([systems] if systems else []),
     "cascades": lambda seeds: cascades.main(seeds, console),
     "rules": lambda begins: rules.main(begins, console),
     "starts": searches,
 }
 
 
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the parts that are asked for, by default all; ``part=name`` asks for some cases of one."""
     targets: list[Target] = []
-    for name in arguments or PARTS:
+    for name in asked_parts(__doc__, PARTS, arguments):
         part, _, begins = name.partition("=")
         try:
             targets += PARTS[part](begins) or []
@@ -247,4 +248,4 @@ def main(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

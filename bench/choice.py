@@ -1,4 +1,4 @@
-"""Whether the recommended model is the best one on another kind of input: ``python bench/choice.py FIRST LAST``.
+"""Whether the recommended model is the best one on another kind of input: ``python bench/choice.py 0-19``.
 
 Random systems of many kinds (``tests/independent/assorted.py``, by number) give a record each. ``emsid.identify``
 chooses among the default models; then all of them run freely over a record of another kind of input. The table has the
@@ -19,6 +19,7 @@ import numpy as np
 from rich.console import Console
 
 import emsid
+from arguments import numbers, parser_of
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
@@ -49,12 +50,14 @@ def ratios(case: Pair) -> tuple[dict[str, float], str, str]:
     return answer, chosen["recommended"], best
 
 
-def main(arguments: Sequence[str]) -> None:
+def main() -> None:
     """Print a line for each system, and the distributions of the ratios."""
+    parser = parser_of(__doc__)
+    parser.add_argument("systems", nargs="?", type=numbers, default="0-19", help="their numbers (default: 0-19)")
+    systems = parser.parse_args().systems
     console = Console(width=150)
-    first, last = map(int, arguments)
     found: dict[str, list[float]] = {way: [] for way in WAYS}
-    for seed in range(first, last):
+    for seed in systems:
         case = pair(seed)
         answer, chosen, best = ratios(case)
         shown = "  ".join(f"{way} {answer[way]:.3f}" for way in WAYS)
@@ -71,4 +74,4 @@ def main(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

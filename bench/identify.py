@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
+from arguments import asked_parts
 from emsid.estimation.nonlinear.control import Activity, Control
 from emsid.io import write_record
 from emsid.plant import Motor, simulate
@@ -122,4 +123,4 @@ def identify(only: Sequence[str] = ()) -> None:
 
 
 if __name__ == "__main__":
-    identify(sys.argv[1:])
+    identify(asked_parts(__doc__, dict.fromkeys(str(samples) for samples, _, _ in CASES.values())))

@@ -24,6 +24,7 @@ from threading import Thread
 import numpy as np
 
 import emsid
+from arguments import asked_parts
 from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, Window
 from emsid.estimation.linear.recursive_kernels import update
 from emsid.live.log import Log
@@ -226,5 +227,5 @@ def free_port() -> int:
 
 if __name__ == "__main__":
     parts = {"update": updates, "long": long_run, "rate": rate, "kills": kills}
-    for name in sys.argv[1:] or parts:
+    for name in asked_parts(__doc__, parts):
         parts[name]()

@@ -16,7 +16,6 @@ Of long files the first rows only are used (``--rows``), and a command that does
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -34,6 +33,7 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
+from arguments import parser_of
 from emsid.cli.commands.describe import proposals
 from emsid.errors import EmsidError
 from emsid.first_look import FirstLook, describe_files
@@ -171,13 +171,15 @@ def errors(trial: Trial, out: Path, seconds: float) -> Errors:
 
 
 def main(arguments: Sequence[str]) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="sets whose title contains this text")
     parser.add_argument("--rows", type=int, default=100_000, help="at most this many rows of a file")
     parser.add_argument("--seconds", type=float, default=240.0, help="after which a command is stopped")
     parser.add_argument("--show", action="store_true", help="print the commands and the errors of all models")
     options = parser.parse_args(arguments)
+    if not options.folder.is_dir():
+        parser.error(f"{options.folder} is no folder")
     board = Table(title="Error of the free run on data left out", title_justify="left")
     of_each = ("RMSE", "smallest", "by", "ratio")
     for head in ("set", "recommended", *of_each, *(f"handed over: {of_each[0]}", *of_each[1:]), "CPU s"):

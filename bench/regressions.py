@@ -1,4 +1,4 @@
-"""The default identification on simulated nonlinear systems: ``python bench/regressions.py [SYSTEM…] [SEED…]``.
+"""The default identification on simulated nonlinear systems: ``python bench/regressions.py SYSTEM=SEED …``.
 
 The systems come from a simulator that is not the program's own (``tests/independent``). Every seed has other
 parameters, inputs and noise; seed 0 has the usual parameters. `emsid.identify` runs without options on one record, and
@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
+from arguments import asked_parts
 from emsid.estimation.nonlinear.control import Activity, Control
 
 HOME = Path(__file__).resolve().parents[1]
@@ -25,6 +26,7 @@ sys.path.insert(0, str(HOME / "tests"))
 from independent.nonlinear_systems import SYSTEMS, System  # noqa: E402
 from independent.process_noise import circuit  # noqa: E402
 
+PROCESS_NOISE = "process noise"
 SPREAD = 0.2
 """Standard deviation of the factors by which the parameters of the seeds above 0 differ from the usual ones."""
 
@@ -75,20 +77,17 @@ def system(name: str, seed: int) -> System:
     return SYSTEMS[name](seed=seed, spread=SPREAD if seed else 0.0)
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print the systems and seeds that are asked for, by default all with seed 0."""
-    seeds = [int(each) for each in arguments if each.isdigit()] or [0]
-    names = [each for each in arguments if not each.isdigit()] or [*SYSTEMS, "process noise"]
-    for name in names:
-        for seed in seeds:
-            title = f"{name} {seed}"
-            if name == "process noise":
-                made = circuit(seed=seed)
-                identified(title, made.fitted, made.unseen, made.noise)
-            else:
-                one = system(name, seed)
-                identified(title, [one.fitted], one.unseen, one.noise)
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the systems that are asked for, by default all; ``system=3`` asks for seed 3 in place of 0."""
+    for asked in asked_parts(__doc__, [*SYSTEMS, PROCESS_NOISE], arguments):
+        name, _, seed = asked.partition("=")
+        if name == PROCESS_NOISE:
+            made = circuit(seed=int(seed or 0))
+            identified(asked, made.fitted, made.unseen, made.noise)
+        else:
+            one = system(name, int(seed or 0))
+            identified(asked, [one.fitted], one.unseen, one.noise)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -23,6 +23,7 @@ from rich.table import Table
 from scipy.signal import lfilter
 
 import emsid
+from arguments import asked_parts
 from emsid.plant import Motor, simulate
 from emsid.plant.reference import simulate_reference
 from emsid.plant.simulation import Taylor
@@ -252,5 +253,5 @@ PARTS = {
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or PARTS:
+    for name in asked_parts(__doc__, PARTS):
         PARTS[name]()

@@ -1,14 +1,13 @@
 """Whether the program finds the structure of motors of known structure: ``python bench/structures.py 0-19``.
 
-For every linear motor the orders of the output-error model are compared with the true ones, and its free run with that
-of the motor on another input: it is equivalent where they differ by less than 2 % of the output. For every motor the
-table says whether the data are called nonlinear. The motors come from a simulator that is not the program's own
-(``tests/independent``).
+Motors of even numbers are linear. For each of these the orders of the output-error model are compared with the true
+ones, and its free run with that of the motor on another input: it is equivalent where they differ by less than 2 % of
+the output. For every motor the table says whether the data are called nonlinear. The motors come from a simulator that
+is not the program's own (``tests/independent``).
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
+from arguments import numbers, parser_of
 from emsid.first_look.advice import advice
 from emsid.first_look.dynamics import response
 from emsid.validation.metrics import fit_percent
@@ -94,9 +94,6 @@ def main(seeds: range) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], epilog="Motors with even numbers are linear."
-    )
-    parser.add_argument("seeds", nargs="?", default="0-19", help="the first and the last, such as 0-19")
-    lowest, highest = map(int, parser.parse_args().seeds.split("-"))
-    main(range(lowest, highest + 1))
+    parser = parser_of(__doc__)
+    parser.add_argument("seeds", nargs="?", type=numbers, default="0-19", help="of the motors (default: 0-19)")
+    main(parser.parse_args().seeds)

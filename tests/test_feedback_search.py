@@ -1,0 +1,400 @@
+"""The search for a feedback model: its order, delay, maps and products."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import emsid
+from emsid import Record
+from emsid.estimation.nonlinear.control import FREE
+from emsid.identification.curves import curves
+from emsid.models.blocks.search.map_families import family_of
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
+from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation
+from emsid.models.feedback.coordinates import with_line
+from emsid.models.feedback.fitting import searched
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search import choice, trials
+from emsid.models.feedback.search.choice import chosen
+from emsid.models.feedback.search.directions import Direction
+from emsid.models.feedback.search.magnitudes import of_magnitudes
+from emsid.models.feedback.search.starts import started_beside_line
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
+from emsid.record import concatenate
+from emsid.selection.improvement import StretchErrors
+from feedback_models import U, X, begun_trial, loop, sticking
+from test_models_contract import DT, MAPS
+
+
+def scaled_trial(size: float, maps: int = 1) -> Trial:
+    """A trial with so many maps whose residual is multiplied by a factor."""
+    _, begun = begun_trial(200)
+    minimum = begun.found.minimum
+    residuals = [size * residual for residual in minimum.residuals]
+    scaled = replace(minimum, residuals=residuals, noise_variance=size**2 * minimum.noise_variance)
+    model = FeedbackModel(np.zeros((2 + maps, 2 + maps)), maps * (Saturation(),))
+    return replace(begun, found=replace(begun.found, model=model, minimum=scaled))
+
+
+# --- order, delay and signs ------------------------------------------------------------------------------------------
+
+
+def test_a_delay_of_the_input_is_found() -> None:
+    truth = FeedbackModel(
+        np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),), delay=3
+    )
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    found = emsid.feedback(order=1, static="saturation", maps=1, oversampling=1)
+    fit = emsid.fit(found, record)
+    assert fit.model.delay in (3, 4)  # the state adds a sample, which a direct path can make up for
+    assert np.sqrt(fit.noise_variance) < 0.011
+
+
+def test_an_order_above_three_is_found() -> None:
+    """Two resonances and a spring that hardens, which drives both."""
+    poles = np.array([0.9 * np.exp(0.4j), 0.95 * np.exp(1.1j)])
+    a = np.real(np.poly([*poles, *poles.conj()]))
+    matrix = np.zeros((6, 6))
+    matrix[:4, :4] = np.eye(4, k=1)
+    matrix[:4, 0], matrix[:4, 4], matrix[:4, 5] = -a[1:], (0.3, -0.2, 0.1, 0.05), (0.2, -0.1, 0.0, 0.1)
+    matrix[4:, 0] = 1.0
+    truth = FeedbackModel(matrix, (Polynomial(np.array([0.0, 0.0, 0.0, -0.1])),))
+    rng = np.random.default_rng(6)
+    u = 0.3 * rng.normal(size=500)
+    record = Record(u, truth.output(u, np.zeros(4)) + 0.01 * rng.normal(size=len(u)), DT)
+    fit = emsid.fit(emsid.feedback(static="polynomial", size=3, maps=1, delay=0, oversampling=1), record)
+    assert fit.model.states == 4
+    assert np.sqrt(fit.noise_variance) < 0.011
+
+
+def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No direction of a map explains more than noise, so none is refined; no linear model is fitted again."""
+    fitted: list[tuple[object, ...]] = []
+    begin = trials.linear_start
+    monkeypatch.setattr(trials, "linear_start", lambda *asked: (fitted.append(asked[1:5]), begin(*asked))[1])
+    rng = np.random.default_rng(7)
+    u = rng.normal(size=500)
+    linear = FeedbackModel(np.array([[1.5, 1.0, 0.2], [-0.6, 0.0, 0.1], [1.0, 0.0, 0.0]]))
+    record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
+    tried = list(chosen([record], FeedbackSearch(), FREE))
+    assert [(len(each.found.model.maps), each.found.model.states) for each in tried] == [(1, 2)]
+    assert len(set(fitted)) == len(fitted) > 6
+
+
+def magnitudes(samples: int = 200, seed: int = 3) -> Record:
+    """Two masses on a spring, a motor whose friction levels off, and a sensor that shows the size of the speed only."""
+    rng = np.random.default_rng(seed)
+    u, x, y = np.repeat(rng.uniform(-1.2, 1.8, samples // 10), 10), np.zeros(3), np.empty(samples)
+    for t in range(samples):
+        y[t] = abs(x[2]) + 0.005 * rng.standard_normal()
+        for _ in range(10):
+            change = [4.0 * u[t] - 6.0 * x[0] / (0.8 + abs(x[0])), x[0] - x[2], 400.0 * x[1] - 6.0 * x[2]]
+            x = x + 0.002 * np.array(change)
+    return Record(u, y, 0.02)
+
+
+def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
+    record = magnitudes()
+    assert may_be_magnitudes([record])
+    assert not may_be_magnitudes([replace(record, input=record.input + 2.0)])
+    assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
+    found = of_magnitudes([record], 4, FREE)
+    assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [CubicSpline]]
+    assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
+    fit = emsid.fit(emsid.feedback(order=4), record)
+    assert fit.noise_variance < 0.01**2
+    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
+
+
+def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
+    """A spline rounds the corner of |z|; the fit begins at the recovered signs, as either fits the start."""
+    rng = np.random.default_rng(14)
+    matrix = np.array([[1.6, 1.0, 0.1, 0.0], [-0.7, 0.0, 0.1, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    truth, u = FeedbackModel(matrix, (MAPS["abs"],)), np.repeat(rng.normal(size=40), 5)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    (found, knots), _ = of_magnitudes([record], 2, FREE)
+    assert knots == 0
+    assert found.error < 0.0105
+
+
+# --- maps ------------------------------------------------------------------------------------------------------------
+
+
+def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all families, by default; the noise is what is left, on a new record too. No polynomial comes near it."""
+    tried, begin = [], choice._with_map
+    monkeypatch.setattr(
+        choice, "_with_map", lambda *given: (tried.append((given[1].model.states, given[2].name)), begin(*given))[1]
+    )
+    fit = emsid.fit(emsid.feedback(maps=1, delay=0, oversampling=1), sticking(1))
+    assert type(fit.model.maps[0]) in (DeadZone, Saturation)
+    assert emsid.compare([fit], sticking(2)).best.row.simulation_rmse < 0.0115
+    assert {(1, "polynomial"), (1, "dead-zone"), (2, "dead-zone")} <= {*tried}
+    assert (2, "polynomial") not in tried
+
+
+def oscillator(samples: int, growing: bool = False) -> tuple[Record, float]:
+    """A hardening spring that is driven by an input that is held, with 1 % noise, and the noise."""
+    rng, dt, x, v, out = np.random.default_rng(samples), 1 / 600.0, 0.0, 0.0, []
+    u = np.repeat(rng.normal(size=samples // 4 + 1), 4)[:samples] * 0.1
+    u *= np.linspace(0, 1.2, samples) if growing else 1.0
+    for level in u:
+        out.append(x)
+        for _ in range(10):
+            v += dt / 10 * (190_000 * (level - x - 12.0 * x**3) - 44 * v)
+            x += dt / 10 * v
+    y = np.array(out)
+    noise = 0.01 * float(np.std(y))
+    return Record(u, y + noise * rng.normal(size=samples), dt), noise
+
+
+def test_a_spring_that_hardens_is_found_to_the_noise() -> None:
+    """The search knows nothing of it; a new record of growing amplitude judges it."""
+    record, noise = oscillator(800)
+    fit = emsid.fit(emsid.feedback(order=2, oversampling=2, held=True), record)
+    assert emsid.compare([fit], record).best.row.simulation_rmse < 1.1 * noise
+    other, noise = oscillator(900, growing=True)
+    assert emsid.compare([fit], other).best.row.simulation_rmse < 1.4 * noise
+
+
+def test_a_map_may_explain_more_than_its_direction_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no direction seems to explain more than noise, a map that does is refined and others are tried."""
+    monkeypatch.setattr(choice, "_bent", lambda *_: [])
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.uniform(-1, 1, 60), 5)
+    truth = FeedbackModel(np.array([[0.9, 0.3, -0.4], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (DeadZone(-0.3, 0.3),))
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    first, *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)
+    assert first.found.error > 0.012
+    assert last.found.error < 0.0105
+
+
+@pytest.mark.parametrize("line", [0.0, -1.0, 2.0])
+@pytest.mark.parametrize("family", ["dead-zone", "saturation"])
+def test_a_map_is_begun_beside_a_line(family: str, line: float) -> None:
+    """A line beside a map is a part of the linear system, so a curve shows the map up to that."""
+    z = np.random.default_rng(11).uniform(-1, 1, 500)
+    w = np.clip(z, -0.4, 0.5) + line * z + 0.3
+    map_, slope, level = started_beside_line(family_of(family), z, w, 0)
+    np.testing.assert_allclose(map_.value(z) + slope * z + level, w, atol=0.06)
+    model = FeedbackModel(np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (map_,), np.array([0.1]))
+    moved = with_line(model, 0, slope, level)
+    assert moved is not None
+    run, other = model.trajectory(U, np.zeros(1)), moved[0].trajectory(U, moved[1])
+    # The map's output with the line, on the same signal, does what the other model does without it.
+    x, y = 0.0, []
+    for u in U:
+        w_line = float(map_.value(np.array([x + 0.1]))[0]) + slope * (x + 0.1) + level
+        y.append(x)
+        x = 0.8 * x + 0.5 * u - w_line
+    np.testing.assert_allclose(other.y, y, atol=1e-9 * max(np.abs(y)))
+    assert np.abs(run.y - other.y).max() > 0.1
+
+
+def test_a_third_map_is_found() -> None:
+    """A motor whose voltage saturates, with a friction that bends, and a sensor that picks up part of the voltage."""
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.uniform(-1, 1, 50), 5)
+    matrix = np.array([
+        [0.9, 0.0, 0.3, -0.2, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    maps = (Saturation(1.0, -0.6, 0.6), Polynomial(np.array([0.0, 0.0, 0.3, 0.1])), DeadZone(-0.4, 0.2, 0.5, 0.5))
+    truth = FeedbackModel(matrix, maps)
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    without = FeedbackModel(np.delete(np.delete(matrix, 3, axis=0), 4, axis=1), maps[:2])
+    bench = Bench.of([record], FeedbackSearch(), FREE)
+    begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
+    assert begun.found.error > 0.015
+    (trial,) = choice._one_map_more(bench, begun, FeedbackSearch(), (("dead-zone", 0),))
+    assert len(trial.found.model.maps) == 3
+    assert trial.found.error < 0.0105
+
+
+def test_a_map_is_added_to_the_best_model_and_to_the_one_that_explains_most() -> None:
+    """Of models with as many maps; one that leaves the range of the data is not extended."""
+    few, other, most, away = (scaled_trial(size) for size in (3.0, 2.0, 1.0, 0.5))
+    away = replace(away, errors=StretchErrors.of(np.full(16, np.inf)))
+    tried = [few, other, most, away]
+    assert choice._to_extend(tried, few, 1) == [few, most]
+    assert choice._to_extend(tried, most, 1) == [most]
+    assert choice._to_extend(tried, few, 2) == []
+    assert choice._to_extend(tried, scaled_trial(1.0, maps=2), 1) == [most]  # the best one has another number of maps
+
+
+def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second map is not preferred, as its residual has few independent errors, but the third one beside it is."""
+
+    class Judge:
+        leaves_noise = staticmethod(lambda trial: False)
+        prefers = staticmethod(lambda trial, best: trial is third)
+
+    first, second, third, idle = (
+        scaled_trial(4.0),
+        scaled_trial(2.0, maps=2),
+        scaled_trial(1.0, maps=3),
+        scaled_trial(4.0, maps=2),
+    )
+    found = {1: [second], 2: [third]}
+    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: found[len(each.found.model.maps)])
+    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
+    found[1] = [idle]
+    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == []
+
+
+def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside others only where one such map is the best model, and not at all where a plain one leaves noise."""
+    first, second, spline = scaled_trial(4.0), scaled_trial(2.0, maps=2), scaled_trial(1.0)
+    better, leaves = [second], list[Trial]()
+
+    class Judge:
+        leaves_noise = staticmethod(lambda trial: trial in leaves)
+        prefers = staticmethod(lambda trial, best: trial in better)
+
+    asked = []
+
+    def others(bench: object, single: Trial, settings: FeedbackSearch, families: object) -> list[Trial]:
+        assert single is first
+        asked.append(families)
+        return [spline] if families is choice.FREE_FORM.others else []
+
+    def more(contest: choice.Contest, settings: FeedbackSearch, families: object) -> Iterator[Trial]:
+        asked.append(families)
+        yield from contest.entered([second] if families is choice.PLAIN.more else [])
+
+    monkeypatch.setattr(choice, "_other_families", others)
+    monkeypatch.setattr(choice, "_more_maps", more)
+
+    def tried() -> list[Trial]:
+        asked.clear()
+        return list(choice._other_maps(choice.Contest(Judge(), [first], first), FeedbackSearch()))  # type: ignore[arg-type]
+
+    assert tried() == [second]
+    assert asked == [*choice.PLAIN, choice.FREE_FORM.others]
+    better.append(spline)
+    assert tried() == [second, spline]
+    assert asked == [*choice.PLAIN, *choice.FREE_FORM]
+    leaves.append(second)
+    assert tried() == [second]
+    assert asked == [*choice.PLAIN]
+
+
+def test_a_direction_explains_a_slow_residual() -> None:
+    """What a linear model misses is slow, so few of its samples are independent; what is left is not."""
+    rng = np.random.default_rng(10)
+    slow = lfilter([0.02], [1, -0.98], rng.normal(size=700))
+    slow /= np.std(slow)
+    some = Direction(np.zeros(3), np.zeros(3), np.zeros(0), np.zeros(0), 0.2 * rng.normal(size=700), 1.0, 9)
+    assert some.explains(700)
+    assert not replace(some, left=0.9 * slow).explains(700)
+
+
+def test_no_map_is_added_to_noise() -> None:
+    """A direction explains some of the noise of one segment of eight, and nothing of the others."""
+    truth, rng = loop(), np.random.default_rng(13)
+    u = rng.normal(size=2400)
+    noisy = truth.output(u, X) + 0.02 * rng.normal(size=len(u))
+    record = concatenate([Record(u, noisy, DT)[k : k + 300] for k in range(0, 2400, 300)])
+    bench = Bench.of([record], FeedbackSearch(held_back=0.0), FREE)
+    found = searched(truth, bench.segments(truth), 0, 5)
+    trial = bench.judged(found, family_of("polynomial"), 3)
+    assert bench.leaves_noise(trial)
+    assert not list(choice._one_map_more(bench, trial, FeedbackSearch(), choice.PLAIN.more))
+    linear = bench.linear(2, Steps(1, False), 0)
+    assert bench.more_than_noise(linear)
+    assert not bench.leaves_noise(replace(trial, found=linear))
+    assert all(len(way.left) == linear.minimum.samples for way in bench.directions(linear))
+
+
+# --- products --------------------------------------------------------------------------------------------------------
+
+
+def coasting(seed: int, samples: int = 1500) -> tuple[Record, float]:
+    """A motor whose damping grows with the size of the command, as of a bridge that lets it coast, and its noise."""
+    matrix = np.array([[0.98, 0.05, -0.05, -0.03], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    factors = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    truth = FeedbackModel(matrix, (Abs(), Saturation(20.0, -1.0, 1.0)), dt=DT, factors=factors)
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-4, 4, samples // 15), 15)
+    y, noise = truth.output(u, np.zeros(1)), 0.01
+    return Record(u, y + noise * rng.normal(size=len(u)), DT), noise
+
+
+def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
+    """Damping by the command, beside friction: with the same maps of one signal each, three times the noise is left."""
+    record, noise = coasting(1)
+    fit = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), record)
+    model = fit.model
+    assert list(model.multiplied) == [0]
+    assert emsid.compare([fit], coasting(2)[0]).best.row.simulation_rmse < 1.1 * noise
+    assert {"g1.u", "g1.1"} & {*fit.names}
+    assert ")*g1(t)\n" in model.equation()
+    (first, *_) = curves(fit, record)[-len(model.maps) :]
+    assert first.name == "w1/g1"
+    plain = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1, static="two-slopes", maps=2), record)
+    assert np.sqrt(plain.noise_variance) > 3 * noise
+
+
+def test_a_product_is_found_where_one_map_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "_bent", lambda *_: [])
+    monkeypatch.setattr(choice, "_beside_linear", lambda bench, straight, *_: straight)
+    record, noise = coasting(1)
+    *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)
+    assert list(last.found.model.multiplied) == [0]
+    assert last.found.error < 1.1 * noise
+
+
+def test_no_map_is_multiplied_where_another_leaves_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = []
+    monkeypatch.setattr(choice, "with_product", lambda *given: begun.append(given))
+    emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), sticking(1))
+    assert not begun
+
+
+# --- trials ----------------------------------------------------------------------------------------------------------
+
+
+def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A polynomial in a record of 100 samples of a linear system."""
+    rng = np.random.default_rng(12)
+    u = rng.normal(size=100)
+    linear = FeedbackModel(np.array([[0.8, 0.5], [1.0, 0.0]]))
+    record = Record(u, linear.output(u, np.zeros(1)) + 0.1 * rng.normal(size=len(u)), DT)
+    bench = Bench.of([record], FeedbackSearch(), FREE)
+    straight = bench.judged(bench.linear(1, Steps(1, False), 0), family_of("spline"), 0)
+    bent = choice._with_map(bench, straight.found, family_of("polynomial"), 5)
+    assert bent.found.error < straight.found.error
+    assert bent.parameters * trials.PER_PARAMETER > len(u)
+    assert not bench.prefers(bent, straight)
+    assert set(bench.folds) == {id(bent), id(straight)}
+    better = StretchErrors.of(np.zeros(16))
+    monkeypatch.setitem(bench.folds, id(bent), (bent, better))
+    assert bench.prefers(bent, straight)
+    assert not bench.prefers(straight, bent)
+    monkeypatch.setattr(trials, "FEWEST", 1 + len(u) // bent.parameters)
+    assert not bench.prefers(bent, straight)  # too few samples for every parameter
+
+
+def test_models_are_tried_on_a_larger_input_and_backward_in_time() -> None:
+    """A map that is steep beyond its data; the second input ends before its effect has come, and turns round there."""
+    assert not trials.runs_away(loop(), [(U, loop().output(U, X))], [X])
+    matrix, still = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.zeros(1)
+    steep = FeedbackModel(matrix, (DeadZone(-1.05, 1.05, 30.0, 30.0),))
+    for held in (50, 3):
+        u = np.repeat([0.0, 1.0], [50, held])
+        segment = u, steep.output(u, still)
+        assert np.abs(segment[1]).max() <= 1.0
+        assert trials.runs_away(steep, [segment], [still])
+    assert not trials.runs_away(replace(steep, maps=(DeadZone(-1.2, 1.2, 30.0, 30.0),)), [segment], [still])

@@ -6,7 +6,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,6 +104,25 @@ def no_refinements(monkeypatch: pytest.MonkeyPatch) -> None:
 def log(tmp_path: Path) -> Path:
     """A CSV with input u and output y of a first-order system."""
     return table(tmp_path / "log.csv")
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., Path]:
+    """A file of columns by name, or of the given text."""
+
+    def write(
+        columns: dict[str, Sequence[float]] | str, name: str = "log.csv", encoding: str = "utf-8", **rows: str
+    ) -> Path:
+        if isinstance(columns, str):
+            text = columns
+        else:
+            lines = [",".join(f"{x:.10g}" for x in row) for row in zip(*columns.values(), strict=True)]
+            text = "\n".join([",".join(columns), *rows.values(), *lines]) + "\n"
+        path = tmp_path / name
+        path.write_text(text, encoding)
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,132 @@
+"""How the first look is shown: tables, pages, JSON, and the command that it proposes."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.cli.commands.describe import proposals
+from emsid.first_look import describe
+from emsid.report.braille import braille
+from first_look_records import N, Run, T, U, Write, Y
+
+
+def test_it_prints_as_a_table(write: Write) -> None:
+    look = emsid.describe(write({"t_ms": 1e3 * T, "u": U, "y": Y}))
+    lines = str(look).splitlines()
+    assert lines[1].split() == ["Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step"]
+    assert lines[2].startswith("t_ms    time (almost certainly)")
+    assert lines[-1].endswith("input='u', output='y', time='t_ms')")
+    assert "<table>" in look._repr_html_()
+    assert len(look.plot().axes) == 2
+
+
+def test_of_many_columns_those_with_a_role_are_printed(run: Run, write: Write) -> None:
+    rng = np.random.default_rng(2)
+    others = {f"ch{k}": rng.standard_normal(N) for k in range(40)}
+    log = write({"t": T, "voltage": U} | others | {"speed": Y})
+    _, out, _ = run("describe", log)
+    assert "43 columns, of which 30 are shown" in out
+    assert "ch26" in out
+    assert "ch27" not in out
+    assert "speed    output" in out
+    assert len(describe(log).columns) == 43
+
+
+def test_braille_shows_a_line() -> None:
+    rng = np.random.default_rng(2)
+    assert braille(np.arange(8.0), 4, 2) == ["⠀⠀⡠⠊", "⡠⠊⠀⠀"]
+    assert braille([1.0, 1.0], 1, 1) == ["⣀"]
+    assert braille([0.0, np.nan, np.nan, 3.0], 2, 1) == ["⡀⠈"]
+    assert len(braille(rng.standard_normal(100_000), 60, 4)[0]) == 60
+
+
+def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None:
+    paths = [write({"t": T, "u": U, "y": Y}, f"{k}.csv") for k in range(4)]
+    out = run("describe", *paths)[1]
+    assert "- in 4 of 4 files, such as 0.csv: u is persistently exciting of order at least 50" in out
+    assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))
+
+
+def test_columns_of_files_are_described_without_a_file(run: Run, write: Write) -> None:
+    u, y = write({"u": U}, "u.csv"), write({"y": Y}, "y.csv")
+    status, out, _ = run("describe", "--input", f"{u}:1", "--output", f"{y}:1", "--dt", "10ms")
+    assert status == 0
+    assert out.splitlines()[-1].split() == f"emsid identify {y} --input {u}:1 --output {y}:1 --dt 0.01".split()
+    assert "missing argument 'FILE...'" in run("describe")[2]
+
+
+def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:
+    path = write({"t": T, "u": U, "y": -Y})
+    status, out, _ = run("describe", path, "--json", "--out", tmp_path / "page")
+    assert status == 0
+    document = json.loads(out)
+    (record,) = document["records"]
+    assert record["guesses"]["input"]["column"] == "u"
+    assert record["response"] == {"delay": 1, "sign": -1}
+    assert {"response-negative", "excitation-sufficient"} <= {finding["code"] for finding in record["findings"]}
+    assert document["commands"] == [f"emsid identify {path} --input u --output y --time t --scale u=-1"]
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "<svg" in page
+    assert document["commands"][0] in re.sub("<[^>]+>", "", page)
+
+
+def test_a_file_is_parsed_once(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    from emsid.io import READERS
+
+    parsed = []
+    reader = READERS[".csv"]
+    monkeypatch.setitem(READERS, ".csv", lambda content: parsed.append(1) or reader(content))
+    assert emsid.describe(write({"t": T, "u": U, "y": Y})).record is not None
+    assert len(parsed) == 1
+
+
+# --- proposed command ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"t": T, "u": U, "y": Y},
+        {"PWM": np.where(np.arange(N) % 50 == 0, 1000, U), "mVel": Y},
+        {"Zeit": T, "-u": U, "y=a": Y},
+    ],
+    ids=["plain", "codes", "strange names"],
+)
+def test_the_proposed_command_works(run: Run, write: Write, tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    path = write(columns, "it's a log.csv")
+    status, out, _ = run("describe", path)
+    assert status == 0
+    words = shlex.split(out.splitlines()[-1])
+    assert words[:3] == ["emsid", "identify", str(path)]
+    status, _, err = run(
+        *words[1:], "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1", "--out", tmp_path / "out"
+    )
+    assert status == 0, err
+
+
+def test_reversed_leads_are_turned_in_the_proposed_command(write: Write) -> None:
+    paths = [write({"t": T, "u": U, "y": sign * Y}, f"{sign}.csv") for sign in (1, -1)]
+    right, against = map(describe, paths)
+    assert [words[-2:] == ["--scale", "u=-1"] for words in proposals([right]) + proposals([against])] == [False, True]
+    turned = describe(paths[1], scale={"u": -1})
+    assert "response-negative" not in {each.code for each in turned.findings}
+    assert proposals([turned]) == proposals([against])
+    again = describe(paths[0], scale={"u": -2})
+    assert proposals([again])[0][-2:] == ["--scale", "u=2"]
+
+
+def test_without_options_there_is_no_missing_option(run: Run, write: Write, tmp_path: Path) -> None:
+    status, out, err = run("describe", write({"y": Y}))
+    assert (status, err) == (0, "")
+    assert "no column looks like the input; name it with --input" in out
+    assert out.splitlines()[-1] == "nothing to identify here: see above"
+    status, _, err = run("identify", write({"y": Y}))
+    assert status == 2
+    assert "name the input column; `emsid describe" in err

@@ -1,0 +1,175 @@
+"""What the signals show of themselves: positions, directions, codes, references and stuck sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import emsid
+from emsid.cli.commands.describe import proposals
+from emsid.first_look import describe
+from emsid.first_look.columns import Stretch
+from emsid.first_look.stuck_output import is_stuck
+from first_look_records import N, T, U, Write, Y, codes, data
+
+# --- positions -------------------------------------------------------------------------------------------------------
+
+
+def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Write) -> None:
+    counts = np.cumsum(np.rint(Y))
+    look = describe(write({"PWM": U, "mStep": counts, "mVel": np.diff(counts, prepend=0)}))
+    assert data(look, "difference-of-position") == {"position": "mStep"}
+    assert "position-differentiated" not in codes(look)
+    look = describe(write({"PWM": U, "enc": counts}))
+    assert look.reading["output"] == "d(enc)"
+    assert data(look, "position-differentiated") == {"input": ""}
+    for output in ("enc", "d(enc)"):  # nothing is proposed where it is given
+        assert "position-differentiated" not in codes(describe(write({"PWM": U, "enc": counts}), output=output))
+
+
+def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
+    rng = np.random.default_rng(2)
+    look = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}))
+    assert data(look, "position-differentiated") == {"input": "u"}
+    assert (look.reading["output"], look.response.delay) == ("d(y)", 1)
+    named = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}), output="y")
+    assert (named.reading["output"], "position-differentiated" in codes(named)) == ("y", False)
+    unrelated = describe(write({"t": T, "u": U, "y": rng.standard_normal(N)}))
+    assert {"no-response", "position-differentiated"} & codes(unrelated) == {"no-response"}
+
+
+@pytest.mark.parametrize(("name", "period", "low"), [("enc", 65536, -32768), ("angle", 360, 0), ("enc", 4096, 0)])
+def test_a_position_that_starts_again_is_made_continuous(write: Write, name: str, period: int, low: int) -> None:
+    position = np.rint(0.1 * period * np.cumsum(Y) / np.max(np.abs(Y)))
+    look = describe(write({"t": T, "PWM": U, name: (position - low) % period + low}))
+    plain = describe(write({"t": T, "PWM": U, name: position}))
+    assert data(look, "position-wraps") == {"period": period}
+    assert look.reading == plain.reading | {"wrap": {name: period}}
+    assert f"--wrap {name}={period}" in " ".join(proposals([look])[0])
+    assert "position-wraps" not in codes(plain)
+    assert look.record is not None
+    assert plain.record is not None
+    np.testing.assert_allclose(look.record.output, plain.record.output, atol=1e-6 * period)
+
+
+def test_a_counter_of_any_period_starts_again(write: Write) -> None:
+    position = np.rint(100 * np.cumsum(Y) / np.max(np.abs(Y)))
+    look = describe(write({"t": T, "u": U, "ticks": position % 4000}))
+    assert look.reading["wrap"] == {"ticks": pytest.approx(4000, rel=0.01)}
+
+
+def test_an_angle_in_radians_starts_again_between_its_samples(write: Write) -> None:
+    angle = np.cumsum(Y) / np.max(np.abs(Y))
+    look = describe(write({"t": T, "u": U, "theta [rad]": np.angle(np.exp(1j * angle))}))
+    assert look.reading["wrap"] == {"theta [rad]": pytest.approx(2 * np.pi)}
+
+
+def test_a_position_that_only_jumps_does_not_start_again(write: Write) -> None:
+    rng = np.random.default_rng(2)
+    position = np.cumsum(Y)
+    reset = np.where(np.arange(N) < N // 2, position, position - position[N // 2])  # set to zero once
+    steps = np.where(U > 0, 300.0, 0.0)
+    for values in (reset, steps, rng.uniform(0, 360, N)):
+        assert "position-wraps" not in codes(describe(write({"t": T, "u": U, "angle": values})))
+
+
+# --- signs -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_reversed_position_is_seen_by_its_change(write: Write) -> None:
+    for sign in (1, -1):
+        look = describe(write({"t": T, "u": sign * U, "position": 0.01 * np.cumsum(Y)}), output="position")
+        assert (look.response.delay, look.response.sign) == (1, sign)
+
+
+def test_an_input_without_sign_takes_that_of_its_direction(write: Write) -> None:
+    columns = {"t": T, "pwm": np.abs(U), "dir": np.where(U > 0, 1, 0), "lamp": np.arange(N) // 50 % 2}
+    for name, output in (("speed", Y), ("enc", np.cumsum(np.rint(Y)))):
+        look = describe(write(columns | {name: output}))
+        assert data(look, "direction-column") == {"column": "dir", "output": name}
+        assert look.reading["direction"] == {"pwm": "dir"}
+        assert look.record is not None
+        np.testing.assert_array_equal(look.record.input[:, 0], np.where(U > 0, np.abs(U), -np.abs(U)))
+        assert "--direction pwm=dir" in " ".join(proposals([look])[0])
+    signed = describe(write(columns | {"pwm": U, "speed": Y}))
+    assert "direction-column" not in codes(signed)
+    one_way = describe(write({"t": T, "pwm": np.abs(U), "lamp": columns["lamp"], "speed": np.abs(Y)}))
+    assert "direction-column" not in codes(one_way)
+
+
+def test_a_direction_in_words_is_found(write: Write) -> None:
+    words = np.where(U > 0, "CW", "CCW")
+    log = write("t,dir,duty,speed\n" + "".join(f"{T[k]:.2f},{words[k]},{abs(U[k])},{Y[k]}\n" for k in range(N)))
+    assert describe(log).reading["direction"] == {"duty": "dir"}
+    record = emsid.read(log, input="duty", output="speed", time="t", direction={"duty": "dir"})
+    np.testing.assert_array_equal(record.input[:, 0], U)
+
+
+def test_a_reference_that_the_output_follows_shows_a_controller(write: Write) -> None:
+    rng = np.random.default_rng(2)
+    columns = {"t": T, "u": U, "y": Y}
+    look = describe(write(columns | {"setpoint": Y + 0.1 * rng.standard_normal(N)}))
+    assert data(look, "reference-column") == {"input": "u", "follows": "y"}
+    assert "reference-column" not in codes(describe(write(columns | {"setpoint": rng.standard_normal(N)})))
+
+
+# --- codes -----------------------------------------------------------------------------------------------------------
+
+
+def test_codes_are_masked_and_what_the_output_does_there_is_said(write: Write) -> None:
+    u, y = U.copy(), Y.copy()
+    for start in (100, 300, 500):
+        u[start : start + 20] = 1000
+        y[start : start + 20] = 40 * 0.7 ** np.arange(20)
+    look = describe(write({"t": T, "Commanded PWM": u, "speed": y}))
+    assert look.reading["mask"] == 'abs("Commanded PWM") > 10'
+    (code,) = data(look, "isolated-values")["codes"]
+    assert code == {"value": 1000, "count": 60, "share": 0.075, "response": "falls"}
+    assert "isolated-values" not in codes(describe(write({"t": T, "Commanded PWM": U, "speed": Y})))
+
+
+def test_the_effect_of_a_code_on_a_position_is_that_on_its_speed(write: Write) -> None:
+    pwm, speed = 20 * U, np.zeros(N)
+    for k in range(60, N, 120):
+        pwm[k : k + 20] = 1000
+    for k in range(1, N):
+        speed[k] = 0.5 * speed[k - 1] if pwm[k - 1] == 1000 else 0.9 * speed[k - 1] + 0.025 * pwm[k - 1]
+    look = describe(write({"t": T, "PWM": pwm, "ticks": np.cumsum(speed)}))
+    assert [code["response"] for code in data(look, "isolated-values")["codes"]] in (["falls"], ["rests"])
+
+
+# --- stuck sensors ---------------------------------------------------------------------------------------------------
+
+
+def test_a_stuck_sensor(write: Write) -> None:
+    y = Y.copy()
+    y[400:520] = y[400]
+    assert data(describe(write({"t": T, "u": U, "y": y})), "value-stuck")["row"] == 400
+    assert "value-stuck" not in codes(describe(write({"t": T, "u": U, "y": Y})))
+
+
+def test_a_sensor_that_is_stuck_at_zero_and_a_drive_at_rest(write: Write) -> None:
+    rest, frozen = U.copy(), Y.copy()
+    rest[300:420] = np.repeat([0.5, -0.5, 0.4], 40)  # inside the dead zone
+    y = signal.lfilter([0, 0.5], [1, -0.9], np.where(np.abs(rest) < 0.6, 0.0, rest))
+    y[np.abs(y) < 0.05] = 0.0
+    frozen[500:620] = 0.0
+    assert data(describe(write({"t": T, "u": U, "y": frozen})), "value-stuck")["row"] == 500
+    assert np.ptp(y[380:420]) == 0
+    assert "value-stuck" not in codes(describe(write({"t": T, "u": rest, "y": y})))
+
+
+def test_an_output_is_stuck_where_a_single_step_of_the_input_should_move_it() -> None:
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.integers(-10, 11, 40).astype(float), 60)
+    y = 0.01 * rng.standard_normal(len(u)) + signal.lfilter([0, 0.5], [1, -0.9], u)
+    rows = Stretch(1200, 90, 0.0)
+    u[1200:1260], u[1260:1320] = 4.0, 8.0
+    held, dead = y.copy(), signal.lfilter([0, 0.5], [1, -0.9], np.sign(u) * np.maximum(np.abs(u) - 8.5, 0.0))
+    held[1200:1290] = held[1200]
+    assert is_stuck(u, held, rows)
+    assert not is_stuck(u, held, Stretch(1200, 55, 0.0))  # the input is steady
+    assert np.ptp(dead[1210:1290]) < 0.5
+    assert not is_stuck(u, dead, Stretch(1210, 80, 0.0))  # at rest in a wide dead zone
+    assert not is_stuck(np.full(len(u), np.nan), held, rows)

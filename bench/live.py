@@ -34,7 +34,6 @@ from emsid.live.recorded import read_log
 from emsid.live.session import Session, Settings, messages
 from emsid.live.sources import open_source
 from emsid.live.tracking import Tracker
-from emsid.models.regression.sample_by_sample import SampleBySample
 
 N = 10
 
@@ -49,7 +48,7 @@ def updates() -> None:
     print("one update of ten parameters        from Python (median)   compiled over a block")
     for rule in (Forgetting(0.99), Directional(0.99), Drift(), Window(500), Gradient(), Frozen()):
         recursion = emsid.RecursiveLeastSquares(structure, rule=rule)
-        online, times = SampleBySample(recursion, 1e-3), []
+        online, times = emsid.SampleBySample(recursion, 1e-3), []
         for one, other in values:
             began = time.perf_counter_ns()
             online.add(one, other)

@@ -6,7 +6,6 @@ A kernel that no fit here needs is compiled by the first test that needs it, whi
 import emsid
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.live.tracking import Tracker
-from emsid.models.regression.sample_by_sample import SampleBySample
 from emsid.study.demonstration import motor_record
 from emsid.study.workflow import Settings, study
 
@@ -19,7 +18,7 @@ def main() -> None:
     emsid.fit(emsid.feedback(1, static="polynomial"), record)
     emsid.select_terms(emsid.polynomial_narx(2, 2, 2), record)
     recursion = emsid.RecursiveLeastSquares(emsid.arx(1, 1))
-    SampleBySample(recursion, record.dt).add(0.0, 0.0)
+    emsid.SampleBySample(recursion, record.dt).add(0.0, 0.0)
     tracker = Tracker(recursion, detector=ChangeDetector(run=1e6, settling=100))
     tracker.advance(tracker.start(), record)
 

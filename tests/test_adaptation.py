@@ -14,7 +14,6 @@ from emsid import ModelError, Record, RecursiveLeastSquares, RecursiveState, arx
 from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, Rule, Window
 from emsid.estimation.linear.adaptation import adaptation_reference
 from emsid.estimation.linear.recursive_kernels import update
-from emsid.models.regression.sample_by_sample import SampleBySample
 
 Array = NDArray[np.float64]
 
@@ -236,7 +235,7 @@ def test_single_samples_from_python_give_the_same_numbers(rule: Rule, structure:
         record = Record(np.column_stack([record.input, record.input[::-1]]), record.output, 0.01)
     recursion, residuals = RecursiveLeastSquares(structure, rule=rule), []
     begun = recursion.update(recursion.start(), record[:50], residuals=[])
-    online = SampleBySample(recursion, 0.01, begun)
+    online = emsid.SampleBySample(recursion, 0.01, begun)
     predictions = [online.add(u, float(y)) for u, y in zip(record.input[50:300], record.output[50:300, 0], strict=True)]
     state = recursion.update(begun, record[50:300], residuals=residuals)
     assert_same(online.state, state)

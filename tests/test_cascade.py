@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +23,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
-from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
+from emsid.models.blocks.gain import fixed_gains, unit_gain
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.search.estimation import wiener_hammerstein
@@ -142,29 +141,22 @@ def test_the_free_parameters_are_identifiable(name: str) -> None:
     assert singular[-1] > 1e-5 * singular[0]
 
 
-@pytest.mark.parametrize("normalisation", [unit_gain, unit_slope])
 @pytest.mark.parametrize("name", CASCADES)
-def test_normalisation_changes_nothing_outside(name: str, normalisation: Callable[[Cascade], Cascade]) -> None:
+def test_normalisation_changes_nothing_outside(name: str) -> None:
     model, u = CASCADES[name], excitation(100)
-    moved = normalisation(model)
+    moved = unit_gain(model)
     rest, moved_rest = model.resting(float(u[0])), moved.resting(float(u[0]))
     np.testing.assert_allclose(moved.output(u, moved_rest), model.output(u, rest), rtol=1e-9, atol=1e-11)
 
 
-def test_normalisations_give_unit_gain_and_unit_slope() -> None:
+def test_normalised_filters_have_unit_gain() -> None:
     model = CASCADES["wiener-hammerstein"]
     gained = unit_gain(model)
     assert fixed_gains(model) == (0, 2)
     assert [gained.blocks[k].gain for k in (0, 2)] == pytest.approx([1, 1])  # type: ignore[attr-defined]
-    sloped = unit_slope(model)
-    assert sloped.blocks[1].steepness == pytest.approx(1)  # type: ignore[attr-defined]
     assert fixed_gains(CASCADES["with a sign lost"]) == (0,)
     assert fixed_gains(CASCADES["user's"]) == ()
     assert fixed_gains(CASCADES["linear"]) == ()
-    with pytest.raises(ModelError, match="no filter"):
-        unit_slope(Cascade((DeadZone(-1, 1),)))
-    with pytest.raises(ModelError, match="slope of zero"):
-        unit_slope(Cascade((fir([1.0]), Polynomial(np.array([0.0, 0.0, 1.0])), SLOW)))
 
 
 @pytest.mark.parametrize("name", [n for n in CASCADES if n not in ("user's", "oversampled")])
@@ -284,16 +276,6 @@ def test_scipy_finds_the_same_minimum(name: str) -> None:
     np.testing.assert_allclose(minimum.estimate[:own], found.x[:own], rtol=1e-6, atol=1e-7)
 
 
-def test_covariance_follows_the_normalisation() -> None:
-    truth = unit_gain(CASCADES["wiener-hammerstein"])
-    fit = fit_cascade(truth, record_of(truth, 2000, noise=0.02))
-    there = normalised(fit, unit_slope)
-    assert there.model.blocks[1].steepness == pytest.approx(1)  # type: ignore[attr-defined]
-    back = normalised(there, unit_gain)
-    np.testing.assert_allclose(back.estimate, fit.estimate, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(back.standard_error, fit.standard_error, rtol=1e-4)
-
-
 def test_band_of_the_static_map() -> None:
     truth = unit_gain(CASCADES["wiener-hammerstein-spline"])
     fit = fit_cascade(truth, record_of(truth, 3000, noise=0.02))
@@ -354,16 +336,6 @@ def test_offsets_that_are_rounding_are_not_printed(
     lines = Cascade((fir([2.0]), Abs()), input_offset, output_offset).equation().splitlines()
     assert lines[0] == first
     assert lines[-1] == last
-
-
-def test_linear_parts_as_scipy_systems() -> None:
-    model = replace(CASCADES["wiener-hammerstein"], delay=3)
-    first, second = model.scipy_systems(1e-3)
-    u = excitation(60)
-    _, x = first.output(u, None)
-    delayed = np.concatenate([np.zeros(3), u[:-3]])
-    np.testing.assert_allclose(np.ravel(x), FAST.output(delayed, np.zeros(2)), atol=1e-10)
-    assert second.dt == 1e-3
 
 
 @pytest.mark.parametrize("oversampling", [1, 3])

@@ -57,6 +57,7 @@ from .models.plants.own_plant import OwnPlant as OwnPlant
 from .models.plants.search.estimation import simulation_error as simulation_error
 from .models.regression.narx import Narx as Narx
 from .models.regression.narx import Structure as Structure
+from .models.regression.sample_by_sample import SampleBySample as SampleBySample
 from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import polynomial_narx as polynomial_narx

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.linear.least_squares import LARGEST
 from emsid.excitation import largest_order, persistent_excitation_order
@@ -24,8 +23,6 @@ from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.standstill import breakaway, dead_zone
 from emsid.record import Record
-
-Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 50
 """A shorter record has no findings about dynamics."""

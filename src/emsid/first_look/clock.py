@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
@@ -15,8 +14,6 @@ from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.io.sampling import SECONDS, clock_resets, counted_on
 from emsid.record.time_axis import TimeAxis, time_axis
-
-Array = NDArray[np.float64]
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""

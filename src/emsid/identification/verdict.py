@@ -15,7 +15,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.threads import cores, short_tasks
@@ -27,8 +26,6 @@ from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
 from emsid.validation.correlation import input_test
 from emsid.validation.residual_test import residual_tests
-
-Array = NDArray[np.float64]
 
 LAGS = 50
 """Lags of the tests against inputs, in samples."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from emsid.arguments import did_you_mean
 from emsid.errors import DataError, ModelError, listed
@@ -39,7 +39,6 @@ from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
 from emsid.record import Record
 
-Array = NDArray[np.float64]
 Estimator = Callable[..., Fit[Any]]
 
 

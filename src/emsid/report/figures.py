@@ -13,7 +13,6 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.report.document import (
     Band,
@@ -61,7 +60,6 @@ if TYPE_CHECKING:
     from matplotlib.container import BarContainer
     from matplotlib.figure import Figure as Sheet
 
-Array = NDArray[np.float64]
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # part of Matplotlib, so that figures are the same on all machines

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
@@ -17,8 +16,6 @@ from emsid.record import Record
 from emsid.study.models import START, of_the_paper, searches, structures
 from emsid.study.setup import IDENTIFICATION, UNSEEN, Settings, measure
 from emsid.validation.comparison import assess
-
-Array = NDArray[np.float64]
 
 MANY = 30
 """How many pairs of inputs `over_inputs` draws."""

@@ -17,7 +17,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
@@ -31,8 +30,6 @@ from emsid.record import Record
 from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, START, blocks, structures
 from emsid.study.setup import IDENTIFICATION, INPUTS, UNSEEN, Settings
 from emsid.validation.comparison import Assessment, assess
-
-Array = NDArray[np.float64]
 
 MODELS = (PAPER, FULL, FRICTION, BLOCKS, ONE_MASS)
 """The models whose ratio to the linear one is shown."""

@@ -37,7 +37,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,9 +55,6 @@ from emsid.models.one_channel import OneChannelMethods
 from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
-
-if TYPE_CHECKING:
-    from scipy.signal import dlti
 
 Array = NDArray[np.float64]
 
@@ -388,12 +385,6 @@ class Cascade(OneChannelMethods):
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a cascade: {problem!r}") from None
-
-    def scipy_systems(self, dt: float | None = None) -> tuple[dlti, ...]:
-        """Its filters as `scipy.signal` systems, for records of sample time ``dt``; the delay is in the first."""
-        from scipy.signal import dlti
-
-        return tuple(dlti(b, a, dt=self._step(dt)) for b, a in self._transfers())
 
     def to_control(self, dt: float | None = None) -> tuple[Any, ...]:
         """Its filters as python-control systems; the delay is in the first.

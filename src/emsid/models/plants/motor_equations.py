@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
@@ -13,8 +12,6 @@ from emsid.models.plants.drive import Feed
 from emsid.models.plants.parameters import TINY, Signal
 from emsid.models.plants.plant import Quantity
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Motor
-
-Array = NDArray[np.float64]
 
 GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
 """The torque of a shaft with backlash, before its damping."""

@@ -13,9 +13,6 @@ from functools import cache
 from math import inf
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
 from emsid.plant import DeadZoneLaw
@@ -24,7 +21,6 @@ from emsid.plant.motor import law_parameters
 from emsid.plant.parameter import Measure, Parameter
 from emsid.units import with_unit
 
-Array = NDArray[np.float64]
 Path = tuple[str | int, ...]
 
 TINY = 1e-12

@@ -29,7 +29,7 @@ class SampleBySample:
     """A recursion that is given one sample after the other.
 
     >>> import emsid
-    >>> online = SampleBySample(emsid.RecursiveLeastSquares(emsid.arx(na=1, nb=1), forgetting=0.99), dt=0.1)
+    >>> online = emsid.SampleBySample(emsid.RecursiveLeastSquares(emsid.arx(na=1, nb=1), forgetting=0.99), dt=0.1)
     >>> predictions = [online.add(u, y) for u, y in ((1.0, 0.0), (0.0, 0.5), (2.0, 0.4), (1.0, 1.32))]
     >>> online.estimate.round(3), round(predictions[-1], 2)
     (array([-0.8,  0.5]), 1.32)

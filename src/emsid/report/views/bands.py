@@ -10,7 +10,6 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from emsid.record import Record
     from emsid.validation.bands import Band as Computed
 
-Array = NDArray[np.float64]
 
 WIDEST = 1.0
 """Bands are drawn to this multiple of the range of their curve beyond it."""

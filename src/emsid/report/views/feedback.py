@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.feedback.model import FeedbackModel
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.record import Record
 
-Array = NDArray[np.float64]
 
 # A map is drawn this fraction of the range beyond the data, through this many points.
 BEYOND, DRAWN = 0.04, 400

@@ -23,8 +23,6 @@ from emsid.wording.durations import sample_time
 from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
-DRAWN = 4_000
-"""Samples in a plot of the terminal."""
 
 
 def column_table(look: FirstLook, most: int | None = None) -> Table:

@@ -15,7 +15,6 @@ FIT = Term(
     "100·(1 − ‖error‖/‖output − mean‖): 100 % is exact, 0 % is no better than the mean of the output.",
 )
 MSE = Term("MSE, RMSE", "mean square error and its root; the RMSE is in the unit of the output.")
-UNSEEN = Term("Unseen data", "data that no model was fitted to.")
 METHOD = Term(
     "Method",
     "LS: least squares. RLS: recursive least squares, sample by sample. GN: Gauss–Newton, a search for the smallest "

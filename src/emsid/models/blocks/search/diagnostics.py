@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
@@ -15,8 +14,6 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
-
-Array = NDArray[np.float64]
 
 # A zero cancels a pole if their distance is below this fraction of the distance of the pole to the unit circle.
 CANCELS = 0.05

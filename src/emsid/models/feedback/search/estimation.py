@@ -7,9 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
@@ -27,8 +24,6 @@ from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-
-Array = NDArray[np.float64]
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,33 @@ Segments = Sequence[tuple[Array, Array]]
 """(u, y) of every segment."""
 
 
+class Adjustable(Protocol):
+    """A model whose parameters can be given other values."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) a name for every parameter."""
+        ...
+
+    @property
+    def parameters(self) -> Array:
+        """(p,) their values."""
+        ...
+
+    def with_parameters(self, theta: Array) -> Self:
+        """The same model with other parameters (p,), unchecked."""
+        ...
+
+    def check(self) -> None:
+        """Refuse parameters of a model that cannot be run."""
+        ...
+
+
+Adjusted = TypeVar("Adjusted", bound=Adjustable)
+
+
 class OneChannelMethods(RunMethods):
-    """`advance` and `check_record` too, for a class of models with one input and one output."""
+    """`advance`, `check_record` and `with_estimates` too, for a class of models with one input and one output."""
 
     def advance(self: Model, state: Any, u: ArrayLike) -> tuple[Array, Any]:
         """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
@@ -33,6 +58,18 @@ class OneChannelMethods(RunMethods):
             ModelError: with the channels to choose from.
         """
         check_one_channel(self.name, record, outputs=(0, 1))
+
+    def with_estimates(self: Adjusted, names: Sequence[str], values: Array) -> Adjusted:
+        """The same model with other values of some parameters, by name.
+
+        Raises:
+            Infeasible: for parameters of a model that cannot be run.
+        """
+        theta = self.parameters.copy()
+        theta[[self.names.index(name) for name in names]] = values
+        moved = self.with_parameters(theta)
+        moved.check()
+        return moved
 
 
 def check_one_channel(name: str, record: Record, outputs: Sequence[int] = (1,)) -> None:

@@ -48,7 +48,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
+from emsid.models.input_path import InputPath
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
@@ -151,23 +151,20 @@ class Cascade(OneChannelMethods):
         """The number of samples of a segment that its initial states are estimated from."""
         return self.edge + SAMPLES_PER_STATE * self.states
 
+    @cached_property
+    def input_path(self) -> InputPath:
+        """How the input reaches the first block."""
+        return InputPath(self.delay, self.oversampling)
+
     @property
     def edge(self) -> int:
         """Samples at the start of a segment for which the interpolated or delayed input is not known."""
-        return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
+        return self.input_path.edge
 
     @property
     def latency(self) -> int:
-        """The delay of the output in samples: interpolation needs the next `INTERPOLATION_REACH` samples.
-
-        It includes the delay of the model.
-        """
-        return max(INTERPOLATION_REACH - self.delay, 0) if self.oversampling > 1 else 0
-
-    @property
-    def _kept(self) -> int:
-        """The number of past inputs that the next output needs."""
-        return self.delay if self.oversampling == 1 else INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH)
+        """The delay of the output in samples; see `InputPath.latency`."""
+        return self.input_path.latency
 
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
@@ -175,18 +172,6 @@ class Cascade(OneChannelMethods):
         new = copy(self)  # same structure: no new checks, same names and spans
         vars(new).update(blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))
         return new
-
-    def with_estimates(self, names: Sequence[str], values: Array) -> Cascade:
-        """The same cascade with other values of some parameters, by name.
-
-        Raises:
-            Infeasible: for parameters of a model that cannot be run.
-        """
-        theta = self.parameters.copy()
-        theta[[self.names.index(name) for name in names]] = values
-        moved = self.with_parameters(theta)
-        moved.check()
-        return moved
 
     def check(self) -> None:
         """Refuse parameters of a model that cannot be run.
@@ -296,36 +281,30 @@ class Cascade(OneChannelMethods):
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
         """The steady state for a constant input; see `Model.at_rest`."""
         u = float(levels(self.name, level, 1)[0])
-        return CascadeState(np.full(self._kept, u), self.resting(u))
+        return CascadeState(np.full(self.input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> CascadeState:
         """The state after the first ``samples`` samples of a segment, estimated by `starting`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         states = self.starting(u, y)
-        passed = max(samples - self.latency, 0) * self.oversampling
-        x, first = self._entering(u[: samples + 2 * INTERPOLATION_REACH])[:passed], 0
+        entering, past = self.input_path.until(u, samples)
+        x, first = entering - self.input_offset, 0
         after = []
         for block in self.blocks:
             x, state = block.run(x, states[first : first + block.states])
             after.append(state)
             first += block.states
-        # Before the segment the input is continued point-symmetrically, as for interpolation.
-        before = 2 * u[0] - u[1 : 1 + max(self._kept - samples, 0)][::-1]
-        waiting = np.concatenate([before, u[:samples]])
-        return CascadeState(waiting[len(waiting) - self._kept :], np.concatenate(after))
+        return CascadeState(past, np.concatenate(after))
 
     def run(self, state: CascadeState, inputs: Array) -> tuple[Array, CascadeState]:
         """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
-        samples, reach = len(inputs), INTERPOLATION_REACH
-        held = np.concatenate([state.inputs, inputs[:, 0]])
-        window = held[: samples + 2 * reach]
-        x = held[:samples] if self.oversampling == 1 else between(window, self.oversampling)
-        x, first, after = x - self.input_offset, 0, []
+        entering, past = self.input_path.continued(state.inputs, inputs[:, 0])
+        x, first, after = entering - self.input_offset, 0, []
         for block in self.blocks:
             x, kept = block.run(x, state.blocks[first : first + block.states])
             after.append(kept)
             first += block.states
-        return self.sampled([x])[:, None], CascadeState(held[samples:], np.concatenate(after))
+        return self.sampled([x])[:, None], CascadeState(past, np.concatenate(after))
 
     def equation(self) -> str:
         """One line per block, without offsets that are rounding.
@@ -415,9 +394,5 @@ class Cascade(OneChannelMethods):
         return [(np.trim_zeros(b, "f"), a) for b, a in pairs]
 
     def _entering(self, u: Array) -> Array:
-        """The input interpolated, delayed (its first value holds before the start), minus u₀."""
-        x = interpolated(u, self.oversampling)
-        if self.delay:
-            late = min(self.delay * self.oversampling, len(x))
-            x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
-        return x - self.input_offset
+        """The input at the steps of the blocks, minus u₀."""
+        return self.input_path.steps(u) - self.input_offset

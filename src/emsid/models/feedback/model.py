@@ -29,7 +29,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +46,7 @@ from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.equations import equations, numbered
 from emsid.models.feedback.kernels import LoopSignals, MapSlopes, Tables, derivative, run, run_reference, tables_of
-from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
+from emsid.models.input_path import InputPath
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
 from emsid.models.start_states import starting
@@ -205,18 +205,6 @@ class FeedbackModel(OneChannelMethods):
         vars(new).update(kept_values, factors=factors)
         return new
 
-    def with_estimates(self, names: Sequence[str], values: Array) -> FeedbackModel:
-        """The same model with other values of some parameters, by name.
-
-        Raises:
-            Infeasible: for maps outside their families.
-        """
-        theta = self.parameters
-        theta[[self.names.index(name) for name in names]] = values
-        moved = self.with_parameters(theta)
-        moved.check()
-        return moved
-
     def check(self) -> None:
         """Refuse maps outside their families.
 
@@ -234,24 +222,20 @@ class FeedbackModel(OneChannelMethods):
         """The number of samples of a segment that its initial state is estimated from."""
         return self.edge + SAMPLES_PER_STATE * self.states
 
+    @cached_property
+    def input_path(self) -> InputPath:
+        """How the input reaches the linear part."""
+        return InputPath(self.delay, self.oversampling, self.held)
+
     @property
     def edge(self) -> int:
         """Samples at the start of a segment for which the interpolated or delayed input is not known."""
-        return self.delay + (INTERPOLATION_REACH if self._interpolates else 0)
+        return self.input_path.edge
 
     @property
     def latency(self) -> int:
-        """The delay of the output in samples: interpolation needs the next `INTERPOLATION_REACH` samples."""
-        return max(INTERPOLATION_REACH - self.delay, 0) if self._interpolates else 0
-
-    @property
-    def _kept(self) -> int:
-        """The number of past inputs that the next output needs."""
-        return INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH) if self._interpolates else self.delay
-
-    @property
-    def _interpolates(self) -> bool:
-        return self.oversampling > 1 and not self.held
+        """The delay of the output in samples; see `InputPath.latency`."""
+        return self.input_path.latency
 
     def trajectory(self, u: Array, x: Array) -> LoopSignals:
         """Every signal of the run over an input (N,), L steps per sample, from a state (n,).
@@ -312,11 +296,7 @@ class FeedbackModel(OneChannelMethods):
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""
-        x = np.repeat(u, self.oversampling) if self.held else interpolated(u, self.oversampling)
-        if self.delay:
-            late = min(self.delay * self.oversampling, len(x))
-            x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
-        return np.ascontiguousarray(x)
+        return np.ascontiguousarray(self.input_path.steps(u))
 
     def linearised(self, z: Array, g: Array) -> Array:
         """(n + 1, n + 1) the matrix from (x, u) to (x⁺, y) at the inputs (m,) of the maps and their factors (m,)."""
@@ -356,29 +336,21 @@ class FeedbackModel(OneChannelMethods):
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:
         """The steady state for a constant input; see `Model.at_rest`."""
         u = float(levels(self.name, level, 1)[0])
-        return FeedbackState(np.full(self._kept, u), self.resting(u))
+        return FeedbackState(np.full(self.input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> FeedbackState:
         """The state after the first ``samples`` samples of a segment, see `emsid.models.start_states`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         x = starting(self, u, y)
-        passed = max(samples - self.latency, 0) * self.oversampling
-        _, after = self.stepped(self.entering(u[: samples + 2 * INTERPOLATION_REACH])[:passed], x)
-        # Before the segment the input is continued point-symmetrically, as for interpolation.
-        before = 2 * u[0] - u[1 : 1 + max(self._kept - samples, 0)][::-1]
-        waiting = np.concatenate([before, u[:samples]])
-        return FeedbackState(waiting[len(waiting) - self._kept :], after)
+        entering, past = self.input_path.until(u, samples)
+        _, after = self.stepped(np.ascontiguousarray(entering), x)
+        return FeedbackState(past, after)
 
     def run(self, state: FeedbackState, inputs: Array) -> tuple[Array, FeedbackState]:
         """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
-        samples, reach = len(inputs), INTERPOLATION_REACH
-        held = np.concatenate([state.inputs, inputs[:, 0]])
-        if self._interpolates:
-            v = between(held[: samples + 2 * reach], self.oversampling)
-        else:
-            v = np.repeat(held[:samples], self.oversampling)
+        v, past = self.input_path.continued(state.inputs, inputs[:, 0])
         out, after = self.stepped(np.ascontiguousarray(v), state.x)
-        return out.y[:: self.oversampling, None].copy(), FeedbackState(held[samples:], after)
+        return out.y[:: self.oversampling, None].copy(), FeedbackState(past, after)
 
     def equation(self) -> str:
         """One line for every signal; one step is a sample, or a fraction of it with oversampling."""

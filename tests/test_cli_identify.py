@@ -10,6 +10,8 @@ import pytest
 
 import emsid
 from command_line import FIRST_ORDER, IDENTIFY, MOTOR, table
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.parameters import Signal
@@ -159,6 +161,17 @@ def test_a_budget_is_of_the_whole_command(run, log, tmp_path, monkeypatch, spent
     status, _, err = run("identify", log, *IDENTIFY, "--budget", "20s", "--out", tmp_path)
     assert (status, err) == (2, "emsid: enough\n")
     assert asked == [left]
+
+
+def test_a_budget_that_ends_before_a_model_is_found_is_said(run, log, tmp_path, monkeypatch):
+    def searched(*_, **__):
+        raise Stopped(Ending.OUT_OF_BUDGET)
+
+    monkeypatch.setattr("emsid.identification.workflow.identify", searched)
+    status, _, err = run("identify", log, *IDENTIFY, "--budget", "1s", "--out", tmp_path)
+    assert (status, err.count("\n")) == (2, 1)
+    assert err.startswith("emsid: the time was up before a model was found")
+    assert "--budget" in err
 
 
 def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):

@@ -206,6 +206,9 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
     assert Finding("model-out-of-time", "endless", {"model": "endless"}) in result.findings
     assert not result.interrupted
     assert "model-out-of-time" not in codes(plain)
+    shortest = emsid.identify(driven(0), models="endless, arx", options=options, budget=0.01)  # no time for either
+    assert [fit.model.name for fit in shortest.fits] == ["arx"]
+    assert [f.subject for f in shortest.findings if f.code == "model-out-of-time"] == ["endless"]
     with pytest.raises(Stopped):
         emsid.identify(driven(0), models="endless", budget=1.0)
     with pytest.raises(emsid.ModelError, match="positive time"):

@@ -257,14 +257,20 @@ def working(answer: str = STOPPING) -> Iterator[Control]:
         answer: what Ctrl-C is answered at once.
 
     Raises:
-        KeyboardInterrupt: if the search was stopped before it had a result.
+        KeyboardInterrupt: if the search was interrupted before it had a result.
+        ModelError: if its time was up before that.
     """
+    from emsid.errors import ModelError
+    from emsid.estimation.fit import Ending
     from emsid.estimation.nonlinear.control import Stopped
 
     with progress_bar() as progress, INTERRUPTION.asked(answer):
         try:
             yield progress.control
-        except Stopped:
+        except Stopped as stop:
+            if stop.ending is Ending.OUT_OF_BUDGET:
+                words = "the time was up before a model was found; allow more, or ask for other models"
+                raise ModelError(words, arguments=("budget",)) from None
             INTERRUPTION.pressed = True
             raise KeyboardInterrupt from None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -161,7 +162,19 @@ class Searches:
                 continue
             own = control.sharing(len(self.names) - done + self.later)
             self._search(name, there, of_one_model(own, f"{name} ({done + 1} of {len(self.names)})"), found)
+        if not found.fits:
+            self._search_without_limit(found)
         return found.of(self.names)
+
+    def _search_without_limit(self, found: _UnderWay) -> None:
+        """Fit one of the models that take about a second and that a very short time left no share to, if there is one.
+
+        A short limit then costs models, and not the result.
+        """
+        name = next((name for name in found.late if name in QUICK), None)
+        if name is not None:
+            found.late.remove(name)
+            self._search(name, None, of_one_model(replace(self.control, deadline=inf), name), found)
 
     def _in_turn(self) -> Iterator[tuple[str, Elsewhere | None]]:
         """Every model with where it is fitted, None for here; those that are fitted elsewhere last."""

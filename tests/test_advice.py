@@ -110,7 +110,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "no-response": lambda: (U, motor(steps(7))),
     "response-negative": lambda: (U, -motor(U)),
     "feedback-likely": in_closed_loop,
-    "all-standstill": lambda: (U, 1e-3 * motor(U) / 50 + (np.arange(N) == 5)),
+    "all-standstill": lambda: (U, 1e-3 * motor(U) / 50 + (np.arange(N) == 0)),
     "much-standstill": lambda: (SLOW, dead(SLOW, 7)),
     "dead-zone-likely": lambda: (2 * SLOW, dead(2 * SLOW, 4)),
     "amplitude-near-dead-zone": lambda: (SLOW, dead(SLOW, 7)),
@@ -184,6 +184,20 @@ def test_values_that_cannot_be_computed_with(factor: float) -> None:
     assert response_of(record) is None
     assert {each.code for each in advice(record, Response(None, 0, 0.0, 0.0))} == {"channel-out-of-scale"}
     assert asked([record]) == []
+
+
+def test_outliers_hide_nothing_else() -> None:
+    """Three samples of 2000 would turn the sign of the response, and look like aliasing."""
+    for size in (400, 4000, -4000):
+        y = motor(U)
+        y[[300, 900, 1500]] += size
+        record = Record(U, y, 0.01, "u", "y")
+        answer = response_of(record)
+        assert answer is not None
+        assert (answer.delay, answer.sign) == (1, 1)
+        found = {finding.code: finding for finding in advice(record, answer)}
+        assert set(found) - set(ordinary()) == {"outliers"}
+        assert found["nearly-linear"].data["fit_percent"] > 99
 
 
 def test_jitter() -> None:

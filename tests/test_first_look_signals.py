@@ -142,6 +142,22 @@ def test_the_effect_of_a_code_on_a_position_is_that_on_its_speed(write: Write) -
 # --- stuck sensors ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("size", [500.0, -500.0])
+def test_outliers_are_masked_and_turn_no_sign(write: Write, size: float) -> None:
+    y = Y.copy()
+    y[[200, 400]] += size
+    look = describe(write({"t": T, "u": U, "speed (rpm)": y}))
+    assert data(look, "outliers")["count"] == 2
+    assert look.record is not None
+    assert len(look.record) == N - 2
+    assert codes(look) >= {"outliers", "response-delay"}
+    given = describe(write({"t": T, "u": U, "y": y}), mask="y > 1000")  # what is given stays
+    assert look.reading["mask"].startswith('abs("speed (rpm)") > ')
+    assert (given.reading["mask"], "outliers" in codes(given)) == ("y > 1000", True)
+    inside = describe(write({"t": T, "u": U, "y": np.where(np.arange(N) == 350, -45.0, 0.1 * Y + 40 * (T > 4))}))
+    assert "mask" not in inside.reading
+
+
 def test_a_stuck_sensor(write: Write) -> None:
     y = Y.copy()
     y[400:520] = y[400]

@@ -45,7 +45,10 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("coarse-values", "y", {"step": 4.06, "unit": "rad/s", "levels": 7.7}),
     Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "unit": "rad/s", "share": 0.08}),
     Finding("command-limited", "u", {"side": "lower", "limit": -255.0, "unit": "", "share": 0.18}),
-    *(Finding("outliers", "y", {"count": n, "sample": 123, "size": 80.0, "confidence": 0.8}) for n in (1, 4)),
+    *(
+        Finding("outliers", "y", {"count": n, "sample": 123, "size": 80.0, "confidence": 0.8, "mask": mask})
+        for n, mask in ((1, ""), (4, "abs(y) > 50"))
+    ),
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),
     Finding("aliasing-possible", "y", {"share": 0.15, "frequency": 175.0, "confidence": 0.5}),

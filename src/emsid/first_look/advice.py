@@ -21,6 +21,7 @@ from emsid.first_look.dynamics import Response, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
+from emsid.first_look.outliers import without_outliers
 from emsid.first_look.standstill import breakaway, dead_zone
 from emsid.record import Record
 
@@ -231,7 +232,8 @@ def response_of(record: Record, *, integrates: bool = False) -> Response | None:
         return None
     if any(each.code == "channel-out-of-scale" for each in _useless(record)):
         return None
-    return response(record.input[:, 0], record.output[:, 0], record.breaks, integrates or is_position(record))
+    clean = without_outliers(record)
+    return response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
 
 
 def questions(records: Sequence[Record], responses: Sequence[Response | None]) -> list[Finding]:

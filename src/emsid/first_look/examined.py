@@ -1,4 +1,4 @@
-"""What the checks of a record share: its first input and output, and a linear model of them."""
+"""What the checks of a record share: its first input and output, and a linear model of them, all without outliers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from emsid.first_look.baseline import Baseline, baseline
 from emsid.first_look.dynamics import Response
 from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.first_look.outliers import without_outliers
 from emsid.first_look.standstill import at_rest, near_zero
 from emsid.record import Record
 
@@ -22,14 +23,19 @@ class Examined:
     """The first input and output of a record, and a linear model of them.
 
     Attributes:
-        record: with an output.
+        measured: with an output.
         response: of its first output to its first input.
         tolerance: singular values of the lagged input below this share of the largest are no excitation.
     """
 
-    record: Record
+    measured: Record
     response: Response
     tolerance: float
+
+    @cached_property
+    def record(self) -> Record:
+        """What was measured, without outliers of the first output: a few of them hide everything else."""
+        return without_outliers(self.measured)
 
     @property
     def u(self) -> Array:

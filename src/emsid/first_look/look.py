@@ -24,6 +24,7 @@ from emsid.first_look.advice import TOLERANCE, advice, opposite_signs, response_
 from emsid.first_look.clock import Clock, contradiction, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response
+from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.stuck_output import is_stuck
@@ -321,7 +322,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
     reading: dict[str, Any] = {
         "input": roles.input,
         "output": f"d({roles.output})" if position else roles.output,
-        "mask": _mask(used),
+        "mask": mask_of(used, output),
         "wrap": {column.name: column.period for column in used if column.period},
         "units": {column.name: unit for column in used if (unit := _convertible(column.meaning))},
     }
@@ -341,24 +342,6 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
 def _convertible(said: Meaning) -> str:
     """A unit that converts without further numbers; empty where there is none."""
     return said.unit if not re.search(r"pwm|count|sample|percent|%", said.unit) else ""
-
-
-def _mask(columns: Sequence[Column]) -> str | None:
-    """The condition that leaves out the codes of some columns, and the missing values of those with many."""
-    conditions = []
-    for column in columns:
-        name = column.name if re.fullmatch(r"[A-Za-z_]\w*", column.name) else f'"{column.name}"'
-        if column.gaps:
-            conditions.append(f"isnan({name})")
-        if not column.codes:
-            continue
-        limit = max(abs(column.low), abs(column.high))
-        if all(abs(code.value) > limit for code in column.codes):
-            conditions.append(f"abs({name}) > {limit:g}")
-        else:
-            values = ", ".join(f"{code.value:g}" for code in column.codes)
-            conditions.append(f"{name} IN ({values})")
-    return " OR ".join(conditions) or None
 
 
 def _about_columns(look: FirstLook, given: set[str]) -> list[Finding]:
@@ -406,6 +389,8 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
         findings.append(Finding("isolated-values", name, {"codes": codes, "low": column.low, "high": column.high}))
     if column.period and "wrap" not in given:
         findings.append(Finding("position-wraps", name, {"period": column.period}))
+    if name == look.roles.output and "mask" not in given:
+        findings += masked_outliers(column)
     if column.gaps:
         findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
     stuck = next((each for each in column.stuck if _is_stuck(look, column, each)), None)

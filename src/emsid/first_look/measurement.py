@@ -16,6 +16,7 @@ from emsid.estimation.linear.filtering import spectrum
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS, quantisation
 from emsid.first_look.examined import Examined, is_position, units_of
+from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import NEAR_ZERO
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 """The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
-SPIKE = 12.0
-"""A single sample this many standard deviations away from its neighbours is an outlier."""
 
 
 def resolution(data: Examined) -> Iterable[Finding]:
@@ -62,18 +61,16 @@ def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
 
 def outliers(data: Examined) -> Iterable[Finding]:
     """Single samples far from both neighbours."""
-    y = data.y
-    middle = np.median(np.stack([y[:-2], y[1:-1], y[2:]]), axis=0)
-    away = np.abs(y[1:-1] - middle)
-    steps = np.abs(np.diff(y))
-    usual = max(float(np.percentile(steps, 95)), 1e-9 * float(np.ptp(y)))
-    spread = 1.4826 * float(np.median(np.abs(y - np.median(y))))
-    found = 1 + np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
-    if 0 < len(found) < 0.01 * len(y):
-        size = float(np.max(away[found - 1]))
-        yield Finding(
-            "outliers", data.output, {"count": len(found), "sample": int(found[0]), "size": size, "confidence": 0.8}
-        )
+    found, away = outliers_of(data.measured.output[:, 0])
+    if len(found):
+        numbers = {
+            "count": len(found),
+            "sample": int(found[0]),
+            "size": float(away.max()),
+            "confidence": 0.8,
+            "mask": "",
+        }
+        yield Finding("outliers", data.output, numbers)
 
 
 def sampling(data: Examined) -> Iterable[Finding]:

@@ -280,13 +280,14 @@ def command_limited(f: Finding, argument: Spelling) -> str:
 
 @words("outliers", Severity.WARNING)
 def outliers(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: count, sample, size, confidence."""
+    """Subject: the output. Data: count, sample, size, confidence, mask (a condition, empty where none is known)."""
     d = f.data
     many = d["count"] > 1
+    condition = f" {d['mask']!r}" if d["mask"] else ""
     return (
         f"{f.subject} {how_sure(d['confidence'])} has {d['count']} outlier{'s' * many} of up to {d['size']:.3g}, "
         f"{'the first' if many else 'it is'} at sample {d['sample']}; leave {'them' if many else 'it'} out with "
-        f"{argument('mask')}"
+        f"{argument('mask')}{condition}"
     )
 
 

@@ -1,0 +1,56 @@
+"""Single samples of an output far from both neighbours, as errors of a sensor or of its transmission are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+SPIKE = 12.0
+"""A single sample this many times as far from its neighbours as usual is an outlier."""
+MOST = 0.01
+"""A larger share of the samples is no outlier."""
+
+
+def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
+    """The samples (M,) of y (N,) that are outliers, and how far (M,) each is from the middle of its neighbours.
+
+    A sample is one if it is far away both for the steps of y and for its range. NaN is none.
+    """
+    middle = np.median(np.stack([y[:-2], y[1:-1], y[2:]]), axis=0)
+    away = np.abs(y[1:-1] - middle)
+    steps = np.abs(np.diff(y))
+    if not np.isfinite(steps).any():
+        return np.zeros(0, np.intp), np.zeros(0)
+    usual = max(float(np.nanpercentile(steps, 95)), 1e-9 * float(np.nanmax(y) - np.nanmin(y)))
+    spread = 1.4826 * float(np.nanmedian(np.abs(y - np.nanmedian(y))))
+    found = np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
+    found = found if len(found) < MOST * len(y) else found[:0]
+    return found + 1, away[found]
+
+
+def without_outliers(record: Record) -> Record:
+    """The record with the middle of its neighbours in place of each outlier of the first output."""
+    y = record.output[:, 0]
+    found, _ = outliers_of(y)
+    if not len(found):
+        return record
+    output = record.output.copy()
+    output[found, 0] = np.median(np.stack([y[found - 1], y[found], y[found + 1]]), axis=0)
+    return replace(record, output=output)
+
+
+def limit_of_ordinary(y: Array) -> float | None:
+    """A short number between the largest ordinary sample of y (N,) and its outliers; None where there is none."""
+    found, _ = outliers_of(y)
+    if not len(found):
+        return None
+    size = np.abs(y)
+    smallest, largest = float(size[found].min()), float(np.nanmax(np.delete(size, found)))
+    limit = float(f"{(smallest + largest) / 2:.3g}")
+    return limit if largest < limit < smallest else None

@@ -9,6 +9,8 @@ import numpy as np
 from scipy import signal
 
 import emsid
+from emsid.cli.commands.describe import proposals as commands
+from emsid.first_look import groups
 
 N = 800
 _rng = np.random.default_rng(1)
@@ -28,6 +30,11 @@ def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
     """The data of its one finding with this code."""
     (found,) = (finding for finding in look.findings if finding.code == code)
     return dict(found.data)
+
+
+def proposals(looks: list[emsid.FirstLook]) -> list[list[str]]:
+    """The words of the commands that are proposed for these files."""
+    return commands(groups(looks))
 
 
 def table(separator: str, times: np.ndarray, header: str = "") -> str:

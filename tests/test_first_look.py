@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.cli.commands.describe import proposals
 from emsid.errors import DataError
 from emsid.first_look import describe, describe_files
 from emsid.first_look.systems import statistic
-from first_look_records import N, T, U, Write, Y, codes, data, table
+from first_look_records import N, T, U, Write, Y, codes, data, proposals, table
 
 # --- form and roles --------------------------------------------------------------------------------------------------
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.cli.commands.describe import proposals
 from emsid.first_look import describe
 from emsid.report.braille import braille
-from first_look_records import N, Run, T, U, Write, Y
+from first_look_records import N, Run, T, U, Write, Y, proposals
 
 
 def test_it_prints_as_a_table(write: Write) -> None:
@@ -50,7 +49,8 @@ def test_braille_shows_a_line() -> None:
 def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None:
     paths = [write({"t": T, "u": U, "y": Y}, f"{k}.csv") for k in range(4)]
     out = run("describe", *paths)[1]
-    assert "- in 4 of 4 files, such as 0.csv: u is persistently exciting of order at least 50" in out
+    assert "- in 4 of 4 files, such as 0.csv: y almost certainly responds to u after 1 sample" in out
+    assert "4 files, such as 0.csv, together:\n- u is persistently exciting of order at least 50" in out
     assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))
 
 

@@ -7,11 +7,10 @@ import pytest
 from scipy import signal
 
 import emsid
-from emsid.cli.commands.describe import proposals
 from emsid.first_look import describe
 from emsid.first_look.columns import Stretch
 from emsid.first_look.stuck_output import is_stuck
-from first_look_records import N, T, U, Write, Y, codes, data
+from first_look_records import N, T, U, Write, Y, codes, data, proposals
 
 # --- positions -------------------------------------------------------------------------------------------------------
 

@@ -4,9 +4,10 @@ from emsid.first_look.advice import advice, opposite_signs
 from emsid.first_look.clock import Clock
 from emsid.first_look.columns import Code, Column, Stretch
 from emsid.first_look.dynamics import Response, response
-from emsid.first_look.look import FirstLook, describe, describe_files
+from emsid.first_look.look import FirstLook, describe
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles
+from emsid.first_look.together import Group, describe_files, groups, without_findings_of_all
 
 __all__ = [
     "Clock",
@@ -14,6 +15,7 @@ __all__ = [
     "Column",
     "ColumnQuantity",
     "FirstLook",
+    "Group",
     "Meaning",
     "Response",
     "Roles",
@@ -21,7 +23,9 @@ __all__ = [
     "advice",
     "describe",
     "describe_files",
+    "groups",
     "meaning",
     "opposite_signs",
     "response",
+    "without_findings_of_all",
 ]

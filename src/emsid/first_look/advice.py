@@ -137,8 +137,8 @@ def motion(data: Examined) -> Iterable[Finding]:
     if is_position(data.record):
         return
     share = float(np.mean(data.resting))
-    moving = np.sign(data.y[~data.near_zero])
-    reversals = int(np.count_nonzero(np.diff(moving)))
+    signs = np.split(np.where(data.near_zero, 0.0, np.sign(data.y)), list(data.record.breaks))
+    reversals = sum(int(np.count_nonzero(np.diff(piece[piece != 0]))) for piece in signs)
     numbers = {"share": share, "reversals": reversals}
     if np.mean(data.near_zero) > 1 - 1e-3:
         yield Finding("all-standstill", data.output, numbers)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
-from emsid.first_look.advice import TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.advice import TOLERANCE, advice, response_of
 from emsid.first_look.clock import Clock, contradiction, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response
@@ -28,7 +28,6 @@ from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.stuck_output import is_stuck
-from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
@@ -43,6 +42,19 @@ Array = NDArray[np.float64]
 
 UNSURE = 0.6
 """A guess of a lower confidence is mentioned."""
+CONSTANT = "output-constant"
+USELESS = frozenset(
+    {
+        "record-too-short",
+        "channel-constant",
+        "channel-out-of-scale",
+        CONSTANT,
+        "all-standstill",
+        "not-readable",
+        "no-role-found",
+    }
+)
+"""Findings with which there is nothing to identify."""
 FOLLOWS = 0.9
 """An output with a higher correlation with a reference follows it."""
 MOSTLY = 0.9
@@ -95,6 +107,11 @@ class FirstLook(Presented):
     def kind(self) -> str:
         """The same for files that are read alike."""
         return repr(sorted(self.reading.items(), key=str))
+
+    @property
+    def useless(self) -> frozenset[str]:
+        """The codes of the findings with which there is nothing to identify."""
+        return USELESS & {finding.code for finding in self.findings}
 
     def __getitem__(self, name: str) -> Column:
         """A column by its name."""
@@ -193,70 +210,6 @@ def _by_messages(raw: Columns, name: str, time: str) -> Columns:
         return raw
     apart = with_clocks_of_messages(raw, time, numeric_columns(raw, time))
     return on_one_clock(apart, time, apart.series) if apart.clocks else raw
-
-
-def describe_files(
-    paths: Sequence[str | os.PathLike[str]], *, tolerance: float = TOLERANCE, **reading: Any
-) -> tuple[list[FirstLook], list[Finding]]:
-    """Look at several files, and at what they have in common.
-
-    Two files of one signal each, equally long and with the same times if they have any, are the input and the output
-    of one record.
-
-    Args:
-        paths: the files.
-        tolerance, reading: as for `describe`.
-
-    Returns:
-        What was found in each file, and findings about all of them.
-
-    Raises:
-        FormatError: where a file cannot be read at all.
-        DataError: where an argument that is given cannot be used.
-    """
-    if len(paths) == 2 and not {"input", "output"} & set(reading):
-        pair = _input_and_output([Path(path) for path in paths])
-        if pair is not None:
-            u, y = pair
-            file = next(path for path in paths if y.startswith(f"{path}:"))
-            return [describe(file, tolerance=tolerance, **reading, input=u, output=y)], []
-    looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
-    looks, different = _told_apart(looks)
-    return looks, [*opposite_signs((look.name, look.response) for look in looks), *different]
-
-
-def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:
-    """The looks with the numbers of their systems, and findings about those that are read alike and differ."""
-    kinds: dict[str, list[FirstLook]] = {}
-    for look in looks:
-        if look.record is not None and look.record.output.shape[1]:
-            kinds.setdefault(look.kind, []).append(look)
-    numbers: dict[str, int] = {}
-    found: list[Finding] = []
-    for alike in kinds.values():
-        sources = [Source(each.path, each.header, each.record) for each in alike if each.record is not None]
-        groups, different = systems(sources)
-        numbers |= {source.path: number for number, group in enumerate(groups) for source in group}
-        found += different
-    return [replace(look, system=numbers.get(look.path, 0)) for look in looks], found
-
-
-def _input_and_output(paths: Sequence[Path]) -> tuple[str, str] | None:
-    """The names of the input and the output in two files of one signal each, on the same clock if they have one."""
-    signals, clocks = [], []
-    for path in paths:
-        series = read_columns(path).series
-        times = [name for name in series if meaning(name).quantity is ColumnQuantity.TIME]
-        if len(series) != len(times) + 1 or len(times) > 1:
-            return None
-        clocks.append([as_numbers(series[name]) for name in times])
-        name = next(name for name in series if name not in times)
-        said = max(meaning(name), meaning(path.stem), key=lambda each: each.confidence)
-        shown = "1" if name == "c1" else name
-        signals.append(column_of_numbers(f"{path}:{shown}", "numbers", said, as_numbers(series[name])))
-    same = len(signals[0].values) == len(signals[1].values) and np.array_equal(clocks[0], clocks[1])
-    roles = find_roles(signals, "") if same else Roles()
-    return (roles.input, roles.output) if roles.input else None
 
 
 def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], given: set[str]) -> FirstLook:

@@ -124,6 +124,6 @@ def dead_zone(u: Array, resting: NDArray[np.bool_]) -> float | None:
     if not len(inside) or inside[-1] == len(share) - 1 or inside[0] > 1:
         return None
     last = int(inside[-1])
-    zone = float(upper[last])
+    zone = (float(size[size < upper[last]].max()) + float(size[size >= upper[last]].min())) / 2
     clear = share[: last + 1].mean() > 0.5 and share[last + 1 :].mean() < 0.2 and zone > 0.01 * size.max()
     return float(f"{zone:.3g}") if clear else None

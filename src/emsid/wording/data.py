@@ -15,7 +15,9 @@ from emsid.wording.sureness import how_sure
 
 
 def _in_unit(value: float, unit: str) -> str:
-    return with_unit(f"{value:.3g}", unit)
+    """A number of three digits with its unit; thousands are written out."""
+    short = float(f"{value:.3g}")
+    return with_unit(f"{short:.0f}" if 1e3 <= abs(short) < 1e6 else f"{short:.3g}", unit)
 
 
 # --- excitation ------------------------------------------------------------------------------------------------------
@@ -165,9 +167,10 @@ def response_negative(f: Finding, argument: Spelling) -> str:
 @words("records-of-opposite-sign", Severity.WARNING)
 def records_of_opposite_sign(f: Finding, argument: Spelling) -> str:
     """Subject: the first such record. Data: records, of."""
+    odd = f.data["records"]
     return (
-        f"the output has the opposite sign in {shortened(f.data['records'])} of {f.data['of']} records; turn it there "
-        f"with {argument('scale')} and a gain of -1, or identify these records alone"
+        f"the output answers with the opposite sign in {shortened(odd)} ({len(odd)} of {f.data['of']} records); "
+        f"identify these apart, with a gain of -1 for the input ({argument('scale')})"
     )
 
 

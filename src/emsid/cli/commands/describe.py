@@ -16,22 +16,12 @@ from emsid.cli.writing import as_json, check_folder, draw, say_where
 
 if TYPE_CHECKING:
     from emsid.findings import Finding
-    from emsid.first_look import FirstLook
+    from emsid.first_look import FirstLook, Group
 
 COLUMNS = 30
 """At most this many columns of a file are printed; the page and the JSON document have all."""
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
-USELESS = {
-    "record-too-short",
-    "channel-constant",
-    "channel-out-of-scale",
-    "output-constant",
-    "all-standstill",
-    "not-readable",
-    "no-role-found",
-}
-"""Findings with which there is nothing to identify."""
 
 
 @app.command()
@@ -65,31 +55,40 @@ def describe(
       emsid describe log.csv --output speed --dt 10ms --out page
       emsid describe --input x.csv:1 --output y.csv:1
     """
-    from emsid.first_look import describe_files
-    from emsid.report.views.first_look import in_words
+    from emsid.first_look import describe_files, groups, without_findings_of_all
+    from emsid.report.views.first_look import in_words, of_all_files
     from emsid.wording import sentence
 
     if out is not None:
         check_folder(out)
     looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
-    commands = [shlex.join(words) for words in proposals(looks)]
+    divided = groups(looks)
+    commands = [shlex.join(words) for words in proposals(divided)]
     if json:
         documents = [as_document(look) for look in looks]
         found = [finding.to_data() for finding in together]
-        say_json(as_json({"schema": 1, "records": documents, "findings": found, "commands": commands}))
+        joint = [
+            {"files": [look.path for look in group.looks], "findings": [each.to_data() for each in group.findings]}
+            for group in divided
+        ]
+        parts = {"records": documents, "findings": found, "together": joint, "commands": commands}
+        say_json(as_json({"schema": 1, **parts}))
     else:
-        for look in looks:
+        alone = [without_findings_of_all(look, divided) for look in looks]
+        for look in alone:
             if len(looks) > IN_FULL:
                 say(f"{look.name}: {in_words(look.record) if look.record is not None else 'no record'}")
             else:
                 _print(look)
         if len(looks) > IN_FULL:
-            say(*_counted(looks))
+            say(*_counted(alone))
         say(*(f"- {sentence(finding, option)}" for finding in together))
+        for title, said in of_all_files(divided, option):
+            say(f"{title}:", *(f"- {each}" for each in said))
     if out is not None:
         from emsid.report.views.first_look import report
 
-        drawn = draw(out, lambda: report(looks, together, commands, option))
+        drawn = draw(out, lambda: report(looks, together, divided, commands, option))
         if not json:
             say_where(out, drawn)
     if not json:
@@ -121,24 +120,19 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
     ]
 
 
-def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
-    """The words of the commands to run next: one for all files of one system that are read in the same way."""
-    kinds: dict[tuple[str, int], list[FirstLook]] = {}
-    for look in looks:
-        if not USELESS & {finding.code for finding in look.findings}:
-            kinds.setdefault((look.kind, look.system), []).append(look)
+def proposals(divided: "Sequence[Group]") -> list[list[str]]:
+    """The words of the commands to run next, one for each group of files."""
     return [
-        ["emsid", "identify", *(look.path for look in alike), *as_options(_turned(alike))] for alike in kinds.values()
+        ["emsid", "identify", *(look.path for look in group.looks), *as_options(_turned(group))] for group in divided
     ]
 
 
-def _turned(looks: "Sequence[FirstLook]") -> dict[str, Any]:
+def _turned(group: "Group") -> dict[str, Any]:
     """The reading of files that are read alike, with the sign of the input turned where all answer against it."""
-    reading = dict(looks[0].reading)
-    against = [f.data["input"] for look in looks for f in look.findings if f.code == "response-negative"]
-    if len(against) == len(looks):
+    reading = dict(group.looks[0].reading)
+    if group.against:
         scale = reading.get("scale", {})
-        reading["scale"] = {**scale, against[0]: -scale.get(against[0], 1)}
+        reading["scale"] = {**scale, group.against: -scale.get(group.against, 1)}
     return reading
 
 

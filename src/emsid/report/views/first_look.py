@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import isfinite
 
 import numpy as np
 
+from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.first_look import FirstLook
+from emsid.first_look import FirstLook, Group, without_findings_of_all
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.record import Record
@@ -23,6 +24,8 @@ from emsid.wording.durations import sample_time
 from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
+NAMED = 3
+"""More files than these are counted."""
 
 
 def column_table(look: FirstLook, most: int | None = None) -> Table:
@@ -84,6 +87,15 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]
 
 
+def of_all_files(divided: Sequence[Group], argument: Spelling = as_python) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """For each group of several files its name, and what these show together."""
+    for group in divided:
+        if group.findings:
+            names = [look.name for look in group.looks]
+            called = listed(names) if len(names) <= NAMED else f"{len(names)} files, such as {names[0]},"
+            yield f"{called} together", tuple(sentence(finding, argument) for finding in group.findings)
+
+
 def in_words(record: Record) -> str:
     """Samples, segments, sample time and channels of a record."""
     names, units = record.input_names + record.output_names, record.input_units + record.output_units
@@ -140,16 +152,22 @@ def over_time(record: Record, name: str, caption: str, axis: Callable[[str, str]
 
 
 def report(
-    looks: Sequence[FirstLook], together: Sequence[Finding], commands: Sequence[str], argument: Spelling = as_python
+    looks: Sequence[FirstLook],
+    together: Sequence[Finding],
+    divided: Sequence[Group],
+    commands: Sequence[str],
+    argument: Spelling = as_python,
 ) -> Report:
     """A page about some files.
 
     Args:
         looks: one for each file.
         together: findings about all of them.
+        divided: the files for each command, with what these show together.
         commands: what to run next.
         argument: how names of arguments are written.
     """
+    looks = [without_findings_of_all(look, divided) for look in looks]
     sections = []
     for k, look in enumerate(looks, 1):
         drawn = figure(look, f"record-{k}")
@@ -158,7 +176,9 @@ def report(
         sections.append(
             Section(look.name, clock, tables=(column_table(look),), figures=(drawn,) if drawn else (), remarks=noticed)
         )
-    serious = [*together, *(finding for look in looks for finding in look.findings)]
+    sections += [Section(title, remarks=said) for title, said in of_all_files(divided, argument)]
+    serious = [*together, *(finding for group in divided for finding in group.findings)]
+    serious += [finding for look in looks for finding in look.findings]
     notices = [Notice(sentence(f, argument), severity(f).value) for f in serious if severity(f) is not Severity.INFO]
     return Report(
         title=f"First look at {looks[0].name}" if len(looks) == 1 else f"First look at {len(looks)} files",

@@ -1,0 +1,165 @@
+"""The first look at several files: which of them belong together, and what they show together.
+
+Whether data suffice for a model is a question about all of its records: each may be one step, and all of them may show
+dead zone and friction well.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import DataError
+from emsid.findings import Finding
+from emsid.first_look.advice import TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.columns import column_of_numbers
+from emsid.first_look.look import CONSTANT, FirstLook, describe
+from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.first_look.roles import Roles, find_roles
+from emsid.first_look.systems import Source, systems
+from emsid.io.columns import as_numbers
+from emsid.io.reading import read_columns
+from emsid.record import concatenate
+
+OF_ALL = frozenset(
+    {
+        "amplitude-near-dead-zone",
+        "dead-zone-likely",
+        "excitation-linear-only",
+        "excitation-sufficient",
+        "excitation-too-low",
+        "few-input-levels",
+        "motion",
+        "much-standstill",
+        "nearly-linear",
+        "nonlinear-likely",
+        "unexplained-output",
+    }
+)
+"""Findings about how much data show; of several files together they may be others than of each."""
+LIKELY = 0.65
+"""Files whose output answers with the opposite sign are identified apart from others if it is at least this sure."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Files for one command, and what they show together.
+
+    Args:
+        looks: at files of one system that are read in the same way.
+        findings: about all of them; empty for a single file.
+    """
+
+    looks: tuple[FirstLook, ...]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def against(self) -> str:
+        """The input against which the outputs of all files go; empty where there is none."""
+        found = [f.data["input"] for look in self.looks for f in look.findings if _is_reversed(f)]
+        return found[0] if len(found) == len(self.looks) else ""
+
+
+def groups(looks: Sequence[FirstLook]) -> list[Group]:
+    """The files for each command: of one system, read in the same way, and with responses of the same sign."""
+    kinds: dict[tuple[str, int, bool], list[FirstLook]] = {}
+    for look in looks:
+        if not look.useless:
+            reverse = any(map(_is_reversed, look.findings))
+            kinds.setdefault((look.kind, look.system, reverse), []).append(look)
+    still = [look for look in looks if look.useless == {CONSTANT}]
+    return [Group(tuple(alike), tuple(_of_all(alike, still))) for alike in kinds.values()]
+
+
+def without_findings_of_all(look: FirstLook, divided: Sequence[Group]) -> FirstLook:
+    """The look without the findings that are said of all files of its group."""
+    if not any(group.findings and any(look is each for each in group.looks) for group in divided):
+        return look
+    return replace(look, findings=tuple(finding for finding in look.findings if finding.code not in OF_ALL))
+
+
+def _is_reversed(finding: Finding) -> bool:
+    return finding.code == "response-negative" and finding.data["confidence"] >= LIKELY
+
+
+def _of_all(alike: Sequence[FirstLook], still: Sequence[FirstLook]) -> Iterable[Finding]:
+    """What files show together, with those in which the output does not move: they show where a dead zone ends."""
+    if len(alike) < 2:
+        return
+    beside = [each for each in still if (each.kind, each.system) == (alike[0].kind, alike[0].system)]
+    try:
+        record = concatenate(each.record for each in (*alike, *beside) if each.record is not None)
+    except DataError:  # of different sample times, for instance
+        return
+    response = response_of(record)
+    if response is not None:
+        yield from (each for each in advice(record, response, alike[0].tolerance) if each.code in OF_ALL)
+
+
+def describe_files(
+    paths: Sequence[str | os.PathLike[str]], *, tolerance: float = TOLERANCE, **reading: Any
+) -> tuple[list[FirstLook], list[Finding]]:
+    """Look at several files, and at what they have in common.
+
+    Two files of one signal each, equally long and with the same times if they have any, are the input and the output
+    of one record.
+
+    Args:
+        paths: the files.
+        tolerance, reading: as for `describe`.
+
+    Returns:
+        What was found in each file, and findings about all of them.
+
+    Raises:
+        FormatError: where a file cannot be read at all.
+        DataError: where an argument that is given cannot be used.
+    """
+    if len(paths) == 2 and not {"input", "output"} & set(reading):
+        pair = _input_and_output([Path(path) for path in paths])
+        if pair is not None:
+            u, y = pair
+            file = next(path for path in paths if y.startswith(f"{path}:"))
+            return [describe(file, tolerance=tolerance, **reading, input=u, output=y)], []
+    looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
+    looks, different = _told_apart(looks)
+    return looks, [*opposite_signs((look.name, look.response) for look in looks), *different]
+
+
+def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:
+    """The looks with the numbers of their systems, and findings about those that are read alike and differ."""
+    kinds: dict[str, list[FirstLook]] = {}
+    for look in looks:
+        if look.record is not None and look.record.output.shape[1]:
+            kinds.setdefault(look.kind, []).append(look)
+    numbers: dict[str, int] = {}
+    found: list[Finding] = []
+    for alike in kinds.values():
+        sources = [Source(each.path, each.header, each.record) for each in alike if each.record is not None]
+        groups, different = systems(sources)
+        numbers |= {source.path: number for number, group in enumerate(groups) for source in group}
+        found += different
+    return [replace(look, system=numbers.get(look.path, 0)) for look in looks], found
+
+
+def _input_and_output(paths: Sequence[Path]) -> tuple[str, str] | None:
+    """The names of the input and the output in two files of one signal each, on the same clock if they have one."""
+    signals, clocks = [], []
+    for path in paths:
+        series = read_columns(path).series
+        times = [name for name in series if meaning(name).quantity is ColumnQuantity.TIME]
+        if len(series) != len(times) + 1 or len(times) > 1:
+            return None
+        clocks.append([as_numbers(series[name]) for name in times])
+        name = next(name for name in series if name not in times)
+        said = max(meaning(name), meaning(path.stem), key=lambda each: each.confidence)
+        shown = "1" if name == "c1" else name
+        signals.append(column_of_numbers(f"{path}:{shown}", "numbers", said, as_numbers(series[name])))
+    same = len(signals[0].values) == len(signals[1].values) and np.array_equal(clocks[0], clocks[1])
+    roles = find_roles(signals, "") if same else Roles()
+    return (roles.input, roles.output) if roles.input else None

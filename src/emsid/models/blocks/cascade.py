@@ -152,19 +152,19 @@ class Cascade(OneChannelMethods):
         return self.edge + SAMPLES_PER_STATE * self.states
 
     @cached_property
-    def input_path(self) -> InputPath:
+    def _input_path(self) -> InputPath:
         """How the input reaches the first block."""
         return InputPath(self.delay, self.oversampling)
 
     @property
     def edge(self) -> int:
         """Samples at the start of a segment for which the interpolated or delayed input is not known."""
-        return self.input_path.edge
+        return self._input_path.edge
 
     @property
     def latency(self) -> int:
         """The delay of the output in samples; see `InputPath.latency`."""
-        return self.input_path.latency
+        return self._input_path.latency
 
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
@@ -281,13 +281,13 @@ class Cascade(OneChannelMethods):
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
         """The steady state for a constant input; see `Model.at_rest`."""
         u = float(levels(self.name, level, 1)[0])
-        return CascadeState(np.full(self.input_path.kept, u), self.resting(u))
+        return CascadeState(np.full(self._input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> CascadeState:
         """The state after the first ``samples`` samples of a segment, estimated by `starting`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         states = self.starting(u, y)
-        entering, past = self.input_path.until(u, samples)
+        entering, past = self._input_path.until(u, samples)
         x, first = entering - self.input_offset, 0
         after = []
         for block in self.blocks:
@@ -298,7 +298,7 @@ class Cascade(OneChannelMethods):
 
     def run(self, state: CascadeState, inputs: Array) -> tuple[Array, CascadeState]:
         """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
-        entering, past = self.input_path.continued(state.inputs, inputs[:, 0])
+        entering, past = self._input_path.continued(state.inputs, inputs[:, 0])
         x, first, after = entering - self.input_offset, 0, []
         for block in self.blocks:
             x, kept = block.run(x, state.blocks[first : first + block.states])
@@ -395,4 +395,4 @@ class Cascade(OneChannelMethods):
 
     def _entering(self, u: Array) -> Array:
         """The input at the steps of the blocks, minus u₀."""
-        return self.input_path.steps(u) - self.input_offset
+        return self._input_path.steps(u) - self.input_offset

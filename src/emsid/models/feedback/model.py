@@ -223,19 +223,19 @@ class FeedbackModel(OneChannelMethods):
         return self.edge + SAMPLES_PER_STATE * self.states
 
     @cached_property
-    def input_path(self) -> InputPath:
+    def _input_path(self) -> InputPath:
         """How the input reaches the linear part."""
         return InputPath(self.delay, self.oversampling, self.held)
 
     @property
     def edge(self) -> int:
         """Samples at the start of a segment for which the interpolated or delayed input is not known."""
-        return self.input_path.edge
+        return self._input_path.edge
 
     @property
     def latency(self) -> int:
         """The delay of the output in samples; see `InputPath.latency`."""
-        return self.input_path.latency
+        return self._input_path.latency
 
     def trajectory(self, u: Array, x: Array) -> LoopSignals:
         """Every signal of the run over an input (N,), L steps per sample, from a state (n,).
@@ -296,7 +296,7 @@ class FeedbackModel(OneChannelMethods):
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""
-        return np.ascontiguousarray(self.input_path.steps(u))
+        return np.ascontiguousarray(self._input_path.steps(u))
 
     def linearised(self, z: Array, g: Array) -> Array:
         """(n + 1, n + 1) the matrix from (x, u) to (x⁺, y) at the inputs (m,) of the maps and their factors (m,)."""
@@ -336,19 +336,19 @@ class FeedbackModel(OneChannelMethods):
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:
         """The steady state for a constant input; see `Model.at_rest`."""
         u = float(levels(self.name, level, 1)[0])
-        return FeedbackState(np.full(self.input_path.kept, u), self.resting(u))
+        return FeedbackState(np.full(self._input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> FeedbackState:
         """The state after the first ``samples`` samples of a segment, see `emsid.models.start_states`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         x = starting(self, u, y)
-        entering, past = self.input_path.until(u, samples)
+        entering, past = self._input_path.until(u, samples)
         _, after = self.stepped(np.ascontiguousarray(entering), x)
         return FeedbackState(past, after)
 
     def run(self, state: FeedbackState, inputs: Array) -> tuple[Array, FeedbackState]:
         """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
-        v, past = self.input_path.continued(state.inputs, inputs[:, 0])
+        v, past = self._input_path.continued(state.inputs, inputs[:, 0])
         out, after = self.stepped(np.ascontiguousarray(v), state.x)
         return out.y[:: self.oversampling, None].copy(), FeedbackState(past, after)
 

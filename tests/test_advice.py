@@ -200,6 +200,22 @@ def test_outliers_hide_nothing_else() -> None:
         assert found["nearly-linear"].data["fit_percent"] > 99
 
 
+def test_both_limits_of_a_sensor_are_seen_behind_a_held_input() -> None:
+    """A staircase rarely changes while the sensor is at a limit, so that the output could have settled there."""
+    found = advice(record := Record(SLOW, np.clip(motor(SLOW, noise=0.3), -30, 20), 0.01), response_of(record))
+    limits = {finding.data["side"]: finding.data["limit"] for finding in found if finding.code == "values-cut-off"}
+    assert limits == {"lower": -30, "upper": 20}
+    square = np.sign(SLOW) * (np.abs(SLOW) > 5)
+    assert "values-cut-off" not in findings(square, motor(square, 0.5, noise=0))  # it settles, to the last digit
+    assert "values-cut-off" not in findings(SLOW, np.rint(motor(SLOW)))
+
+
+def test_times_that_were_resampled_are_not_taken_as_equal() -> None:
+    t = 0.01 * np.arange(N) + 2e-3 * np.random.default_rng(0).uniform(-1, 1, N)
+    assert not time_axis(t).regular
+    assert "clock-jitters" not in findings(U, motor(U), time_axis=time_axis(t))
+
+
 def test_jitter() -> None:
     t = 0.01 * np.arange(N) + 2e-4 * np.random.default_rng(0).uniform(-1, 1, N)
     found = findings(U, motor(U), time_axis=time_axis(t))

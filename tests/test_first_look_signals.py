@@ -38,6 +38,13 @@ def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
     assert {"no-response", "position-differentiated"} & codes(unrelated) == {"no-response"}
 
 
+def test_a_column_that_stays_is_no_difference_of_a_held_one(write: Write) -> None:
+    """Nearly all changes of the input are zero, as all or nearly all values of the output are."""
+    held = np.repeat(U[::40], 40)
+    for y in (0 * Y, np.where(np.arange(N) % 40 == 5, 1.0, 0.0)):
+        assert "difference-of-position" not in codes(describe(write({"t": T, "u": held, "y": y})))
+
+
 @pytest.mark.parametrize(("name", "period", "low"), [("enc", 65536, -32768), ("angle", 360, 0), ("enc", 4096, 0)])
 def test_a_position_that_starts_again_is_made_continuous(write: Write, name: str, period: int, low: int) -> None:
     position = np.rint(0.1 * period * np.cumsum(Y) / np.max(np.abs(Y)))

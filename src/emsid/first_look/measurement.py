@@ -25,6 +25,8 @@ FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
 FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
+REPEATED, NEAR_LIMIT = 0.02, 1e-4
+"""A noisy output repeats a smaller share of its values; one that settles ends closer to its limit, by share of range."""
 FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 """The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
 
@@ -46,7 +48,8 @@ def resolution(data: Examined) -> Iterable[Finding]:
             is_zero = abs(levels[k]) <= NEAR_ZERO * np.max(np.abs(x))
             if share < 0.01 or counts[k] < 10 * np.median(near) or is_zero:
                 continue
-            if is_output and not _moves_meanwhile(data.u, x == levels[k]):
+            there = x == levels[k]
+            if is_output and not (_moves_meanwhile(data.u, there) or _stops_at_once(x, there)):
                 continue
             code = "values-cut-off" if is_output else "command-limited"
             yield Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share})
@@ -57,6 +60,17 @@ def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
     inside = there[1:] & there[:-1]
     changes = np.count_nonzero((np.diff(u) != 0) & inside)
     return bool(changes > 0.05 * np.count_nonzero(inside) and u[there].std() > 0.02 * np.ptp(u))
+
+
+def _stops_at_once(y: Array, there: NDArray[np.bool_]) -> bool:
+    """Whether a noisy output has exactly the same value at a limit, and comes to it from a distance.
+
+    One that settles comes closer and closer; one that repeats its value elsewhere too is rounded.
+    """
+    steps, elsewhere = np.diff(y), (y[1:] > y.min()) & (y[1:] < y.max())
+    arrivals = np.abs(steps[there[1:] & ~there[:-1]])
+    repeats = np.mean(steps[elsewhere] == 0) if elsewhere.any() else 1.0
+    return bool(repeats < REPEATED and len(arrivals) and np.median(arrivals) > NEAR_LIMIT * np.ptp(y))
 
 
 def outliers(data: Examined) -> Iterable[Finding]:
@@ -76,7 +90,7 @@ def outliers(data: Examined) -> Iterable[Finding]:
 def sampling(data: Examined) -> Iterable[Finding]:
     """Jitter, repeated samples, aliasing, and the sample time against the time constant."""
     axis, dt = data.record.time_axis, data.record.dt
-    if axis is not None and axis.jitter > 0.01:
+    if axis is not None and axis.jitter > 0.01 and axis.regular:  # a record of irregular times was resampled
         yield Finding(
             "clock-jitters", data.record.name, {"jitter": float(axis.jitter), "deviation": float(axis.deviation)}
         )

@@ -210,8 +210,10 @@ def is_difference(position: Column, speed: Column) -> bool:
     """Whether one column is the change of another from sample to sample, as of an encoder."""
     if len(position.values) != len(speed.values) or len(position.values) < 20:
         return False
-    change = np.diff(position.values)
-    return bool(np.mean(np.abs(change - speed.values[1:]) < 1e-9) > 0.95 and np.ptp(change) > 0)
+    change, said = np.diff(position.values), speed.values[1:]
+    moving = (change != 0) | (said != 0)
+    alike = np.abs(change - said)[moving] < 1e-9
+    return bool(np.count_nonzero(alike) > max(0.95 * len(alike), 10) and np.ptp(said) > 0)
 
 
 def with_responses(codes: Sequence[Code], u: Array, y: Array) -> tuple[Code, ...]:

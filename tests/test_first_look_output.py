@@ -13,6 +13,7 @@ import pytest
 import emsid
 from emsid.first_look import describe
 from emsid.report.braille import braille
+from emsid.report.views.first_look import distortion_figure
 from first_look_records import N, Run, T, U, Write, Y, proposals
 
 
@@ -44,6 +45,26 @@ def test_braille_shows_a_line() -> None:
     assert braille([1.0, 1.0], 1, 1) == ["⣀"]
     assert braille([0.0, np.nan, np.nan, 3.0], 2, 1) == ["⡀⠈"]
     assert len(braille(rng.standard_normal(100_000), 60, 4)[0]) == 60
+
+
+def test_distortion_is_drawn_over_frequency(write: Write) -> None:
+    """Of a square and a dead zone under odd multiples of 0.5 Hz: even ones by the square, odd ones by the dead zone."""
+    phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 10)
+    odd = np.outer(np.arange(200), 2 * np.arange(10) + 1)
+    u = np.tile(np.cos(2 * np.pi * odd / 200 + phases).sum(axis=1), 5)
+    moved = np.sign(u) * np.maximum(np.abs(u) - 1, 0)
+    y = moved + 0.05 * moved**2 + 0.01 * np.random.default_rng(2).standard_normal(len(u))
+    look = describe(write({"t": 0.01 * np.arange(len(u)), "u": u, "y": y}))
+    drawn = distortion_figure(look)
+    assert drawn is not None
+    noise, *points = drawn.plots[0].marks
+    frequencies = {mark.label: set(np.rint(2 * mark.x).astype(int)) for mark in points}
+    assert frequencies["at frequencies of the input"] == set(range(1, 20, 2))
+    assert {k % 2 for k in frequencies["even distortion"]} == {0}
+    assert frequencies["odd distortion"] == set(range(21, 56, 2))
+    assert all(np.median(mark.y) > 3 * np.median(noise.y) for mark in points)
+    assert np.median(noise.y) == pytest.approx(0.01 * 2 / np.sqrt(200) / 2, rel=0.3)  # of the mean of four periods
+    assert distortion_figure(describe(write({"t": T, "u": U, "y": Y}))) is None
 
 
 def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None:

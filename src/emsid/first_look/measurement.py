@@ -26,7 +26,7 @@ FEW_STEPS = 8
 FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 REPEATED, NEAR_LIMIT = 0.02, 1e-4
-"""A noisy output repeats a smaller share of its values; one that settles ends closer to its limit, by share of range."""
+"""A noisy output repeats a smaller share of its values; one that settles ends closer to its limit (shares)."""
 FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 """The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
 

@@ -13,6 +13,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +42,14 @@ LEAST_FIT = 0.2
 
 def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
     """At most one finding about how nonlinear the relation between the first input and output is."""
-    u, y = record.input[:, 0], record.output[:, 0]
-    period = period_of(u) if not record.breaks else None
-    if period is not None:
-        levels = distortion(u, y, period)
-        if levels is not None:
-            yield Finding("distortion-levels", record.output_names[0], levels | {"period": period * record.dt})
-            return
+    repeated = distortion_of(record)
+    if repeated is not None:
+        found, period = repeated
+        yield Finding("distortion-levels", record.output_names[0], found.levels() | {"period": period * record.dt})
+        return
     if linear is None or response.delay is None:
         return
-    share, probability = dependence(linear, u, record.breaks)
+    share, probability = dependence(linear, record.input[:, 0], record.breaks)
     segment = max(record.segments, key=len)
     similar = coherence(segment.input[:, 0], segment.output[:, 0], min(len(segment) // 4, 1024) or 1)
     low = similar[1 : max(3, len(similar) // 8)]
@@ -69,8 +68,54 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
         yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})
 
 
-def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None:
-    """Levels of noise, even and odd distortion, as shares of the amplitude; None where they cannot be separated.
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """The output at the multiples 1, 2, … of the lowest frequency of a periodic input.
+
+    Attributes:
+        periods: how many were averaged.
+        amplitude: (F,) of the mean period, in the unit of the output.
+        noise: (F,) the standard deviation of these amplitudes by noise.
+        excited: (F,) whether the input has this frequency.
+        band: (F,) whether it is at most three times the highest frequency of the input.
+    """
+
+    periods: int
+    amplitude: Array
+    noise: Array
+    excited: NDArray[np.bool_]
+    band: NDArray[np.bool_]
+
+    @property
+    def even(self) -> NDArray[np.bool_]:
+        """(F,) the even multiples without input, where unsymmetric nonlinearities show."""
+        even: NDArray[np.bool_] = np.arange(1, len(self.amplitude) + 1) % 2 == 0
+        return self.band & ~self.excited & even
+
+    @property
+    def odd(self) -> NDArray[np.bool_]:
+        """(F,) the odd multiples without input, where symmetric nonlinearities show, such as a dead zone."""
+        return self.band & ~self.excited & ~self.even
+
+    def levels(self) -> dict[str, float | int]:
+        """Noise of a period, even and odd distortion as shares of the amplitude at the frequencies of the input."""
+        signal = float(np.sum(self.amplitude[self.excited] ** 2))
+
+        def level(where: NDArray[np.bool_]) -> float:
+            power = float(np.sum(self.amplitude[where] ** 2) - np.sum(self.noise[where] ** 2))
+            return float(np.sqrt(max(power, 0.0) / signal))
+
+        return {
+            "periods": self.periods,
+            "noise": float(np.sqrt(np.sum(self.noise[self.band] ** 2) * self.periods / signal)),
+            "even": level(self.even),
+            "odd": level(self.odd),
+            "lines": int(np.count_nonzero(self.excited)),
+        }
+
+
+def distortion(u: Array, y: Array, period: int) -> Distortion | None:
+    """The output at the frequencies of a periodic input and between them; None where noise hides the distortion.
 
     Args:
         u, y: (N,) input and output.
@@ -83,28 +128,19 @@ def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None
         periods, inputs = periods[1:], inputs[1:]
     count = len(periods)
     drive = np.abs(np.fft.rfft(inputs.mean(axis=0)))[1:]
-    lines = np.fft.rfft(periods, axis=1)[:, 1:]
+    lines = 2 / period * np.fft.rfft(periods, axis=1)[:, 1:]
     mean = lines.mean(axis=0)
-    noise = np.mean(np.abs(lines - mean) ** 2, axis=0) * count / (count - 1) / count  # of the mean of the periods
+    variance = np.mean(np.abs(lines - mean) ** 2, axis=0) / (count - 1)  # of the mean of the periods
     excited = drive > 1e-4 * drive.max()
     band = np.arange(len(drive)) <= 3 * np.flatnonzero(excited)[-1]
-    number = np.arange(1, len(drive) + 1)
-    signal = float(np.sum(np.abs(mean[excited]) ** 2))
-    silent = ~excited & band
-    if not signal or np.count_nonzero(silent) < 4:
+    found = Distortion(count, np.abs(mean), np.sqrt(variance), excited, band)
+    if not np.any(mean[excited]) or np.count_nonzero(band & ~excited) < 4:
         return None
+    return found if found.levels()["noise"] <= MOST_NOISE else None
 
-    def level(where: NDArray[np.bool_]) -> float:
-        power = float(np.sum(np.abs(mean[where]) ** 2) - np.sum(noise[where]))
-        return float(np.sqrt(max(power, 0.0) / signal))
 
-    scatter = float(np.sqrt(np.sum(noise[band]) * count / signal))
-    if scatter > MOST_NOISE:
-        return None
-    return {
-        "periods": count,
-        "noise": scatter,
-        "even": level(silent & (number % 2 == 0)),
-        "odd": level(silent & (number % 2 == 1)),
-        "lines": int(np.count_nonzero(excited)),
-    }
+def distortion_of(record: Record) -> tuple[Distortion, int] | None:
+    """The distortion of the first output of a record with a periodic input, and the period in samples."""
+    period = None if record.breaks else period_of(record.input[:, 0])
+    found = None if period is None else distortion(record.input[:, 0], record.output[:, 0], period)
+    return None if found is None or period is None else (found, period)

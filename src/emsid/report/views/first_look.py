@@ -6,21 +6,23 @@ from collections.abc import Callable, Iterable, Sequence
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.first_look import FirstLook, Group, without_findings_of_all
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
+from emsid.first_look.nonlinearity import distortion_of
 from emsid.record import Record
 from emsid.report.braille import braille
-from emsid.report.document import Axis, Figure, Line, Notice, Plot, Report, Section, Stroke, Table
+from emsid.report.document import Axis, Figure, Ink, Line, Notice, Plot, Points, Report, Section, Stroke, Table
 from emsid.report.numbers import number
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.units import in_unit, readable_unit
+from emsid.units import in_unit, plain_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
-from emsid.wording.durations import sample_time
+from emsid.wording.durations import duration, sample_time
 from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
@@ -130,6 +132,34 @@ def figure(look: FirstLook, name: str = "record") -> Figure | None:
     return over_time(look.record, name, f"Inputs and outputs of {look.name}.", channel_axis, 0.8)
 
 
+def distortion_figure(look: FirstLook, name: str = "distortion") -> Figure | None:
+    """The output of a periodic input over frequency: where the input is, even and odd distortion, and noise."""
+    repeated = None if look.record is None or not look.record.output.shape[1] else distortion_of(look.record)
+    if look.record is None or repeated is None:
+        return None
+    found, period = repeated
+    frequency = np.arange(1, len(found.amplitude) + 1) / (period * look.record.dt)
+    least = 1e-6 * float(found.amplitude.max())  # a logarithmic axis has no zero
+
+    def points(where: NDArray[np.bool_], label: str, ink: Ink) -> Points:
+        return Points(frequency[where], np.maximum(found.amplitude[where], least), label, ink)
+
+    marks = (
+        Line(frequency[found.band], np.maximum(found.noise[found.band], least), "noise", Stroke(Ink.GREY)),
+        points(found.even, "even distortion", Ink.ORANGE),
+        points(found.odd, "odd distortion", Ink.GREEN),
+        points(found.excited, "at frequencies of the input", Ink.BLUE),
+    )
+    output, unit = look.record.output_names[0], look.record.output_units[0]
+    plot = Plot(marks, Axis("Frequency", "Hz", log=True), Axis("Amplitude", plain_unit(unit), log=True))
+    caption = (
+        f"Amplitude of {output} over {found.periods} periods of {duration(period * look.record.dt)}. Distortion "
+        "above the noise shows a nonlinear relation: even where it is unsymmetric, odd for dead zone, friction and "
+        "saturation."
+    )
+    return Figure(name, caption, (plot,))
+
+
 def over_time(record: Record, name: str, caption: str, axis: Callable[[str, str], Axis], height: float) -> Figure:
     """Every input and output of a record over time.
 
@@ -170,12 +200,10 @@ def report(
     looks = [without_findings_of_all(look, divided) for look in looks]
     sections = []
     for k, look in enumerate(looks, 1):
-        drawn = figure(look, f"record-{k}")
+        drawn = tuple(filter(None, (figure(look, f"record-{k}"), distortion_figure(look, f"distortion-{k}"))))
         noticed = tuple(sentence(finding, argument) for finding in look.findings)
         clock = tuple(line for line in lines(look) if not line.startswith("- "))
-        sections.append(
-            Section(look.name, clock, tables=(column_table(look),), figures=(drawn,) if drawn else (), remarks=noticed)
-        )
+        sections.append(Section(look.name, clock, tables=(column_table(look),), figures=drawn, remarks=noticed))
     sections += [Section(title, remarks=said) for title, said in of_all_files(divided, argument)]
     serious = [*together, *(finding for group in divided for finding in group.findings)]
     serious += [finding for look in looks for finding in look.findings]

@@ -15,6 +15,7 @@ from scipy.signal import firwin, resample_poly
 from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.linear.filtering import is_stable
 from emsid.estimation.nonlinear.control import Control
 from emsid.estimation.nonlinear.gauss_newton import PATIENCE
 from emsid.estimation.nonlinear.losses import Huber
@@ -554,3 +555,18 @@ def test_a_filter_is_stable_where_its_largest_pole_is_inside_the_circle(poles: l
     else:
         with pytest.raises(Infeasible):
             block.check()
+
+
+@pytest.mark.parametrize("order", range(7))
+@pytest.mark.parametrize("radius", [1.0, 0.9])
+def test_stability_without_the_roots_agrees_with_the_roots(order: int, radius: float) -> None:
+    rng = np.random.default_rng(order)
+    seen = set()
+    for _ in range(200):
+        pairs = rng.uniform(0.2, 1.15, order // 2) * np.exp(1j * rng.uniform(0, np.pi, order // 2))
+        poles = np.concatenate([pairs, pairs.conj(), rng.uniform(-1.1, 1.1, order % 2)])
+        denominator = np.real(np.atleast_1d(np.poly(poles)))[1:]
+        stable = bool(np.abs(poles).max(initial=0.0) < radius)
+        assert is_stable(denominator.tolist(), radius) == stable
+        seen.add(stable)
+    assert seen == ({True, False} if order else {True})

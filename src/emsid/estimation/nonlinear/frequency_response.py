@@ -21,15 +21,16 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.linear.filtering import spectrum
+from emsid.estimation.compiled import read_only
+from emsid.estimation.linear.filtering import is_stable, spectrum
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.problem import Infeasible
@@ -60,6 +61,12 @@ class FrequencyResponse:
     frequency: Array
     value: ComplexArray
     deviation: Array
+
+    def ahead(self, samples: int) -> FrequencyResponse:
+        """The response without a delay of so many samples."""
+        if samples == 0:
+            return self
+        return replace(self, value=self.value * np.exp(2j * np.pi * self.frequency * samples))
 
 
 def frequency_response(
@@ -128,8 +135,11 @@ def _periodic_response(periods: Sequence[tuple[Array, Array]]) -> FrequencyRespo
     return _response(frequency, mean(power), mean(syy), mean(suy), averages)
 
 
+@lru_cache(maxsize=32)
 def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: int = 1) -> tuple[Array, Array, float]:
     """Fit B/A to a frequency response.
+
+    The last fits are kept: a search asks for the same one to choose an order, and for each division of its poles.
 
     Args:
         response: the response.
@@ -142,7 +152,7 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
     """
     problem = _Rational(response, nb, na, oversampling)
     found = gauss_newton(problem, problem.iterated(20), max_iterations=30, covariances=False)
-    return found.estimate[:nb], _inside(found.estimate[nb:]), 2 * found.cost
+    return read_only(found.estimate[:nb]), read_only(_inside(found.estimate[nb:])), 2 * found.cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +170,7 @@ class _Rational:
         return np.asarray(z[:, None] ** np.arange(max(self.nb, self.na + 1)), dtype=complex)
 
     def residuals(self, theta: Array) -> list[Array]:
-        if self.na and np.max(np.abs(np.roots(np.append(1.0, theta[self.nb :])))) >= 1:
+        if not is_stable(theta[self.nb :].tolist()):
             raise Infeasible("a pole outside the unit circle")
         powers = self._powers
         b, a = powers[:, : self.nb] @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]

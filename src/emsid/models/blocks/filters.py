@@ -21,14 +21,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.linear.filtering import filter_rows
+from emsid.estimation.linear.filtering import filter_rows, is_stable
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.terms import check_whole, sum_of_terms, vector
 
@@ -140,12 +139,9 @@ class Rational:
         Raises:
             Infeasible: with the unstable pole.
         """
-        if len(self.denominator):
-            largest = _largest_root(*self.denominator) if len(self.denominator) <= 2 else np.max(np.abs(self.poles))
-            if largest >= 1 - STABILITY_MARGIN:
-                raise Infeasible(
-                    f"unstable filter: a pole of size {largest:.6g}; poles must lie inside the unit circle"
-                )
+        if not is_stable(self.denominator.tolist(), 1 - STABILITY_MARGIN):
+            largest = np.max(np.abs(self.poles))
+            raise Infeasible(f"unstable filter: a pole of size {largest:.6g}; poles must lie inside the unit circle")
 
     def output(self, x: Array, state: Array) -> Array:
         """(N,) the filtered signal."""
@@ -237,12 +233,6 @@ class Rational:
         a[1:] = self.denominator
         filter_rows(b, a, rows, out, np.zeros((len(rows), len(self.denominator))))
         return out
-
-
-def _largest_root(a1: float, a2: float = 0.0) -> float:
-    """The size of the largest root of z² + a₁z + a₂, without the eigenvalues of a matrix."""
-    square = a1 * a1 - 4 * a2
-    return float(0.5 * (abs(a1) + sqrt(square)) if square >= 0 else sqrt(a2))
 
 
 def fir(taps: ArrayLike, delay: int = 0) -> Rational:

@@ -7,14 +7,13 @@ is the least one with which that order fits the response.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational, frequency_response
 from emsid.excitation.between_samples import repeats
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family
@@ -37,26 +36,28 @@ MOST_DELAY = 0.25
 SAMPLES_PER_PARAMETER = 5
 
 
-def total_orders(
-    topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None = None
-) -> list[int]:
+def measured_response(segments: Sequence[tuple[Array, Array]], period: int | None = None) -> FrequencyResponse | None:
+    """The frequency response of (u, y) segments; None where they are too short for one, or the input is constant."""
+    try:
+        return frequency_response(segments, period=period)
+    except ModelError:
+        return None
+
+
+def total_orders(topology: Topology, response: FrequencyResponse | None, orders: Orders) -> list[int]:
     """Orders of the best linear approximation to try: the given ones, or that of least description length and below.
 
     A nonlinearity can look like poles and zeros in the response, so lower orders are tried too: all of them with one
     filter, and some with two, because each of them can be divided in many ways.
     """
-    least, most = _least(topology, orders), _total(topology, segments, orders, period)
+    least, most = _least(topology, orders), _total(topology, response, orders)
     return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
 
-def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None) -> int:
+def _total(topology: Topology, response: FrequencyResponse | None, orders: Orders) -> int:
     """The given order, or the one of least description length for the frequency response."""
     least = _least(topology, orders)
-    if not _open(topology, orders):
-        return least
-    try:
-        response = frequency_response(segments, period=period)
-    except ModelError:
+    if response is None or not _open(topology, orders):
         return least
     points = 2 * len(response.frequency)
     largest = min(LARGEST_ORDER, (points - 2) // 6)
@@ -107,19 +108,17 @@ def input_delay(
     topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None = None
 ) -> int:
     """The least delay whose fit to the measured frequency response is about as good as the best."""
-    total = _total(topology, segments, orders, period)
-    try:
-        response = frequency_response(segments, period=period)
-    except ModelError:
+    response = measured_response(segments, period)
+    if response is None:
         return 0
+    total = _total(topology, response, orders)
     noise = 2 * len(response.frequency)
     costs: list[float] = []
     for delay in range(int(MOST_DELAY * max(len(u) for u, _ in segments)) + 1):
         if delay > USUAL_DELAYS and int(np.argmin(costs)) < delay - LAST_DELAYS:
             break
-        ahead = np.exp(2j * np.pi * response.frequency * delay)
         try:
-            costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
+            costs.append(fit_rational(response.ahead(delay), total + 1, total)[2])
         except ModelError:  # more coefficients than the response has points
             return 0
         if costs[0] < 2 * noise:  # no delay already fits down to the noise

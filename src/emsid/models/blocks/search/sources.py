@@ -17,7 +17,7 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import delayed
-from emsid.models.blocks.search.orders import order_shares, sign_recovery_orders, total_orders
+from emsid.models.blocks.search.orders import measured_response, order_shares, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
     RANDOM_DRAWS,
     delay_exchanged,
@@ -66,13 +66,15 @@ def ordered_starts(
         if recovered:
             yield [candidate.cascade for candidate in recovered]
             return
-    totals = total_orders(topology, segments, orders, settings.period)
+    response = measured_response(segments, settings.period)  # without one, the other sources remain
+    totals = total_orders(topology, response, orders)
     pairs: list[Filters] = []
     for total in totals:
         for first, second in order_shares(topology, orders, total):
             control.check()
-            with suppress(ModelError):  # too short for a frequency response: the other sources remain
-                pairs += linear_candidates(segments, (first, second), total, template.oversampling, settings.period)
+            if response is not None:
+                with suppress(ModelError):  # more coefficients than the response has points
+                    pairs += linear_candidates(response, (first, second), total, template.oversampling)
             if topology.second and template.oversampling == 1:
                 with suppress(ModelError):
                     _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))

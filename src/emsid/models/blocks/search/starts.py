@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational, frequency_response
+from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -67,18 +67,16 @@ WEAK = 1e-2
 
 
 def linear_candidates(
-    segments: Segments, orders: tuple[int | None, int | None], total: int, oversampling: int, period: int | None = None
+    response: FrequencyResponse, orders: tuple[int | None, int | None], total: int, oversampling: int
 ) -> Iterator[Filters]:
     """Pairs of filters that divide the poles and zeros of the best linear approximation.
 
     Args:
-        segments: (u, y) of each, without the delay.
+        response: measured, without the delay.
         orders: of the first and the second filter; None if the structure has no such filter.
         total: order of the approximation; its zeros are divided in any way that keeps the filters proper.
         oversampling: of the cascade.
-        period: of the input in samples, if it is periodic.
     """
-    response = frequency_response(segments, period=period)
     b, a, _ = fit_rational(response, total + 1, total, oversampling)
     whole = Rational(b, a)
     first, second = orders

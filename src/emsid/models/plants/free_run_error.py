@@ -166,6 +166,8 @@ class FreeRunError:
         whole = np.concatenate([segment.output for segment in segments])
         spread = np.std(whole, axis=0)
         self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
+        command = max(float(np.max(np.abs(segment.input))) for segment in segments)
+        self._of_records = Sizes(command or 1.0, float(np.max(np.abs(whole))) or 1.0, segments[0].dt)
         self.sizes = self._sizes()
         self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
         self._last: LastRun[list[Array]] = LastRun()
@@ -342,6 +344,8 @@ class FreeRunError:
 
     def _beside(self, here: _Run, moves: Sequence[list[int]], by: Array) -> list[_Run]:
         """The runs after every move, within the physical bounds; where there is none, that at θ, and why."""
+        if not moves:
+            return []
         runs, there = [], np.minimum(np.maximum(here.theta + by, self.lower), self.upper)
         for move in moves:
             theta = here.theta.copy()
@@ -406,10 +410,8 @@ class FreeRunError:
         return [max(abs(self.plant.value(name)), 1e-3 * scale) or 1.0 for name, scale in plausible]
 
     def _plausible(self) -> list[float]:
-        command = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
-        output = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
-        sizes = Sizes(command, output, self.segments[0].dt)
-        return [self.plant.plausible(self.plant.handles[name].measure, sizes) for name in self.free]
+        plant, handles = self.plant, self.plant.handles
+        return [plant.plausible(handles[name].measure, self._of_records) for name in self.free]
 
     def _state_size(self, segment: int, index: int) -> float:
         size = max(float(np.max(np.abs(self.segments[segment].output))), 1e-12)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from enum import Enum
-from functools import cache
+from functools import cache, lru_cache
 from math import inf
 from typing import Any, NamedTuple, Protocol
 
@@ -89,22 +89,34 @@ def read_at(thing: Any, path: tuple[str | int, ...]) -> float:
     return float(thing)
 
 
-def with_numbers(thing: Any, numbers: Mapping[tuple[str | int, ...], float]) -> Any:
+def with_numbers(thing: Any, numbers: Mapping[Path, float]) -> Any:
     """The nested value with numbers replaced, each at its path; every part is made anew once."""
+    return _made_anew(thing, _by_step(tuple(numbers)), numbers)
+
+
+def _made_anew(thing: Any, changed: Mapping[str | int, Any], numbers: Mapping[Path, float]) -> Any:
+    """A part with what is ``changed`` in it, by step: the path of a number, or the same of a part of the part."""
     if isinstance(thing, tuple):
-        return tuple(numbers.get((k,), kept) for k, kept in enumerate(thing))
+        return tuple(numbers[changed[k]] if k in changed else kept for k, kept in enumerate(thing))
     if thing is None:
         thing = DeadZoneLaw(0.0, 0.0)
-    changed: dict[str, Any] = {}
-    inner: dict[str, dict[tuple[str | int, ...], float]] = {}
-    for path, value in numbers.items():
-        if len(path) > 1:
-            inner.setdefault(str(path[0]), {})[path[1:]] = value
-        else:
-            changed[str(path[0])] = value
-    changed |= {step: with_numbers(getattr(thing, step), below) for step, below in inner.items()}
-    kept = {name: getattr(thing, name) for name in _field_names(type(thing))}  # type: ignore[arg-type]
-    return type(thing)(**(kept | changed))
+    values = {name: getattr(thing, name) for name in _field_names(type(thing))}  # type: ignore[arg-type]
+    for step, below in changed.items():
+        is_number = isinstance(below, tuple)
+        values[step] = numbers[below] if is_number else _made_anew(values[step], below, numbers)  # type: ignore[index]
+    return type(thing)(**values)
+
+
+@lru_cache(maxsize=1024)
+def _by_step(paths: tuple[Path, ...]) -> dict[str | int, Any]:
+    """Paths by their first step, then by their second, and so on, with the whole path at the end."""
+    found: dict[str | int, Any] = {}
+    for path in paths:
+        inner = found
+        for step in path[:-1]:
+            inner = inner.setdefault(step, {})
+        inner[path[-1]] = path
+    return found
 
 
 @cache

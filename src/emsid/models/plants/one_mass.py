@@ -152,6 +152,7 @@ def move(
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
     v, x = speed, position
+    per_mass = 1.0 / mass  # in every step the next one would wait for a division
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
@@ -168,16 +169,17 @@ def move(
                     if v == 0.0 and abs(net) <= friction.breakaway[side]:
                         break
                     direction = 1.0 - 2.0 * side
-                    r = (drag + friction.viscous[side]) / mass
+                    r = (drag + friction.viscous[side]) * per_mass
                     if friction.varies[side]:
                         against = level(abs(v), friction.numbers, side) + friction.quadratic * v * v
-                        a = (net - direction * against) / mass
+                        a = (net - direction * against) * per_mass
                         half = 0.5 * left
-                        middle = max(direction * (v + (a - r * v) * half / (1.0 + 0.5 * r * half)), 0.0)
+                        middle = max(direction * (v + (a - r * v) * (half / (1.0 + 0.5 * r * half))), 0.0)
                         against = level(middle, friction.numbers, side) + friction.quadratic * middle * middle
-                        a = (drive - _ripple(x, direction * middle * left, friction.waves) - direction * against) / mass
+                        net = drive - _ripple(x, direction * middle * left, friction.waves)
+                        a = (net - direction * against) * per_mass
                     else:
-                        a = (drive - direction * friction.breakaway[side]) / mass
+                        a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
                         first, second = _phi(r, left)
                         known = (r, left, first, second)

@@ -42,6 +42,7 @@ from emsid.models.plants.driven import Driven
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.state import HELD
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.structures import arx, friction_narx, wiener_hammerstein_regression
 from emsid.plant import Friction, Motor
@@ -371,9 +372,9 @@ def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(plant: Driven
     rng = np.random.default_rng(4)
     inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7)]
     late = plant.with_drive(delay=delay, hold=hold)
-    slow = late.with_values({"sensor.lag": DT, "sensor.average": 0.3})
+    slow = late.with_values({"sensor.lag": DT, "sensor.average": 0.3, late.load_name: 0.02})
     plants = [late, slow, slow.with_drive(delay=delay + 1e-9), late.with_values({"cogging.sine_2": 0.01})]
-    states = [[rng.uniform(-1.0, 1.0, 3) for _ in inputs] for _ in plants]
+    states = [[np.append(rng.uniform(-1.0, 1.0, HELD), rng.integers(2)) for _ in inputs] for _ in plants]
     signals = (Signal.POSITION, Signal.SPEED)
     together = late.simulate_each(plants, inputs, DT, states, signals)
     for k, u in enumerate(inputs):

@@ -349,20 +349,20 @@ def test_kinds_of_samples_are_levels_speeds_and_directions():
 
 
 @pytest.mark.parametrize(
-    ("short_time", "law"),
+    ("short_time", "law", "noise"),
     [
-        ("drive.delay", GaussianStribeck()),
-        ("", Friction()),
-        ("inductance", Friction()),
-        pytest.param("drive.delay", Friction(), marks=pytest.mark.long),
+        ("drive.delay", GaussianStribeck(), 0.2),
+        ("", Friction(), 0.2),
+        ("inductance", Friction(), 0.4),  # with less noise, friction tells it from a lag
+        pytest.param("drive.delay", Friction(), 0.2, marks=pytest.mark.long),
     ],
 )
-def test_what_a_time_constant_may_be_with_another_short_time_is_within_its_interval(short_time, law):
+def test_what_a_time_constant_may_be_with_another_short_time_is_within_its_interval(short_time, law, noise):
     motor = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction(), inductance=3e-3).rigid()
     true = DrivenMotor(replace(motor, inductance=0.0)).quantities()[0]
     rng = np.random.default_rng(0)
     u = 4 * levels(1200, rng, 25)
-    y = simulate(motor, u, 5e-3).load_speed + 0.2 * rng.standard_normal(1200)
+    y = simulate(motor, u, 5e-3).load_speed + noise * rng.standard_normal(1200)
     others = (short_time, "rotor_viscous") if short_time == "inductance" else (short_time,) if short_time else ()
     fit = simulation_error(
         RIGID.with_frictions({"rotor_friction": law, "load_friction": Friction()}),

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import Enum
-from math import inf, log
+from math import inf, log, sqrt
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -23,6 +23,7 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
+from emsid.models.plants.state import HELD
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -97,7 +98,14 @@ def begun(
     if start is InitialState.FREE or not starts_from_samples(plant, signals):
         return first, [plant.free_states(signals, segment) for segment in segments]
     none: list[tuple[int, ...]] = [() for _ in segments]
-    return [np.zeros_like(state) for state in first] if start is InitialState.REST else first, none
+    return [_at_rest(state) for state in first] if start is InitialState.REST else first, none
+
+
+def _at_rest(state: Array) -> Array:
+    """The initial state at rest at position zero."""
+    rest = np.zeros_like(state)
+    rest[HELD:] = 1.0
+    return rest
 
 
 def as_seen(
@@ -151,8 +159,17 @@ def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
     return added <= float(chdtri(2 * len(residuals), 0.05))
 
 
+def starts_at_rest(y: Array) -> bool:
+    """Whether the first three samples of an output are exactly zero or exactly equal."""
+    return len(y) > 3 and float(np.ptp(y[:3])) == 0.0
+
+
 def beginning(y: Array, dt: float) -> Beginning:
-    """Speed and position at the first sample of a measured position (N,)."""
+    """Speed and position at the first sample of a measured position (N,).
+
+    The first samples of a counter that stands still until a step are equal, and no polynomial goes through the step. So
+    where a polynomial leaves more than the counts explain, it is at rest for as long as they are equal.
+    """
     found = Beginning((0.0, np.inf), (float(y[0]), 0.0))
     least = np.inf
     for samples in sorted({min(count, len(y)) for count in SAMPLES}):
@@ -166,4 +183,10 @@ def beginning(y: Array, dt: float) -> Beginning:
         least = min(least, variance)
         position, speed = np.sqrt(variance * np.diag(np.linalg.inv(powers.T @ powers)))[:2]
         found = Beginning((float(coefficients[1]), float(speed)), (float(coefficients[0]), float(position)))
+    changes = np.abs(np.diff(y[: SAMPLES[0]]))
+    if starts_at_rest(y) and changes.any():
+        deviation = float(np.min(changes[changes > 0])) / sqrt(12.0)  # of counts, as if they were spread evenly
+        if least > WORSE * deviation**2:
+            equal = 1 + int(np.argmax(changes > 0))
+            return Beginning((0.0, deviation / (equal * dt)), (float(y[0]), deviation))
     return found

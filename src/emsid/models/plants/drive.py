@@ -262,7 +262,7 @@ class Drive:
         missing = first + GAUSS[0] * slope
         return np.sign(left) * self.supply * (duty - self.rise * missing), duty - self.rise * slope
 
-    def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
+    def standing(self, command: Array, dt: float, most: int | None = None, holding: float | None = None) -> Array:
         """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
 
         For a straight command there are two rows more: one for the sample before, and last one of NaN, which says that
@@ -272,6 +272,7 @@ class Drive:
             command: the inputs of one sample.
             dt: sample time in s.
             most: number of samples of the run, which limits the stored delay.
+            holding: the voltage before the first sample, where it is not that of the command.
 
         Raises:
             ModelError: for a delay of more than `LONGEST_DELAY` samples, if ``most`` is not given.
@@ -284,9 +285,8 @@ class Drive:
             )
         straight = self.hold is not Hold.ZERO
         whole = int(samples) if most is None else int(min(samples, most))
-        voltage, conducts = self.applied(command[None, :])
         on_their_way = np.empty((whole + 1 + 2 * straight, 2))
-        on_their_way[:, 0], on_their_way[:, 1] = voltage[0], conducts[0]
+        on_their_way[:] = np.ravel(self.applied(command[None, :])) if holding is None else (holding, 1.0)
         if straight:
             on_their_way[-1] = np.nan
         return on_their_way
@@ -309,17 +309,26 @@ class Drive:
         kept = voltage[: samples + 1], conducts[: samples + 1]
         return Acting(*kept, dt, late, slice(None, -1), None, left)
 
-    def acting_each(self, inputs: Sequence[Array], dt: float) -> ActingEach:
-        """What the drive does over several runs, for inputs (N, nu) of each, whose first command acts before it."""
+    def acting_each(self, inputs: Sequence[Array], dt: float, holding: Sequence[float | None]) -> ActingEach:
+        """What the drive does over several runs.
+
+        Args:
+            inputs: (N, nu) of every run.
+            dt: sample time in s.
+            holding: the voltage before every run; None for that of its first command.
+        """
         whole = int(self.delay / dt)
         if self.hold is not Hold.ZERO or whole >= min(map(len, inputs)):
-            drives = [(self.for_inputs(each), each) for each in inputs]
-            return ActingEach.of([d.acting(each, d.standing(each[0], dt, len(each)), dt) for d, each in drives])
+            runs = [(self.for_inputs(each), each, before) for each, before in zip(inputs, holding, strict=True)]
+            return ActingEach.of([d.acting(u, d.standing(u[0], dt, len(u), before), dt) for d, u, before in runs])
         voltage, conducts = self.applied(np.concatenate(inputs))
         which, ends, samples = _delayed_rows(tuple(map(len, inputs)), whole)
-        runs = len(inputs)
-        late = np.full(runs, self.delay / dt - whole)
-        return ActingEach(voltage[which], conducts[which], ends, np.full(runs, dt), late, samples)
+        voltage, conducts = voltage[which], conducts[which]
+        for begin, before in zip(ends.tolist(), holding, strict=False):
+            if before is not None:
+                voltage[begin : begin + whole + 1], conducts[begin : begin + whole + 1] = before, 1.0
+        late = np.full(len(inputs), self.delay / dt - whole)
+        return ActingEach(voltage, conducts, ends, np.full(len(inputs), dt), late, samples)
 
     def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.models.plants.base_plant import BEGINNING, BasePlant, parameters_of
-from emsid.models.plants.beginning import beginning
+from emsid.models.plants.beginning import beginning, starts_at_rest
 from emsid.models.plants.drive import Acting, Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits, Plant
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.state import HELD
 from emsid.plant.friction import find_law, law_name
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ NEED_SUPPLY = ("drive.freewheel", "drive.rise")
 class Driven(BasePlant):
     """A plant with a drive before it and a sensor after it.
 
-    An initial state is a speed, a position, and the reading of a sensor with a lag.
+    An initial state is a speed, a position, the reading of a sensor with a lag, and whether the plant is held at rest.
+    A record that begins at rest does not show the command before it, only that the plant did not move: until the delay
+    of the drive has passed, its output balances the load. Elsewhere the first command acts before the record, too.
     """
 
     drive: Drive
@@ -46,8 +49,8 @@ class Driven(BasePlant):
 
     @property
     def states(self) -> int:
-        """Speed, position, and speed reading of the sensor."""
-        return 3
+        """Speed, position, speed reading of the sensor, and whether it is held at rest."""
+        return HELD + 1
 
     @property
     def driven(self) -> DrivenPlant:
@@ -63,6 +66,15 @@ class Driven(BasePlant):
     @abstractmethod
     def load_name(self) -> str:
         """The name of its constant load."""
+
+    @property
+    @abstractmethod
+    def holding(self) -> float:
+        """The output of the drive that balances the load at rest."""
+
+    def before(self, state: Array) -> float | None:
+        """The output of the drive before a run from an initial state; None for that of the first command."""
+        return self.holding if len(state) > HELD and state[HELD] else None
 
     def largest_force(self, inputs: Array) -> float:
         """The largest output of the drive."""
@@ -119,14 +131,16 @@ class Driven(BasePlant):
         """See `BasePlant.simulate_each`; plants of one mass move in one compiled call."""
         if not all(plant.at_once(signals) for plant in plants):
             return BasePlant.simulate_each(plants, inputs, dt, states, signals, loads)
-        drives = {id(plant.drive): plant.drive for plant in plants}  # a derivative changes few of them
-        acting = {key: drive.acting_each(inputs, dt) for key, drive in drives.items()}
-        on = [acting[id(plant.drive)] for plant in plants]
+        begin = np.array(states, dtype=float)
+        before = [tuple(map(plant.before, each)) for plant, each in zip(plants, begin, strict=True)]
+        keys = [(id(plant.drive), each) for plant, each in zip(plants, before, strict=True)]
+        drives = dict(zip(keys, plants, strict=True))  # a derivative changes few of them
+        acting = {key: plant.drive.acting_each(inputs, dt, key[1]) for key, plant in drives.items()}
+        on = [acting[key] for key in keys]
         masses = [plant._as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
         if loads:
             against = on[0].held(loads)
             masses = [mass._replace(force=mass.force - against) for mass in masses]
-        begin = np.array(states, dtype=float)
         motion = moved(masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2])
         outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
         sensors = {id(plant.sensor): plant.sensor for plant in plants}
@@ -161,13 +175,12 @@ class Driven(BasePlant):
     def start_samples(self, signals: Sequence[Signal]) -> int:
         """One sample for a speed; twenty for a position, or for a speed measured with a lag.
 
-        A delayed command is assumed to be constant before the record. More samples would exclude the response to a
-        step at the start of a record from the free run.
+        More samples would exclude the response to a step at the start of a record from the free run.
         """
         return BEGINNING if Signal.POSITION in signals or self.sensor.lag > 0 else 1
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
-        """(speed, position, speed reading) from the first samples."""
+        """(speed, position, speed reading, held) from the first samples."""
         state, sensor = np.zeros(self.states), self.sensor
         for k, signal in enumerate(signals):
             y = segment.output[:, k]
@@ -180,7 +193,21 @@ class Driven(BasePlant):
                     state[0] = 0.0 if starts_at_rest(y) else seen.speed[0] * sensor.ratio
         state[1] += sensor.lag * state[0]
         state[2] = state[0]
+        if set(signals) - {Signal.CURRENT}:
+            state[HELD] = self._begins_at_rest(float(state[0]), segment)
         return state
+
+    def _begins_at_rest(self, speed: float, segment: Record) -> bool:
+        """Whether a first speed is nearer to zero than to what the first command reaches from rest in the delay.
+
+        In less than a sample it reaches what it does in one, so that a delay of zero does not decide.
+        """
+        if speed == 0.0:
+            return True
+        samples = int(np.clip(np.ceil(self.drive.delay / segment.dt), 1, BEGINNING))
+        command = np.repeat(segment.input[:1], samples + 1, axis=0)
+        reached = self.with_drive(delay=0.0).motion(command, segment.dt, np.zeros(self.states))[-1]
+        return bool(abs(speed) < 0.5 * abs(reached))
 
     def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
         """The states that the outputs show and that are not clearly at rest."""
@@ -254,8 +281,3 @@ class Driven(BasePlant):
 
 USUAL_LAW = "coulomb-stribeck"
 """The friction law if a file names none."""
-
-
-def starts_at_rest(y: Array) -> bool:
-    """Whether the first three samples of an output are exactly zero or exactly equal."""
-    return len(y) > 3 and float(np.ptp(y[:3])) == 0.0

@@ -151,7 +151,7 @@ class LinearAxis(Driven):
         missing = [signal.value for signal in signals if signal not in (Signal.SPEED, Signal.POSITION)]
         if missing:
             raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
-        commands = self.drive.standing(command, dt, samples)
+        commands = self.drive.standing(command, dt, samples, self.before(state))
         return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
@@ -167,6 +167,11 @@ class LinearAxis(Driven):
     def is_one_mass(self) -> bool:
         """Always."""
         return True
+
+    @property
+    def holding(self) -> float:
+        """The force that balances the offset."""
+        return self.offset if self.dead_zone is None else float(self.dead_zone.inverse(self.offset))
 
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""

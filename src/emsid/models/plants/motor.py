@@ -261,14 +261,15 @@ class DrivenMotor(Driven):
         """The state before the first sample: speed, angle and reading, for a constant past command (nu,).
 
         Args:
-            state: (2,) speed and angle, or (3,) with the speed reading of the sensor, by default the true speed.
+            state: (2,) speed and angle; (3,) with the speed reading of the sensor, by default the true speed; (4,) with
+                `HELD`.
             command: the inputs of the first sample; a code gives the past state of the bridge.
             dt: sample time in s.
             signals: the signals of the outputs.
             samples: length of the run, if known; it limits the stored delay.
         """
         speed, angle = float(state[0]), float(state[1])
-        commands = self.drive.standing(command, dt, samples)
+        commands = self.drive.standing(command, dt, samples, self.before(state))
         motor, motion = self.motor, np.array([speed, angle])
         if not self.is_one_mass:
             volts = commands[:1, 0]
@@ -359,6 +360,17 @@ class DrivenMotor(Driven):
             return slope * volts, slope * motor.motor_constant * conducts
         torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
         return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
+
+    @property
+    def holding(self) -> float:
+        """The output of the drive that balances the load torque."""
+        motor, torque = self.motor, self.load_torque
+        if motor.torque_dead_zone is not None:
+            torque = float(motor.torque_dead_zone.inverse(torque))
+        made = torque / self._torque_per_unit
+        if self.feed is not Feed.VOLTAGE or motor.voltage_dead_zone is None:
+            return made
+        return float(motor.voltage_dead_zone.inverse(made))
 
     def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
         """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.

@@ -28,5 +28,7 @@ class PlantState(NamedTuple):
     sensed: Array
 
 
+HELD = 3
+"""Index of an initial state: 1 where the plant is held at rest until its first command acts, else 0."""
 NO_ROWS = np.empty((0, 2))
 """Neither delayed commands nor sensors."""

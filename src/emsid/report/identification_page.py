@@ -121,10 +121,7 @@ def _samples(result: Identification) -> str:
 
 def facts(result: Identification) -> list[Fact]:
     """The best model, its errors, its characteristics and the verdict on its residual."""
-    best, unit = (
-        result.on_unseen.best,
-        plain_unit(_unit(result)),
-    )
+    best, unit = result.on_unseen.best, plain_unit(_unit(result))
     errors = best.row.outputs or (best.row,)
     found = [
         Fact(best.row.model, "recommended model" if result.is_recommended else "best model; none is recommended"),

@@ -36,6 +36,22 @@ from emsid.wording import Severity, Spelling, as_python, sentence, severity
 WORST = "The intervals are those in which the linear model is worst."
 CHECK = "noise-free, by the program's own simulator: a check of the estimator, not a result"
 PAPER_NOTE = "another motor, in units that the paper does not state; only the ratios can be compared"
+SUMMARY_HEAD = (
+    "Model",
+    "Ratio to linear",
+    "Free-run fit",
+    "Parameters",
+    "Ratio, identification data",
+    "Paper",
+    "Paper, identification data",
+    "Description",
+)
+"""Of the summary; the column of the MSE, whose unit depends on the record, comes after the fit."""
+SUMMARY_NOTE = (
+    "Ratio to linear: free-run MSE of the linear model divided by that of this model, on unseen data and on "
+    "identification data (the data that the models were fitted to). Paper: the same ratio of the paper's models "
+    f"({PAPER_NOTE})."
+)
 
 
 def study_report(result: Study, argument: Spelling = as_python) -> Report:
@@ -125,42 +141,26 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
     }
     checks = [f"{row.model}: {CHECK}." for row in rows if row.check]
     return Table(
-        (
-            "Model",
-            "Ratio to linear",
-            "Free-run fit",
-            mse,
-            "Parameters",
-            "Ratio, identification data",
-            "Paper",
-            "Paper, identification data",
-            "Description",
-        ),
-        tuple(
-            (
-                row.model,
-                _times(row, row.better_unseen),
-                percent(row.fit_percent),
-                number(row.simulation_mse),
-                str(row.parameters),
-                _times(row, row.better_identification),
-                times(row.paper_unseen),
-                times(row.paper_identification),
-                f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
-            )
-            for row in rows
-        ),
+        (*SUMMARY_HEAD[:3], mse, *SUMMARY_HEAD[3:]),
+        tuple(map(_summary_row, rows)),
         f"{titles[part.name]} Free run on unseen data.",
-        " ".join(
-            (
-                "Ratio to linear: free-run MSE of the linear model divided by that of this model, on unseen data and "
-                "on identification data (the data that the models were fitted to).",
-                f"Paper: the same ratio of the paper's models ({PAPER_NOTE}).",
-                *checks,
-            )
-        ),
+        " ".join((SUMMARY_NOTE, *checks)),
         ends_in_text=True,
         emphasised=frozenset({rows.index(best)}),
+    )
+
+
+def _summary_row(row: SummaryRow) -> tuple[str, ...]:
+    return (
+        row.model,
+        _times(row, row.better_unseen),
+        percent(row.fit_percent),
+        number(row.simulation_mse),
+        str(row.parameters),
+        _times(row, row.better_identification),
+        times(row.paper_unseen),
+        times(row.paper_identification),
+        f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
     )
 
 

@@ -12,7 +12,7 @@ estimator, because plant and model have the same equations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -25,6 +25,7 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.models.regression.narx import Structure
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
 from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input
@@ -218,50 +219,75 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     shaft = name == SIMULATION and not settings.motor.is_rigid
     known = {} if settings.motor == Motor() else {"resistance": settings.motor.resistance}
     nonlinear = chosen(first, known) if own else searches(settings.motor, first, shaft=shaft)
-    total = len(candidates) + len(nonlinear)
-    fits: list[Fit[Any]] = []
-    failed: dict[str, str] = {}
-    interrupted = False
-    try:
-        with cancelled_with(control):
-            for k, structure in enumerate(candidates):
-                if fits:  # the first regression takes no time, and a part without a model shows nothing
-                    control.doing(f"{name}: {structure.name}", k, total)
-                fits.append(least_squares(structure, first))
-                fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
-            for k, (model, search) in enumerate(nonlinear.items(), len(candidates)):
-                control.doing(f"{name}: {model}", k, total)
-                try:
-                    fits.append(fit_or_problem(partial(search, control)))
-                except EmsidError as problem:  # records of a user may not suit every model
-                    failed[model] = str(problem)
-                    continue
-                if fits[-1].ending is Ending.INTERRUPTED:
-                    interrupted = True
-                    break
-    except Stopped:
-        if not fits:
-            raise
-        interrupted = True
-    regressions = [fit.model.structure for fit in fits if fit.method == "ls"]
+    done = _fitted(name, first, candidates, nonlinear, settings.forgetting, control)
     # All models are compared on the same samples.
-    start = max(settings.transient or 0, *(each.memory for each in candidates), *(fit.model.memory for fit in fits))
+    memories = (*(each.memory for each in candidates), *(fit.model.memory for fit in done.fits))
+    start = max(settings.transient or 0, *memories)
     kind = "given" if own else "two sines"
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data=IDENTIFICATION),
             assess(fit, second, start, experiment=name, data=UNSEEN),
         )
-        for fit in fits
+        for fit in done.fits
     )
+    regressions = [fit.model.structure for fit in done.fits if fit.method == "ls"]
     return Part(
         name,
         first,
         second,
-        tuple(fits),
+        tuple(done.fits),
         assessed,
-        failed,
-        interrupted,
+        done.failed,
+        done.interrupted,
         tuple(excitation_of(record, kind) for record in (first, second)),
         priors(regressions, first, second, start),
     )
+
+
+@dataclass
+class _Fitted:
+    """The models of a part that are done, why others failed, and whether the rest was left out."""
+
+    fits: list[Fit[Any]] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    interrupted: bool = False
+
+
+def _fitted(
+    name: str,
+    record: Record,
+    candidates: Sequence[Structure],
+    nonlinear: Mapping[str, Callable[[Control], Fit[Any]]],
+    forgetting: float,
+    control: Control,
+) -> _Fitted:
+    """Every regression by batch and by recursive least squares, then the nonlinear models.
+
+    Raises:
+        Stopped: if it is interrupted before the first model.
+    """
+    done, total = _Fitted(), len(candidates) + len(nonlinear)
+    try:
+        with cancelled_with(control):
+            for k, structure in enumerate(candidates):
+                if done.fits:  # the first regression takes no time, and a part without a model shows nothing
+                    control.doing(f"{name}: {structure.name}", k, total)
+                done.fits.append(least_squares(structure, record))
+                recursive = recursive_least_squares(structure, record, forgetting=forgetting, history=True)
+                done.fits.append(recursive)
+            for k, (model, search) in enumerate(nonlinear.items(), len(candidates)):
+                control.doing(f"{name}: {model}", k, total)
+                try:
+                    done.fits.append(fit_or_problem(partial(search, control)))
+                except EmsidError as problem:  # records of a user may not suit every model
+                    done.failed[model] = str(problem)
+                    continue
+                if done.fits[-1].ending is Ending.INTERRUPTED:
+                    done.interrupted = True
+                    break
+    except Stopped:
+        if not done.fits:
+            raise
+        done.interrupted = True
+    return done

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,11 @@ from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.one_channel import check_one_channel
-from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import capital, slug
 from emsid.report.views.bands import with_band
 from emsid.report.views.conventions import BAND
+from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -30,12 +31,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# A map is drawn this fraction of the range beyond the data, through this many points.
-BEYOND, POINTS = 0.04, 400
 # A response is drawn at this many frequencies, over at least this many decades.
 FREQUENCIES, DECADES = 500, 3.0
 # A response has no band if its relative error is larger than this at all frequencies.
-UNTOLD = 10.0
+TOO_WIDE = 10.0
 # Unit of signals between blocks, whose scale is a convention.
 CONVENTIONAL = "normalised"
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
@@ -93,50 +92,74 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, name: str = "") -> Figu
     if not filters:
         return None
     f = _frequencies([block for _, block in filters], dt, inside, fit.samples * dt)
-    magnitudes: list[Mark] = []
-    phases: list[Mark] = []
-    curves = ([], [])  # type: tuple[list[Array], list[Array]]
-    without_band = []
-    for (k, block), stroke in zip(filters, cycle(_STROKES), strict=False):
-        label = f"filter {block_name(model, k)} (block {k + 1})"
-        response = block.response(f, inside)
-        relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
-        if not fit.has_intervals:
-            relative = np.full_like(relative, np.nan)
-        elif np.all(relative[0] > UNTOLD):  # the rest is only rounding
-            relative = np.full_like(relative, np.nan)
-            without_band.append(block_name(model, k))
-        with np.errstate(divide="ignore"):
-            size = 20 * np.log10(np.abs(response))
-        turn = np.degrees(np.unwrap(np.angle(response)))
-        for marks, y, half, kept in (
-            (magnitudes, size, 20 / np.log(10) * relative[0], curves[0]),
-            (phases, turn, np.degrees(relative[1]), curves[1]),
-        ):
-            known = np.isfinite(y) & np.isfinite(half)
-            if known.any():
-                marks.append(Band(f[known], (y - half)[known], (y + half)[known], ink=stroke.ink))
-            y = np.where(np.isfinite(y), y, np.nan)
-            marks.append(Line(f, y, label if marks is magnitudes else "", stroke))
-            kept.append(y)
+    shown = [_filter_response(fit, k, f, inside) for k, _ in filters]
     late = (
         f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not included."
         if model.delay
         else ""
     )
-    if without_band:
-        late += f" {' and '.join(without_band)} without band: the data do not determine the parameters separately."
+    undetermined = [each.name for each in shown if each.undetermined]
+    if undetermined:
+        late += f" {' and '.join(undetermined)} without band: the data do not determine the parameters separately."
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
     return Figure(
         name or f"{slug(model.name)}-filters",
         f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name}"
         f"{with_band(known=fit.has_intervals)}, up to half the sampling rate.{late}",
         (
-            Plot(tuple(magnitudes), frequency, Axis("Magnitude", "dB", range=_reach(magnitudes, curves[0], 20.0))),
-            Plot(tuple(phases), frequency, Axis("Phase", "deg", range=_reach(phases, curves[1], 45.0))),
+            _response_plot(f, [each.magnitude for each in shown], frequency, Axis("Magnitude", "dB"), 20.0),
+            _response_plot(f, [each.phase for each in shown], frequency, Axis("Phase", "deg"), 45.0),
         ),
         shared_x=True,
     )
+
+
+class _Curve(NamedTuple):
+    """A curve (m,), half the width of its band (m,), NaN where there is none, and its label in the legend."""
+
+    value: Array
+    half: Array
+    label: str
+
+
+class _FilterResponse(NamedTuple):
+    """The response of one filter: magnitude in dB and phase in degrees; its name; whether its band says nothing."""
+
+    name: str
+    magnitude: _Curve
+    phase: _Curve
+    undetermined: bool
+
+
+def _filter_response(fit: Fit[Cascade], k: int, f: Array, inside: float) -> _FilterResponse:
+    block, name = fit.model.blocks[k], block_name(fit.model, k)
+    assert isinstance(block, Rational)
+    response = block.response(f, inside)
+    relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
+    undetermined = fit.has_intervals and bool(np.all(relative[0] > TOO_WIDE))  # the rest is only rounding
+    if undetermined or not fit.has_intervals:
+        relative = np.full_like(relative, np.nan)
+    with np.errstate(divide="ignore"):
+        size = 20 * np.log10(np.abs(response))
+    turn = np.degrees(np.unwrap(np.angle(response)))
+    return _FilterResponse(
+        name,
+        _Curve(size, 20 / np.log(10) * relative[0], f"filter {name} (block {k + 1})"),
+        _Curve(turn, np.degrees(relative[1]), ""),
+        undetermined,
+    )
+
+
+def _response_plot(f: Array, curves: Sequence[_Curve], frequency: Axis, axis: Axis, least: float) -> Plot:
+    """One quantity of every filter with its band, over frequency; the axis spans ``least`` at least."""
+    marks: list[Mark] = []
+    for curve, stroke in zip(curves, cycle(_STROKES), strict=False):
+        known = np.isfinite(curve.value) & np.isfinite(curve.half)
+        if known.any():
+            below, above = ((curve.value + side * curve.half)[known] for side in (-1, 1))
+            marks.append(Band(f[known], below, above, ink=stroke.ink))
+        marks.append(Line(f, np.where(np.isfinite(curve.value), curve.value, np.nan), curve.label, stroke))
+    return Plot(tuple(marks), frequency, replace(axis, range=_reach(marks, [each.value for each in curves], least)))
 
 
 def cascade_equations(model: Cascade) -> str:
@@ -198,7 +221,7 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
     low, high = float(seen.min()), float(seen.max())
     room = BEYOND * (high - low) or 0.05 * abs(high) or 1.0
     low, high = low - room, high + room
-    corners, what = block.marks()
+    corners = block.marks()[0]
     corners = corners[(corners >= low) & (corners <= high)]
     x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
@@ -210,18 +233,11 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
             replace(each, lower=np.maximum(each.lower, reach[0]), upper=np.minimum(each.upper, reach[1]))
             for each in band
         ]
-    edges = np.linspace(low, high, 81)
-    marks: list[Mark] = [
-        Histogram(edges, np.histogram(seen, edges)[0].astype(float), "signal in this record", backdrop=True),
-        *band,
-        Line(x, value, f"{block_name(model, k)}: {block.kind}", Stroke(Ink.BLUE, width=1.4)),
-    ]
-    if len(corners):
-        marks.append(Points(corners, block.value(corners), what, Ink.NAVY))
+    curve = map_curve(x, value, f"{block_name(model, k)}: {block.kind}")
     into, out = _units(model, k, record)
     first, last = k == 0, k == len(model.blocks) - 1
     return Plot(
-        tuple(marks),
+        map_marks(block, curve, band, seen),
         Axis(f"{capital(record.input_names[0]) if first else f'x{k}'}, into the map", into, range=(low, high)),
         Axis(
             f"{capital(record.output_names[0]) if last else f'x{k + 1}'}, out of the map",

@@ -9,9 +9,10 @@ import numpy as np
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.feedback.model import FeedbackModel
-from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import with_band
 from emsid.report.views.conventions import BAND
+from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
 from emsid.validation.feedback_curves import map_error, visited
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 
-# A map is drawn this fraction of the range beyond the data, through this many points.
-BEYOND, DRAWN = 0.04, 400
 # Levels at which the poles are computed: quantiles of the input of the map, in three groups.
 LEVELS = {
     "small z": (np.linspace(0.01, 0.25, 9), Ink.BLUE),
@@ -43,23 +42,16 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
     for k, each in enumerate(model.maps):
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
-        x = np.unique(np.concatenate([np.linspace(low - room, high + room, DRAWN), each.breaks(low, high)]))
+        x = np.unique(np.concatenate([np.linspace(low - room, high + room, POINTS), each.breaks(low, high)]))
         value, half = each.value(x), HALF_WIDTH * map_error(fit, k, x, seen.z[:, k])
-        edges = np.linspace(x[0], x[-1], 81)
-        counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
         span = float(np.ptp(value)) or 1.0
-        shown = float(value.min()) - 0.4 * span, float(value.max()) + 0.4 * span
-        marks: list[Mark] = [Histogram(edges, counts, "signal in this record", backdrop=True)]
+        lowest, highest = float(value.min()) - 0.4 * span, float(value.max()) + 0.4 * span
+        bands = []
         if fit.has_intervals:
-            below, above = np.maximum(value - half, shown[0]), np.minimum(value + half, shown[1])
-            marks.append(Band(x, below, above, BAND))
-        marks.append(Line(x, value, each.kind, Stroke(Ink.BLUE, width=1.4)))
-        corners, what = each.marks()
-        corners = corners[(corners >= x[0]) & (corners <= x[-1])]
-        if len(corners):
-            marks.append(Points(corners, each.value(corners), what, Ink.NAVY))
+            bands.append(Band(x, np.maximum(value - half, lowest), np.minimum(value + half, highest), BAND))
+        marks = map_marks(each, map_curve(x, value, each.kind), bands, seen.z[:, k])
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
-        plots.append(Plot(tuple(marks), *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
+        plots.append(Plot(marks, *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
     of = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name}"
     text = of + with_band(known=fit.has_intervals)
     if fit.has_intervals and any(each.owns_level for each in model.maps):

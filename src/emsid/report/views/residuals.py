@@ -16,6 +16,7 @@ from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.validation.correlation import autocorrelation, cross_correlation
 
 if TYPE_CHECKING:
+    from emsid.record import Record
     from emsid.validation.comparison import Assessment
 
 Array = NDArray[np.float64]
@@ -52,52 +53,74 @@ def residuals(assessments: Sequence[Assessment], *, name: str = "residuals") -> 
     )
 
 
+Errors = Sequence[tuple[str, Stroke, Array]]
+"""The label, the stroke, and the residual (N,) of every model, NaN where it does not count."""
+
+
 def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) -> list[Plot]:
+    """The plots of one output: over time, and where a residual is known, its distribution and its correlations."""
     record = assessments[0].record
     unit, whose = output_axis(record, channel).unit, of_output(record, channel)
+    residuals = (
+        np.where(each.simulation.counted, (record.output - each.simulation.output)[:, channel], np.nan)
+        for each in assessments
+    )
+    errors = list(zip(labels(assessments), cycle(MODELS), residuals, strict=False))
     t, samples = timeline(record)
-    over_time: list[Mark] = []
-    shares: list[Mark] = []
-    correlations: list[Mark] = []
-    crossed: list[list[Mark]] = [[] for _ in record.input_names]
-    counted = [each.simulation.counted for each in assessments]
-    errors = [
-        np.where(c, (record.output - each.simulation.output)[:, channel], np.nan)
-        for each, c in zip(assessments, counted, strict=True)
-    ]
-    edges = _histogram_edges(errors)
-    for label, stroke, error in zip(labels(assessments), cycle(MODELS), errors, strict=False):
-        thinner = Stroke(stroke.ink, Dash.SOLID, 0.8)
-        over_time.append(Line(t, with_gaps(error, samples), label, thinner))
+    over_time = tuple(Line(t, with_gaps(error, samples), label, _thin(stroke)) for label, stroke, error in errors)
+    plots = [Plot(over_time, TIME, Axis("Residual", unit), f"Residual{whose}" if whose else "", span=2)]
+    known = [each for each in errors if np.isfinite(each[2]).any()]
+    if known:
+        counted = [int(np.count_nonzero(each.simulation.counted)) for each in assessments]
+        band = WHITE / sqrt(max(counted[0], 1))
+        plots += [_distribution(known, max(counted), unit, whose), _autocorrelations(known, record, most, band, whose)]
+    return plots + _cross_correlations(known, record, most, whose)
+
+
+def _thin(stroke: Stroke) -> Stroke:
+    return Stroke(stroke.ink, Dash.SOLID, 0.8)
+
+
+def _distribution(errors: Errors, samples: int, unit: str, whose: str) -> Plot:
+    """Histograms with common edges; the axis begins below the share of a single sample."""
+    edges = _histogram_edges([error for _, _, error in errors])
+    marks = []
+    for _, stroke, error in errors:
         known = error[np.isfinite(error)]
-        if not len(known):
-            continue
         share = 100 * np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0] / len(known)
-        shares.append(Histogram(edges, share, stroke=thinner))
-        broken = Stroke(stroke.ink, stroke.dash)
-        correlation = autocorrelation(error, record.breaks, most)
-        correlations.append(Line(record.dt * np.arange(len(correlation), dtype=np.float64), correlation, stroke=broken))
-        for marks, u in zip(crossed, record.input.T, strict=True):
-            with_input = cross_correlation(error, u, record.breaks, most)
-            lag = record.dt * np.arange(-(len(with_input) // 2), len(with_input) // 2 + 1, dtype=np.float64)
-            if with_input.any():
-                marks.append(Line(lag, with_input, stroke=broken))
-    band = WHITE / sqrt(max(int(np.count_nonzero(counted[0])), 1))
-    correlations += [Level(band, "99 % of white noise"), Level(-band)]
-    title = f"Residual{whose}" if whose else ""
-    plots = [Plot(tuple(over_time), TIME, Axis("Residual", unit), title, span=2)]
-    if shares:
-        rarest = 100 / max(int(np.count_nonzero(each)) for each in counted)
-        share_axis = Axis("Share of samples", "%", log=True, range=(0.7 * rarest, 130.0))
-        plots += [
-            Plot(tuple(shares), Axis("Residual", unit), share_axis, f"Distribution{whose}"),
-            Plot(tuple(correlations), Axis("Lag", "s"), Axis("Autocorrelation", "1"), f"Autocorrelation{whose}"),
-        ]
-    drawn = [(name, marks) for name, marks in zip(record.input_names, crossed, strict=True) if marks]
-    for k, (name, marks) in enumerate(drawn):
-        title, last_alone = f"Cross-correlation with {name}{whose}", k % 2 == 0 and k == len(drawn) - 1
-        plots.append(_over_lags(marks, WHITE, "99 % if independent", title, span=2 if last_alone else 1))
-    return plots
+        marks.append(Histogram(edges, share, stroke=_thin(stroke)))
+    share_axis = Axis("Share of samples", "%", log=True, range=(0.7 * (100 / samples), 130.0))
+    return Plot(tuple(marks), Axis("Residual", unit), share_axis, f"Distribution{whose}")
+
+
+def _autocorrelations(errors: Errors, record: Record, most: int, band: float, whose: str) -> Plot:
+    """Up to ``most`` lags, with the band of white noise."""
+    marks: list[Mark] = []
+    for _, stroke, error in errors:
+        found = autocorrelation(error, record.breaks, most)
+        lag = record.dt * np.arange(len(found), dtype=np.float64)
+        marks.append(Line(lag, found, stroke=Stroke(stroke.ink, stroke.dash)))
+    marks += [Level(band, "99 % of white noise"), Level(-band)]
+    return Plot(tuple(marks), Axis("Lag", "s"), Axis("Autocorrelation", "1"), f"Autocorrelation{whose}")
+
+
+def _cross_correlations(errors: Errors, record: Record, most: int, whose: str) -> list[Plot]:
+    """A plot for every input that is not constant; the last one is wide if it stands alone in its row."""
+    drawn = []
+    for name, u in zip(record.input_names, record.input.T, strict=True):
+        marks = []
+        for _, stroke, error in errors:
+            found = cross_correlation(error, u, record.breaks, most)
+            lag = record.dt * np.arange(-(len(found) // 2), len(found) // 2 + 1, dtype=np.float64)
+            if found.any():
+                marks.append(Line(lag, found, stroke=Stroke(stroke.ink, stroke.dash)))
+        if marks:
+            drawn.append((name, marks))
+    wide = len(drawn) - 1 if len(drawn) % 2 else None
+    return [
+        _over_lags(marks, WHITE, "99 % if independent", f"Cross-correlation with {name}{whose}", 2 if k == wide else 1)
+        for k, (name, marks) in enumerate(drawn)
+    ]
 
 
 def _over_lags(marks: Sequence[Mark], limit: float, label: str, title: str, span: int = 1) -> Plot:

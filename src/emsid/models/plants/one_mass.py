@@ -151,8 +151,7 @@ def move(
         position: x at the first sample.
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
-    v, x = speed, position
-    per_mass = 1.0 / mass  # in every step the next one would wait for a division
+    v, x, per_mass = speed, position, 1.0 / mass  # in every step the next one would wait for a division
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
@@ -173,8 +172,7 @@ def move(
                     if friction.varies[side]:
                         against = level(abs(v), friction.numbers, side) + friction.quadratic * v * v
                         a = (net - direction * against) * per_mass
-                        half = 0.5 * left
-                        middle = max(direction * (v + (a - r * v) * (half / (1.0 + 0.5 * r * half))), 0.0)
+                        middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
                         against = level(middle, friction.numbers, side) + friction.quadratic * middle * middle
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
                         a = (net - direction * against) * per_mass

@@ -7,6 +7,7 @@ import re
 import struct
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -73,12 +74,13 @@ def test_every_sheet_of_a_spreadsheet_is_read() -> None:
         read_spreadsheet(empty.getvalue())
 
 
-def tdms() -> bytes:
+def tdms(**start: float) -> bytes:
+    """A file of LabVIEW, which writes a start of the waveform; other programs may not."""
     from nptdms import ChannelObject, TdmsWriter
 
     content = BytesIO()
     with TdmsWriter(content) as writer:
-        waveform = {"wf_increment": 0.01, "wf_start_offset": 0.0, "wf_samples": N}
+        waveform = {"wf_increment": 0.01, "wf_samples": N, **start}
         units = {"u": "V", "y": "rad/s"}
         writer.write_segment(
             [
@@ -177,13 +179,14 @@ Made = Callable[[], bytes]
         (".feather", feather, "u", "y", ("", "")),
         (".xlsx", excel, "u", "y", ("V", "rad/s")),
         (".tdms", tdms, "u", "y", ("V", "rad/s")),
+        (".tdms", partial(tdms, wf_start_offset=0.0), "u", "y", ("V", "rad/s")),
         (".mf4", mdf, "u", "y", ("V", "rad/s")),
         (".wpilog", wpilog, "u", "y", ("", "")),
         (".mcap", mcap, "bench.u", "bench.y", ("", "")),
         (".mcap", mcap_of_ros, "bench.x", "bench.y", ("", "")),
         (".bag", bag, "bench.x", "bench.y", ("", "")),
     ],
-    ids=["Feather", "Excel", "TDMS", "MDF", "WPILOG", "MCAP", "MCAP of ROS 2", "bag"],
+    ids=["Feather", "Excel", "TDMS without start", "TDMS", "MDF", "WPILOG", "MCAP", "MCAP of ROS 2", "bag"],
 )
 def test_a_file_of_each_kind(
     tmp_path: Path,

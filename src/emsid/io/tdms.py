@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from emsid.io.columns import Columns
 from emsid.io.packing import Packed, read_by
@@ -26,7 +31,14 @@ def parsed(content: bytes) -> bytes:
     for group in groups:
         for channel in group.channels():
             name = channel.name if len(groups) == 1 else f"{group.name}.{channel.name}"
-            time = channel.time_track() if "wf_increment" in channel.properties else None
+            time = _times(len(channel), channel.properties)
             unit = str(channel.properties.get("unit_string", ""))
             packed.add(name, channel[:], unit, time, "time" if len(groups) == 1 else f"{group.name}.time")
     return packed.to_bytes()
+
+
+def _times(samples: int, properties: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """The times of a waveform in s; None for another channel. npTDMS has them only where a start is given too."""
+    step = float(properties.get("wf_increment", 0.0))
+    start = float(properties.get("wf_start_offset", 0.0))
+    return start + step * np.arange(samples, dtype=np.float64) if step > 0 else None

@@ -31,6 +31,10 @@ NOTABLE = 0.25
 """A difference between records is reported if it explains at least this share of the squared error."""
 SAMPLES = 50
 """Records with fewer samples are left out."""
+PIECES = 4
+"""Pieces of the data that a model was fitted to, and of those that it was not, which are compared."""
+SMALL = 0.03
+"""Differences between pieces of less than this share of the output's standard deviation do not matter."""
 
 
 @dataclass(frozen=True)
@@ -99,19 +103,8 @@ def disagreement(model: Model, records: Sequence[Record]) -> Disagreement | None
             runs.append((record, run))
     if len(runs) < 2:
         return None
-    found = [
-        _in_one_output(model.name, runs, channel, difference)
-        for channel in range(runs[0][1].output.shape[1])
-        for difference in DIFFERENCES
-    ]
-    worst = max(found, key=lambda each: each.share)
+    worst = max(_in_every_output(model.name, runs), key=lambda each: each.share)
     return worst if worst.share > NOTABLE else None
-
-
-PIECES = 4
-"""Pieces of the data that a model was fitted to, and of those that it was not, which are compared."""
-SMALL = 0.03
-"""Differences between pieces of less than this share of the output's standard deviation do not matter."""
 
 
 def difference_of_pieces(runs: Sequence[tuple[Record, Run]], name: str) -> Disagreement | None:
@@ -125,11 +118,7 @@ def difference_of_pieces(runs: Sequence[tuple[Record, Run]], name: str) -> Disag
     pieces = [(record, run) for record, run in pieces if np.count_nonzero(run.counted) >= SAMPLES]
     if len(pieces) < 2 or any(run.diverged_at is not None for _, run in runs):
         return None
-    found = [
-        _in_one_output(name, pieces, channel, difference)
-        for channel in range(pieces[0][1].output.shape[1])
-        for difference in DIFFERENCES
-    ]
+    found = _in_every_output(name, pieces)
     error = np.concatenate([(record.output - run.output)[run.counted] for record, run in pieces])
     spread = np.concatenate([record.output[run.counted] for record, run in pieces]).std(axis=0)
     if not np.all(spread > 0):
@@ -146,9 +135,16 @@ def _cut(record: Record, run: Run) -> list[tuple[Record, Run]]:
     return [(record[a:b], Run(run.output[a:b], run.counted[a:b], None)) for a, b in pairwise(edges) if b > a]
 
 
+def _in_every_output(model: str, runs: Sequence[tuple[Record, Run]]) -> list[Disagreement]:
+    """Every difference in every output."""
+    channels = range(runs[0][1].output.shape[1])
+    return [_in_one_output(model, runs, channel, each) for channel in channels for each in DIFFERENCES]
+
+
 def _in_one_output(
     model: str, runs: Sequence[tuple[Record, Run]], channel: int, difference: Difference
 ) -> Disagreement:
+    """The share of the squared error that coefficients of the records' own explain beyond a common one."""
     products, squares, total = [], [], 0.0
     for record, run in runs:
         error = (record.output - run.output)[:, channel]

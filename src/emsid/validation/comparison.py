@@ -328,13 +328,8 @@ def as_fit(thing: Fit[Any] | Model) -> Fit[Any]:
             "compare([linear, motor], record)"
         )
     if isinstance(thing, type) or not isinstance(thing, Model):
-        given = (
-            thing.__name__
-            if isinstance(thing, type)
-            else repr(thing)
-            if isinstance(thing, str)
-            else type(thing).__name__
-        )
+        kind = thing if isinstance(thing, type) else type(thing)
+        given = repr(thing) if isinstance(thing, str) else kind.__name__
         raise ModelError(f"{given} is no fitted model; give what emsid.fit or emsid.load returned, or a list of these")
     nothing = np.empty(0)
     return Fit(thing, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")

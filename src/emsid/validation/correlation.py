@@ -53,8 +53,7 @@ def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) 
     nothing = np.zeros(2 * lags + 1)
     if not known.any():
         return nothing
-    e = _spectra(np.where(known, error - float(np.mean(error[known])), 0.0), breaks)
-    v = _spectra(u - float(np.mean(u[known])), breaks)
+    e, v = _about_their_means(error, u, breaks)
     own_e, own_v = (_lagged_products(x, x, lags)[lags:] for x in (e, v))
     weights = (2.0 - (np.arange(lags + 1) == 0)) * (1 - np.arange(lags + 1) / (lags + 1))
     variance = float(np.sum(weights * own_e * own_v)) / int(np.count_nonzero(known))
@@ -111,11 +110,7 @@ def input_test(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Inpu
     if not past.any():
         return None
     k, most = int(np.argmax(np.abs(past))), len(past) - 1
-    known = np.isfinite(error)
-    e, v = (
-        _spectra(x, breaks)
-        for x in (np.where(known, error - float(np.mean(error[known])), 0.0), u - float(np.mean(u[known])))
-    )
+    e, v = _about_their_means(error, u, breaks)
     own_e = _lagged_products(e, e, most) * (1 - np.abs(np.arange(-most, most + 1)) / (most + 1))
     own_u = _lagged_products(v, v, 2 * most)
     covariance = np.correlate(own_u, own_e, "valid")[most:]
@@ -129,6 +124,13 @@ def input_test(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Inpu
 def _longest_lag(signal: Array, breaks: Sequence[int], lags: int) -> int:
     """The largest lag up to ``lags`` at which a segment has a pair of samples."""
     return min(lags, max(map(len, np.split(signal, list(breaks)))) - 1)
+
+
+def _about_their_means(error: Array, u: Array, breaks: Sequence[int]) -> tuple[Spectra, Spectra]:
+    """The spectra of an error, zero where it is not known, and of an input, both about their means where it is."""
+    known = np.isfinite(error)
+    centred = np.where(known, error - float(np.mean(error[known])), 0.0)
+    return _spectra(centred, breaks), _spectra(u - float(np.mean(u[known])), breaks)
 
 
 def _spectra(signal: Array, breaks: Sequence[int]) -> Spectra:

@@ -61,7 +61,7 @@ def _best_shift(y: Array, free: Array, counted: NDArray[np.bool_], edges: list[t
 
 
 def _shifted(free: Array, shift: float, edges: list[tuple[int, int]]) -> Array:
-    """The free run (N,) so many samples later, segment by segment; before its first sample it is constant."""
+    """The free run (N,) later by ``shift`` samples, segment by segment; before its first sample it is constant."""
     pieces = [np.interp(np.arange(b - a) - shift, np.arange(b - a), free[a:b]) for a, b in edges if b > a]
     return np.concatenate(pieces)
 

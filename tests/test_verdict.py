@@ -119,6 +119,19 @@ def test_a_model_that_misses_dynamics_or_a_map_is_limited(fit, code):
     assert any(not each["passed"] for each in verdict.data["tests"])
 
 
+def test_a_model_that_leaves_what_another_explains_is_limited():
+    exact, alike, wrong = linear(), linear(1.001, name="alike"), linear(0.8, name="wrong")
+    best, same, other = verdicts(exact, alike, wrong)
+    assert [each.code for each in (best, same, other)] == ["model-supported", "model-supported", "model-limited"]
+    (found,) = [each for each in other.data["reasons"] if each["code"] == "another-is-better"]
+    errors = [each.row.simulation_mse for each in compare([exact, wrong], record(1, name="other")).assessments]
+    assert found["other"] in ("filter", "alike")
+    assert found["left"] == pytest.approx(errors[0] / errors[1], rel=0.05)
+    on_fitted = compare([exact, alike, wrong], record(0), data="identification")
+    said = model_verdicts(on_fitted, on_fitted, ())  # no unseen data
+    assert not any("another-is-better" in reasons(each) for each in said)
+
+
 def test_one_step_errors_of_a_model_of_noise_are_tested():
     known, unseen = record(0, noise=0.1), record(1, noise=0.1, name="other")
     (coloured,) = verdicts(emsid.least_squares(emsid.arx(1, 1), known), known=known, unseen=unseen)

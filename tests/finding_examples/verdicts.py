@@ -10,6 +10,7 @@ LIMITS = [
     {"code": "depends-on-past-inputs", "share": 0.12, **PAST, "largest": 12.3},
     {"code": "depends-on-nonlinear-term", "share": 0.12, **PAST, "largest": -8.0, "term": "u³", "kind": "odd"},
     {"code": "one-step-errors-coloured", "output": "speed", "largest": 0.6, "at_lag": 1},
+    {"code": "another-is-better", "other": "motor", "left": 0.037},
     {"code": "pieces-differ", "kind": "gain", "output": "speed", "unit": "rad/s", "spread": 0.08, "share": 0.4},
     {"code": "pieces-differ", "kind": "delay", "output": "speed", "unit": "rad/s", "spread": 0.02, "share": 0.4},
     {"code": "pieces-differ", "kind": "level", "output": "speed", "unit": "rad/s", "spread": 2.0, "share": 0.4},

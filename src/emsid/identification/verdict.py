@@ -1,9 +1,10 @@
 """The verdict on every model: supported by the data, to be used with limits, implausible, or unusable.
 
-It has three sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
+It has four sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
 of the past of the inputs (lag by lag, and by a portmanteau test over all lags) and of their powers, and whether the
-one-step errors of a model with a noise model are white. Agreement: between pieces of the data, and between fitted and
-unseen data. Plausibility: see `plausibility`.
+one-step errors of a model with a noise model are white. Other models: whether one of them leaves less than half of the
+squared error. Agreement: between pieces of the data, and between fitted and unseen data. Plausibility: see
+`plausibility`.
 
 In a long record, a test rejects every model for deviations that do not matter. A residual that fails a test therefore
 limits a model only if the inputs predict more than `PREDICTABLE` of its variance.
@@ -21,7 +22,7 @@ from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import DIVERGES, IMPLAUSIBLE
-from emsid.selection.improvement import STRETCHES
+from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
 from emsid.validation.correlation import input_test
@@ -33,6 +34,8 @@ LARGER = 1.5
 """An error, as a share of the output's deviation, is larger on unseen data from this ratio on."""
 SMALL = 0.02
 """An error below this share of the output's deviation is small on any data."""
+LEFT = 0.5
+"""A model lacks something if another one leaves less than this share of its squared error on unseen data."""
 CONCENTRATED = 0.5
 """The share of the squared error in one of the stretches above which the error is in this stretch."""
 UNFINISHED = {Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED}
@@ -58,8 +61,11 @@ def model_verdicts(
         if finding.code in IMPLAUSIBLE:
             against.setdefault(finding.model, []).append({"code": finding.code, **finding.data})
 
+    other = _other_is_better(on_unseen.assessments)
+
     def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
-        return _verdict(unseen, fitted[unseen.row.model], against.get(unseen.row.model, []), shares)
+        name = unseen.row.model
+        return _verdict(unseen, fitted[name], against.get(name, []), shares, other.get(name, []))
 
     if not tests:
         return tuple(map(verdict, on_unseen.assessments))
@@ -78,7 +84,11 @@ def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
 
 
 def _verdict(
-    unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float] | None
+    unseen: Assessment,
+    fitted: Assessment,
+    implausible: list[Reason],
+    shares: Sequence[float] | None,
+    other: list[Reason],
 ) -> Finding:
     """The verdict on a model; its residual is not tested where the predictable shares are not given."""
     row = unseen.row
@@ -87,7 +97,7 @@ def _verdict(
     tested = [] if shares is None else _from_tests(tests, unseen, shares)
     if not any(each["test"] == "past-inputs" for each in tests):
         tested.append(UNTESTED)
-    limits = [] if useless else [*_poor(row), *tested, *_disagreements(unseen, fitted)]
+    limits = [] if useless else [*_poor(row), *tested, *other, *_disagreements(unseen, fitted)]
     if unseen.fit.ending in UNFINISHED:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
     data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}
@@ -165,6 +175,33 @@ def _from_tests(tests: Sequence[Reason], unseen: Assessment, shares: Sequence[fl
             found.append({"code": f"depends-on-{worst['test']}", "share": share, **worst})
         found += [{"code": "one-step-errors-coloured", **each} for each in failed if each["test"] == "whiteness"]
     return found
+
+
+def _other_is_better(assessments: Sequence[Assessment]) -> dict[str, list[Reason]]:
+    """For each model that lacks something: that the best model leaves less than `LEFT` of its squared error.
+
+    A free run is computed from the input alone, so what the best one explains can be predicted, whatever tests of the
+    residual against a few functions of the input see.
+    """
+    if any(each.row.data == "identification" for each in assessments):  # there a larger model has a smaller error
+        return {}
+    errors = {each.row.model: _stretches(each) for each in assessments}
+    best = min(errors, key=lambda name: errors[name].mean)
+    least = errors[best]
+    return {
+        name: [{"code": "another-is-better", "other": best, "left": least.mean / own.mean}]
+        for name, own in errors.items()
+        if least.mean < LEFT * own.mean < np.inf and better_by_ratio(least, own)
+    }
+
+
+def _stretches(assessment: Assessment) -> StretchErrors:
+    """The squared errors of all outputs, each over its variance, by stretch; infinite where the run diverged."""
+    record, counted = assessment.record, assessment.simulation.counted
+    spread = record.output[counted].std(axis=0)
+    squares = ((record.output - assessment.simulation.output) / np.where(spread > 0, spread, 1.0)) ** 2
+    mean = squares.mean(axis=1)
+    return StretchErrors.of(np.where(counted, np.where(np.isfinite(mean), mean, np.inf), np.nan))
 
 
 def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:

@@ -48,6 +48,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
         f"its one-step errors are correlated (up to {d['largest']:.2f} at lag {d['at_lag']}), so its prediction is not "
         "the best one"
     ),
+    "another-is-better": lambda d: f"{d['other']} has {100 * d['left']:.2g} % of its squared error on the same data",
     "residual-untested": lambda d: "its residual was not tested",
     "pieces-differ": lambda d: (
         f"the {d['kind']} of {d['output']} differs by up to {_spread(d)} between pieces of the data, which makes "

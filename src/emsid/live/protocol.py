@@ -19,7 +19,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import chain
 from math import nan
 from operator import xor
 
@@ -253,11 +252,13 @@ class LineParser:
         columns = self.columns
         if columns is None or columns.checked:
             return None
-        parts = [line.split(columns.separator) for line in lines]
-        if any(len(each) != len(columns.names) for each in parts) or any(b"_" in line for line in lines):
+        text, separator = b"\n".join(lines), columns.separator
+        fields = {len(line.split()) if separator is None else line.count(separator) + 1 for line in lines}
+        if fields != {len(columns.names)} or b"_" in text:
             return None
+        parts = text.split() if separator is None else text.replace(b"\n", separator).split(separator)
         try:
-            rows = np.array(list(map(float, chain.from_iterable(parts)))).reshape(len(lines), -1)
+            rows = np.fromiter(map(float, parts), float, len(parts)).reshape(len(lines), -1)
         except ValueError:
             return None
         if not np.all(np.abs(rows) < LARGEST):

@@ -93,7 +93,7 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
 @pytest.mark.parametrize(
     ("samples", "order"),
     [
-        (100, ("wiener-hammerstein", "friction-motor", "output-error", "polynomial-narx", "arx", "feedback")),
+        (100, ("wiener-hammerstein", "friction-motor", "arx", "output-error", "polynomial-narx", "feedback")),
         (3000, ("arx", "friction-motor", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback")),
     ],
 )

@@ -134,19 +134,20 @@ class Searches:
         """The models in the order in which they are taken here; the other place takes them from the last one on.
 
         The slowest searches come first and last, so that both places end at about the same time, and what shares the
-        search for the orders of an output-error model comes together, so that one place makes it. Of a long record the
-        regressions without a search come before all others: they take a second, and an interruption leaves them.
+        search for the orders of an output-error model comes together, beside one of the slowest, so that one place makes
+        it. Of a long record the regressions without a search come before all others: they take a second, and an
+        interruption leaves them.
         """
         if self.elsewhere is None:
             return self.names
-        regressions = [name for name in self.names if name in REGRESSIONS]
+        regressions = [name for name in self.names if name in REGRESSIONS and name not in OF_OUTPUT_ERROR]
         slowest = [name for name in SLOWEST if name in self.names]
         others = [name for name in self.names if name not in REGRESSIONS and name not in SLOWEST]
-        sharing = [name for name in regressions if name in OF_OUTPUT_ERROR]
+        sharing = [name for name in self.names if name in OF_OUTPUT_ERROR]
         if len(self.record) > SHORT:
-            quick = [name for name in regressions if name in QUICK and name not in sharing]
+            quick = [name for name in regressions if name in QUICK]
             return list(dict.fromkeys([*quick, *others, *sharing, *regressions, *slowest]))
-        return list(dict.fromkeys([*slowest[:-1], *others, *sharing, *regressions, *slowest[-1:]]))
+        return [*slowest[:-1], *others, *regressions, *sharing, *slowest[-1:]]
 
     def all(self) -> Fits:
         """The fits of all models.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.linear.filtering import filtered, mirrored
+from emsid.estimation.linear.filtering import filtered, is_stable, mirrored
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -119,7 +119,10 @@ def denominator(structure: Structure, theta: Array) -> Array:
 
 def stable(structure: Structure, theta: Array) -> Array:
     """The parameters with the roots of A inside the unit circle."""
-    a, found = mirrored(denominator(structure, theta)), theta.copy()
+    a, found = denominator(structure, theta), theta.copy()
+    if is_stable(a[1:].tolist()):
+        return found
+    a = mirrored(a)
     a = np.append(a, np.zeros(structure.memory + 1 - len(a)))
     for k, regressor in enumerate(structure.regressors):
         for factor in regressor.factors:

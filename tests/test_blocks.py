@@ -373,9 +373,10 @@ def test_a_filter_continues_from_its_recorded_states() -> None:
     ("above", "below"), [([0.1], [1.0, -0.9]), ([2.0, 0.6], [2.0, -3.0, 1.2]), ([0.5, 0.5], [1.0])]
 )
 def test_a_filter_forwards_and_backwards_is_that_of_scipy(above: list[float], below: list[float]) -> None:
-    x = np.random.default_rng(0).standard_normal(80).cumsum()
-    found = filtered_both_ways(above, below, x, 25)
-    np.testing.assert_allclose(found, filtfilt(above, below, x, padlen=25), rtol=1e-10, atol=1e-10)
+    rows = np.random.default_rng(0).standard_normal((2, 80)).cumsum(axis=1)
+    found = filtered_both_ways(above, below, rows, 25)
+    np.testing.assert_allclose(found, filtfilt(above, below, rows, padlen=25), rtol=1e-10, atol=1e-10)
+    np.testing.assert_array_equal(filtered_both_ways(above, below, rows[1], 25), found[1])
 
 
 def test_knots_at_bends_are_where_a_curve_bends() -> None:

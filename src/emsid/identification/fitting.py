@@ -133,9 +133,9 @@ class Searches:
     def order(self) -> Sequence[str]:
         """The models in the order in which they are taken here; the other place takes them from the last one on.
 
-        The slowest searches come first and last, so that both places end at about the same time, and what shares the
-        search for the orders of an output-error model comes together, beside one of the slowest, so that one place makes
-        it. Of a long record the regressions without a search come before all others: they take a second, and an
+        The slowest searches come first and last, so that both places end at about the same time. What shares the search
+        for the orders of an output-error model comes together, in a short record beside the last, so that one place
+        makes it. Of a long record the regressions without a search come before all others: they take a second, and an
         interruption leaves them.
         """
         if self.elsewhere is None:

@@ -46,14 +46,14 @@ def filtered_from(above: ArrayLike, below: ArrayLike, signals: ArrayLike, states
     return values, after
 
 
-def filtered_both_ways(above: ArrayLike, below: ArrayLike, signal: ArrayLike, padding: int) -> Array:
-    """A signal (N,) through B/A forwards and then backwards, so that nothing is delayed.
+def filtered_both_ways(above: ArrayLike, below: ArrayLike, signals: ArrayLike, padding: int) -> Array:
+    """The signals (N,) or (k, N) through B/A forwards and then backwards, so that nothing is delayed.
 
-    Beyond its ends the signal is continued point-symmetrically, from the steady state of the filter there.
+    Beyond its ends a signal is continued point-symmetrically, from the steady state of the filter there.
 
     Args:
         above, below: as in `filtered`, with a finite gain at rest.
-        signal: (N,).
+        signals: each row is filtered on its own.
         padding: samples beyond each end, fewer than N.
 
     References:
@@ -61,13 +61,13 @@ def filtered_both_ways(above: ArrayLike, below: ArrayLike, signal: ArrayLike, pa
         Processing 44(4).
     """
     b, a = _equally_long(above, below)
-    x = np.asarray(signal, dtype=float)
-    before, after = 2 * x[0] - x[padding:0:-1], 2 * x[-1] - x[-2 : -padding - 2 : -1]
-    whole = np.concatenate([before, x, after])
+    x = np.asarray(signals, dtype=float)
+    before, after = 2 * x[..., :1] - x[..., padding:0:-1], 2 * x[..., -1:] - x[..., -2 : -padding - 2 : -1]
+    whole = np.concatenate([before, x, after], axis=-1)
     at_rest = np.cumsum((b[1:] - a[1:] * (b.sum() / a.sum()))[::-1])[::-1]
     for _ in range(2):
-        whole = filtered_from(b, a, whole, at_rest * whole[0])[0][::-1]
-    return np.asarray(whole[padding : padding + len(x)])
+        whole = filtered_from(b, a, whole, at_rest * whole[..., :1])[0][..., ::-1]
+    return np.asarray(whole[..., padding : padding + x.shape[-1]])
 
 
 def past_state(above: ArrayLike, below: ArrayLike, outputs: ArrayLike, inputs: ArrayLike) -> Array:

@@ -41,9 +41,9 @@ def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> fl
 
 
 def smoothed(values: Array, samples: float) -> Array:
-    """Through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
+    """Signals (N,) or (k, N) through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
     decay = np.exp(-1.0 / samples)
-    padding = min(int(3 * samples) + 3, len(values) - 1)
+    padding = min(int(3 * samples) + 3, values.shape[-1] - 1)
     return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)
 
 

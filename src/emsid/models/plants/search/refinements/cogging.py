@@ -33,8 +33,9 @@ FIRST, SECOND = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cog
 SPEEDS = (Signal.SPEED, Signal.ROTOR_SPEED)
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
-TURNS = np.arange(8.0, 120.0, 0.25)
-"""Periods in the whole travel that are looked at; fewer of them look like drift."""
+FEWEST_TURNS, MOST_TURNS, SPACING = 8.0, 120.0, 0.25
+"""Periods in the whole travel that are looked at, and how densely; fewer of them look like drift."""
+TURNS = np.arange(FEWEST_TURNS, MOST_TURNS, SPACING)
 STANDS_OUT = 15.0
 """How many times the median power a period has, at least, to be tried."""
 TRIED = 3
@@ -97,7 +98,7 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
     travel = float(np.ptp(position))
     if not travel > 0:
         return None
-    power = np.abs([np.mean(left * np.exp(2j * np.pi * turns / travel * position)) for turns in TURNS]) ** 2
+    power = _power(left, position / travel)
     peaks = [k for k in np.argsort(-power) if power[k] == power[max(k - 2, 0) : k + 3].max()][:TRIED]
     largest = float(np.max(np.abs(plant.drive.commands(record.input)))) or 1.0
     tried = [TURNS[k] for k in peaks if power[k] > STANDS_OUT * np.median(power)]
@@ -114,6 +115,19 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
     return Motion(gain, max(damping, 0.0), coulomb, offset, width), (travel / best, mass * cosine, mass * sine)
 
 
+def _power(left: Array, way: Array) -> Array:
+    """|mean(e·exp(2πi·n·s))|² for every n of `TURNS`, of an error e (N,) at places s (N,) along the travel.
+
+    The turns are evenly spaced, so each wave is the one before times another: no exponential is computed for it.
+    """
+    wave, next_wave = np.exp(2j * np.pi * FEWEST_TURNS * way) * (left / len(left)), np.exp(2j * np.pi * SPACING * way)
+    power = np.empty(len(TURNS))
+    for k in range(len(TURNS)):
+        power[k] = np.abs(wave.sum()) ** 2
+        wave *= next_wave
+    return power
+
+
 def _integral(segment: Record) -> Array:
     """(N,) the position that a measured speed leads to, from zero."""
     speed = segment.output[:, 0]
@@ -124,11 +138,10 @@ def _with_wave(
     rows: Array, positions: Sequence[Array], kept: Sequence[NDArray[np.bool_]], travel: float, turns: float
 ) -> tuple[float, float, list[float]]:
     """What a regression with a wave leaves, how many turns the travel has, and the coefficients."""
-    angles = [2 * np.pi * turns / travel * x for x in positions]
-    waves = [
-        np.concatenate([-smoothed(wave(angle), SMOOTH)[mask] for angle, mask in zip(angles, kept, strict=True)])
-        for wave in (np.cos, np.sin)
-    ]
-    matrix = np.column_stack([rows[:, :-1], *waves])
+    waves = []
+    for x, mask in zip(positions, kept, strict=True):
+        angle = 2 * np.pi * turns / travel * x
+        waves.append(-smoothed(np.array([np.cos(angle), np.sin(angle)]), SMOOTH)[:, mask])
+    matrix = np.column_stack([rows[:, :-1], *np.concatenate(waves, axis=1)])
     values = solved(matrix, rows[:, -1])
     return float(np.sum((rows[:, -1] - matrix @ np.array(values)) ** 2)), turns, values

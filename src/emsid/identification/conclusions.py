@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 # A residual of which the input predicts more than this share of the variance depends on the input.
 PREDICTABLE = 0.05
+# Penalties of the regressions that predict a residual.
+RIDGES = (0.0, 0.01, 0.1, 1.0)
 # A fit in percent below which a model is called poor, and above which it is called good.
 POOR, GOOD = 70.0, 95.0
 # A fit in percent below which channels may not belong together, which leaves a residual independent of the input too.
@@ -57,7 +59,9 @@ def predictable_shares(errors: Array, record: Record) -> Array:
 
     Of every input it takes u, |u|, u·|u| and its sign, so that it sees a dead zone and friction that a linear model
     misses. Each quarter of the samples is predicted by coefficients from the other quarters, so that chance predicts
-    nothing; below zero counts as zero.
+    nothing; below zero counts as zero. In a short record a slow input has few independent values, and all these
+    functions together predict nothing there. Coefficients with a penalty count too, where they make every quarter
+    better: slow noise in a short record follows some function of the input in one quarter or two.
 
     Args:
         errors: (N, m) residuals on the same samples, NaN where they do not count.
@@ -72,17 +76,28 @@ def _shares(errors: Array, phi: Array, usable: NDArray[np.bool_]) -> Array:
     e = errors[usable]
     quarters = np.array_split(np.arange(len(e)), 4)
     factors = [np.linalg.qr(np.hstack([np.ones((len(k), 1)), phi[k], e[k]]), mode="r") for k in quarters]
-    left = np.empty_like(e)
+    left = np.empty((len(RIDGES), *e.shape))
     for number, part in enumerate(quarters):
         others = np.vstack([each for k, each in enumerate(factors) if k != number])
         centres = others[:, 0] @ others / float(others[:, 0] @ others[:, 0])  # the means of all columns
         others = others - others[:, :1] * centres
         count = 1 + phi.shape[1]
-        coefficients = np.linalg.lstsq(others[:, 1:count], others[:, count:], rcond=1e-6)[0]
-        left[part] = e[part] - centres[count:] - (phi[part] - centres[1:count]) @ coefficients
+        coefficients = [_ridge_regression(others[:, 1:count], others[:, count:], ridge) for ridge in RIDGES]
+        predicted = (phi[part] - centres[1:count]) @ np.hstack(coefficients)
+        left[:, part] = e[part] - centres[count:] - np.stack(np.hsplit(predicted, len(RIDGES)))
     variance = np.var(e, axis=0)
-    shares = 1 - np.mean(left**2, axis=0) / np.where(variance > 0, variance, np.inf)
-    return np.where(variance > 0, np.maximum(shares, 0.0), 0.0)
+    squares, usual = left**2, (e - e.mean(axis=0)) ** 2
+    helped = np.all([np.mean(squares[:, k], axis=1) < np.mean(usual[k], axis=0) for k in quarters], axis=0)
+    shares = 1 - np.mean(squares, axis=1) / np.where(variance > 0, variance, np.inf)
+    sure = helped | (np.array(RIDGES)[:, None] == 0)
+    return np.asarray(np.max(np.where((variance > 0) & sure, shares, 0.0), axis=0, initial=0.0))
+
+
+def _ridge_regression(phi: Array, target: Array, ridge: float) -> Array:
+    """The coefficients for the columns of phi, with a penalty in units of the sum of squares of each column."""
+    penalty = np.diag(np.sqrt(ridge) * np.linalg.norm(phi, axis=0))
+    padded = np.vstack([target, np.zeros((len(penalty), target.shape[1]))])
+    return np.asarray(np.linalg.lstsq(np.vstack([phi, penalty]), padded, rcond=1e-6)[0])
 
 
 def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]] | None:

@@ -13,7 +13,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.trials import Trial
 from emsid.models.one_channel import segments_longer_than
 from emsid.selection.improvement import StretchErrors
-from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
+from model_examples import DT, LOOP, MAPS, TWO_LOOPS
 
 Array = NDArray[np.float64]
 U = np.random.default_rng(0).normal(size=400)

@@ -25,7 +25,7 @@ from emsid.models.plants.driven import NEED_SUPPLY
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.plant import Friction, Motor
-from test_models_contract import ALL, DT, OWN
+from model_examples import ALL, DT, OWN
 
 Array = NDArray[np.float64]
 BEFORE, SAMPLES, MARGIN = 400, 300, 40

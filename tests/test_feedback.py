@@ -18,7 +18,7 @@ from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import as_feedback
 from feedback_models import Array, U, X, loop, multiplied
-from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
+from model_examples import DT, LOOP, MAPS, TWO_LOOPS
 
 
 @pytest.mark.parametrize("name", [name for name in MAPS if name != "user"])

@@ -22,7 +22,7 @@ from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
 from emsid.models.start_states import starting
 from feedback_models import Array, U, X, begun_trial, loop, sticking
-from test_models_contract import DT, MAPS
+from model_examples import DT, MAPS
 
 
 def test_a_fit_finds_the_model_of_noisy_data() -> None:

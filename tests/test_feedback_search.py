@@ -28,7 +28,7 @@ from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Tr
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from feedback_models import U, X, begun_trial, loop, sticking
-from test_models_contract import DT, MAPS
+from model_examples import DT, MAPS
 
 
 def scaled_trial(size: float, maps: int = 1) -> Trial:

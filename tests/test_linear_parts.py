@@ -16,7 +16,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Friction, Motor
-from test_models_contract import ALL, DT, OWN
+from model_examples import ALL, DT, OWN
 
 
 @pytest.fixture(scope="module")

@@ -1,13 +1,10 @@
-"""The public face: constructors and functions take all kinds of values; common mistakes work or get a clear error."""
+"""The verbs of the library: fit, compare, simulate and identify, and what they answer to wrong arguments."""
 
 from __future__ import annotations
 
-import inspect
 import re
 from base64 import b64decode
 from dataclasses import replace
-from enum import Enum
-from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -29,6 +26,39 @@ def linear_record():
 @pytest.fixture(scope="session")
 def linear_fit(linear_record):
     return emsid.fit(emsid.arx(na=1, nb=1), linear_record)
+
+
+@pytest.fixture(scope="session")
+def plant_fit():
+    """A rigid motor of known resistance, fitted to 12 s of its own speed."""
+    rng = np.random.default_rng(2)
+    voltage = 3.0 * np.sign(rng.standard_normal(40)).repeat(15)
+    speed = emsid.plant.simulate(emsid.Motor().rigid(), voltage, 1e-2).load_speed[: len(voltage)]
+    record = emsid.Record(voltage, speed, 1e-2, input_units=("V",), output_units=("rad/s",))
+    return emsid.fit(
+        emsid.plants.rigid_motor(), record, fixed={"resistance": 2.0}, free=("motor_constant", "rotor_inertia")
+    )
+
+
+@pytest.fixture(scope="session")
+def identification(linear_record):
+    return emsid.identify(linear_record, models=("arx",))
+
+
+def results(record, fit, plant_fit, identification):
+    comparison = emsid.compare([fit], record)
+    return {
+        "record": record,
+        "fit": fit,
+        "plant": plant_fit,
+        "comparison": comparison,
+        "identification": identification,
+    }
+
+
+@pytest.fixture(scope="session", params=["record", "fit", "plant", "comparison", "identification"])
+def result(request, linear_record, linear_fit, plant_fit, identification):
+    return results(linear_record, linear_fit, plant_fit, identification)[request.param]
 
 
 # --- fit -------------------------------------------------------------------------------------------------------------
@@ -185,40 +215,89 @@ def test_what_cannot_be_simulated_is_answered(linear_fit, wrong):
         wrong(linear_fit)
 
 
+# --- identify --------------------------------------------------------------------------------------------------------
+
+
+def test_identify_reads_a_file(linear_record, tmp_path):
+    path = tmp_path / "log.csv"
+    emsid.write_record(linear_record, path)
+    found = emsid.identify(path, models="arx", input="u1", output="y1", time="t")
+    assert found.chosen.model.name == "arx"
+    assert np.allclose(found.chosen.estimate, emsid.identify(linear_record, models=("arx",)).chosen.estimate)
+    with pytest.raises(emsid.DataError, match=r"name its columns.*u1"):
+        emsid.identify(str(path))
+    with pytest.raises(emsid.DataError, match=r"did you mean models"):
+        emsid.identify(path, model="arx")
+
+
+def test_models_may_be_one_text(linear_record):
+    with pytest.raises(emsid.ModelError, match=r"no model is called arxx; there are arx.*did you mean arx\?"):
+        emsid.identify(linear_record, models="arxx")
+    found = emsid.identify(linear_record, models="arx, friction-narx")
+    assert {fit.model.name for fit in found.fits} == {"arx", "friction-narx"}
+
+
+@pytest.mark.parametrize("wrong", [lambda r: emsid.identify(r.input), lambda r: emsid.identify(42)])
+def test_what_identify_cannot_use_is_answered(linear_record, wrong):
+    with pytest.raises(emsid.DataError, match=r"emsid\.Record"):
+        wrong(linear_record)
+
+
+def test_options_understand_a_name_for_a_family_and_for_a_list():
+    assert emsid.Options(static="dead-zone").static.name == "dead-zone"
+    with pytest.raises(emsid.ModelError, match="did you mean dead-zone"):
+        emsid.Options(static="deadzone")
+    assert emsid.Options(free="motor_constant", profile="motor_constant").profile == ("motor_constant",)
+
+
+# --- cascades --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("static", [emsid.blocks.DeadZone(), emsid.blocks.DeadZone, "dead-zone"])
+def test_a_static_map_is_given_as_a_value_a_class_or_a_name(static):
+    assert emsid.hammerstein(order=1, static=static).search.static.name == "dead-zone"
+
+
+@pytest.fixture(scope="session")
+def dead_zone_record():
+    """A first-order filter behind a dead zone from −0.3 to 0.2."""
+    cascade = emsid.Cascade((emsid.blocks.DeadZone(-0.3, 0.2), emsid.blocks.Rational([0.0, 0.2], [-0.8])))
+    u = np.random.default_rng(5).uniform(-1, 1, 1500)
+    record = emsid.simulate(cascade, u, dt=0.01)
+    return replace(record, output=record.output + 1e-3 * np.random.default_rng(6).standard_normal((1500, 1)))
+
+
+def test_a_cascade_is_a_noun_that_is_fitted(dead_zone_record):
+    structure = emsid.hammerstein(order=1, static=emsid.blocks.DeadZone(), delay=0, oversampling=1, max_iterations=50)
+    assert len(repr(structure)) < 120
+    fit = emsid.fit(structure, dead_zone_record)
+    zone = fit.model.blocks[0]
+    assert (zone.b_l, zone.b_r) == pytest.approx((-0.3, 0.2), abs=0.01)
+    assert "f.b_l" in str(fit)
+    with pytest.raises(emsid.ModelError, match="did you mean max_iterations"):
+        emsid.hammerstein(order=1, max_iteration=50)
+    with pytest.raises(emsid.ModelError, match="no option 'max_iterations'"):
+        emsid.fit(structure, dead_zone_record, max_iterations=50)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "answer"),
+    [
+        (lambda r: emsid.wiener_hammerstein(r, (1, 2), emsid.Options()), r"emsid\.fit\(emsid\.wiener_hammerstein"),
+        (lambda r: emsid.hammerstein([r]), r"emsid\.fit\(emsid\.hammerstein"),
+        (lambda r: emsid.wiener_hammerstein(orders=2), "one for each filter"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static="deadzone"), "did you mean dead-zone"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.DeadZoneLaw(-0.1, 0.1)), "no static map"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.Options()), "takes no Options"),
+        (lambda r: emsid.fit(emsid.wiener_hammerstein, r), r"call it: wiener_hammerstein"),
+    ],
+)
+def test_what_is_no_cascade_is_answered(linear_record, wrong, answer):
+    with pytest.raises(emsid.ModelError, match=answer):
+        wrong(linear_record)
+
+
 # --- how results look ------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="session")
-def plant_fit():
-    """A rigid motor of known resistance, fitted to 12 s of its own speed."""
-    rng = np.random.default_rng(2)
-    voltage = 3.0 * np.sign(rng.standard_normal(40)).repeat(15)
-    speed = emsid.plant.simulate(emsid.Motor().rigid(), voltage, 1e-2).load_speed[: len(voltage)]
-    record = emsid.Record(voltage, speed, 1e-2, input_units=("V",), output_units=("rad/s",))
-    return emsid.fit(
-        emsid.plants.rigid_motor(), record, fixed={"resistance": 2.0}, free=("motor_constant", "rotor_inertia")
-    )
-
-
-@pytest.fixture(scope="session")
-def identification(linear_record):
-    return emsid.identify(linear_record, models=("arx",))
-
-
-def results(record, fit, plant_fit, identification):
-    comparison = emsid.compare([fit], record)
-    return {
-        "record": record,
-        "fit": fit,
-        "plant": plant_fit,
-        "comparison": comparison,
-        "identification": identification,
-    }
-
-
-@pytest.fixture(scope="session", params=["record", "fit", "plant", "comparison", "identification"])
-def result(request, linear_record, linear_fit, plant_fit, identification):
-    return results(linear_record, linear_fit, plant_fit, identification)[request.param]
 
 
 def test_repr_is_one_line(result):
@@ -283,307 +362,3 @@ def test_names_from_files_are_escaped_in_a_notebook(linear_record):
     named = emsid.fit(emsid.Structure.parse("y(t-1)", "u(t-1)", name="<i>mine</i>"), bad)
     assert "<i>" not in named._repr_html_()
     assert len(repr(named)) < 120
-
-
-# --- records ---------------------------------------------------------------------------------------------------------
-
-
-def test_a_record_of_an_input_alone():
-    record = emsid.Record(np.arange(5.0), dt=1e-3)
-    assert record.output.shape == (5, 0)
-    with pytest.raises(emsid.DataError, match="no sample time"):
-        emsid.Record(np.arange(5.0))
-    with pytest.raises(emsid.DataError, match="no sample time"):
-        emsid.Record(np.arange(5.0), np.arange(5.0))
-
-
-def test_a_text_is_one_name_and_not_a_list_of_letters():
-    record = emsid.Record(
-        [0.0, 1.0], [0.0, 1.0], 0.1, input_names="voltage", output_names="speed", input_units="V", output_units="rad/s"
-    )
-    assert record.input_names == ("voltage",)
-    assert record.output_units == ("rad/s",)
-
-
-COLUMNS = {"t": 0.5 + 0.02 * np.arange(50), "v": np.sin(np.arange(50.0)), "w": np.arange(50) ** 2, "n": np.arange(50)}
-
-
-def frames(kind):
-    if kind == "polars":
-        return pytest.importorskip("polars").DataFrame(COLUMNS)
-    if kind == "pandas":
-        return pytest.importorskip("pandas").DataFrame(COLUMNS)
-    return COLUMNS
-
-
-@pytest.mark.parametrize("kind", ["dictionary", "polars", "pandas"])
-def test_a_record_from_a_frame(kind):
-    record = emsid.Record.from_frame(frames(kind), input="v", output=["w", "n"], time="t")
-    assert record.dt == 0.02
-    assert record.times == (0.5,)
-    assert record.output_names == ("w", "n")
-    assert np.array_equal(record.input[:, 0], COLUMNS["v"])
-    assert np.array_equal(record.output[:, 1], COLUMNS["n"])
-    assert emsid.Record.from_frame(frames(kind), input="v", dt=0.1).output.shape == (50, 0)
-
-
-@pytest.mark.parametrize("kind", ["polars", "pandas"])
-def test_dates_and_times_are_seconds(kind):
-    moments = np.datetime64("2026-05-01T12:00:00", "ns") + 20_000_000 * np.arange(50).astype("timedelta64[ns]")
-    frame = type(frames(kind))({"t": moments, "v": COLUMNS["v"]})
-    assert emsid.Record.from_frame(frame, input="v", time="t").dt == 0.02
-
-
-def test_the_index_of_a_pandas_frame_is_the_time():
-    frame = frames("pandas").set_index("t")
-    assert emsid.Record.from_frame(frame, input="v", output="w").dt == 0.02
-    assert emsid.Record.from_frame(frame, input="v", output="w", time="t").dt == 0.02
-    moments = frame.set_axis(np.datetime64("2026-05-01", "ns") + (1e9 * frame.index).astype("timedelta64[ns]"))
-    assert emsid.Record.from_frame(moments.tz_localize("UTC"), input="v").dt == pytest.approx(0.02)
-
-
-def test_units_of_a_frame_are_converted_to_si():
-    record = emsid.Record.from_frame(COLUMNS, input="v", output="n", dt=0.02, units={"v": "mV", "n": "rpm"})
-    assert record.output[30, 0] == pytest.approx(np.pi)
-    assert record.input_units == ("V",)
-
-
-def test_an_irregular_time_is_resampled_where_that_is_asked_for():
-    late = COLUMNS | {"t": np.delete(0.02 * np.arange(51), 20)}
-    with pytest.raises(emsid.DataError, match="resample"):
-        emsid.Record.from_frame(late, input="v", output="w", time="t")
-    assert len(emsid.Record.from_frame(late, input="v", output="w", time="t", resample=True)) == 51
-
-
-@pytest.mark.parametrize(
-    ("wrong", "answer"),
-    [
-        ({"input": "volt", "dt": 0.1}, "no column 'volt'"),
-        ({"input": "v", "output": "speed", "dt": 0.1}, "no column 'speed'"),
-        ({"input": "v"}, "give dt"),
-        ({"input": "v", "time": "when"}, "no column 'when'"),
-        ({"input": "v", "time": "t", "dt": 0.5}, "leave one of them out"),
-        ({"input": "v", "output": "v", "dt": 0.1}, "own name"),
-        ({"input": "v", "dt": 0.1, "units": {"w": "rpm"}}, "neither input nor output"),
-        ({"input": "text", "dt": 0.1}, "numbers"),
-    ],
-)
-def test_what_no_record_can_be_made_of_is_answered(wrong, answer):
-    for kind in ("dictionary", "polars", "pandas"):
-        frame = type(frames(kind))(COLUMNS | {"text": np.array(["a"] * 50)})
-        with pytest.raises(emsid.DataError, match=answer):
-            emsid.Record.from_frame(frame, **wrong)
-
-
-def test_a_frame_that_is_none_is_answered():
-    with pytest.raises(emsid.DataError, match="no columns"):
-        emsid.Record.from_frame(np.ones((5, 2)), input="v", dt=0.1)
-
-
-# --- identify --------------------------------------------------------------------------------------------------------
-
-
-def test_identify_reads_a_file(linear_record, tmp_path):
-    path = tmp_path / "log.csv"
-    emsid.write_record(linear_record, path)
-    found = emsid.identify(path, models="arx", input="u1", output="y1", time="t")
-    assert found.chosen.model.name == "arx"
-    assert np.allclose(found.chosen.estimate, emsid.identify(linear_record, models=("arx",)).chosen.estimate)
-    with pytest.raises(emsid.DataError, match=r"name its columns.*u1"):
-        emsid.identify(str(path))
-    with pytest.raises(emsid.DataError, match=r"did you mean models"):
-        emsid.identify(path, model="arx")
-
-
-def test_models_may_be_one_text(linear_record):
-    with pytest.raises(emsid.ModelError, match=r"no model is called arxx; there are arx.*did you mean arx\?"):
-        emsid.identify(linear_record, models="arxx")
-    found = emsid.identify(linear_record, models="arx, friction-narx")
-    assert {fit.model.name for fit in found.fits} == {"arx", "friction-narx"}
-
-
-@pytest.mark.parametrize("wrong", [lambda r: emsid.identify(r.input), lambda r: emsid.identify(42)])
-def test_what_identify_cannot_use_is_answered(linear_record, wrong):
-    with pytest.raises(emsid.DataError, match=r"emsid\.Record"):
-        wrong(linear_record)
-
-
-def test_options_understand_a_name_for_a_family_and_for_a_list():
-    assert emsid.Options(static="dead-zone").static.name == "dead-zone"
-    with pytest.raises(emsid.ModelError, match="did you mean dead-zone"):
-        emsid.Options(static="deadzone")
-    assert emsid.Options(free="motor_constant", profile="motor_constant").profile == ("motor_constant",)
-
-
-# --- names -----------------------------------------------------------------------------------------------------------
-
-
-def public_things():
-    """Everything that is reached from `emsid` by one or two names: (path, thing)."""
-    for name in emsid.__all__:
-        thing = getattr(emsid, name)
-        if not inspect.ismodule(thing):
-            yield name, thing
-            continue
-        for member in thing.__all__:
-            yield f"{name}.{member}", getattr(thing, member)
-
-
-def signatures(thing):
-    """A function, or a class with its public methods and properties, as functions with annotations."""
-    if inspect.isroutine(thing):
-        yield thing
-    elif isinstance(thing, type) and not issubclass(thing, (Exception, Enum)):
-        yield thing
-        for name, member in vars(thing).items():
-            function = (
-                getattr(member, "fget", None) or getattr(member, "func", None) or getattr(member, "__func__", member)
-            )
-            if not name.startswith("_") and inspect.isfunction(function):
-                yield function
-
-
-def classes_in(hint):
-    """The classes that an annotation is made of."""
-    if isinstance(hint, type) and get_origin(hint) is None:
-        yield hint
-    elif isinstance(get_origin(hint), type):
-        yield get_origin(hint)
-    for part in get_args(hint):
-        for each in part if isinstance(part, list) else [part]:
-            yield from classes_in(each)
-
-
-# Names that annotations use and that are imported for type checkers only, from other packages.
-FOREIGN = {"dlti": object, "Figure": object}
-
-
-def test_every_class_in_a_public_signature_is_public():
-    things = dict(public_things())
-    public = {id(thing) for thing in things.values()}
-    short = {path.split(".")[-1]: thing for path, thing in things.items()} | FOREIGN
-    hidden = set()
-    for path, thing in things.items():
-        for function in signatures(thing):
-            try:
-                hints = get_type_hints(function, localns=short)
-            except NameError as problem:
-                hidden.add((path, str(problem)))
-                continue
-            for hint in hints.values():
-                hidden |= {
-                    (path, f"{each.__module__}.{each.__name__}")
-                    for each in classes_in(hint)
-                    if each.__module__.startswith("emsid") and id(each) not in public
-                }
-    assert hidden == set()
-
-
-def test_a_public_name_means_one_thing():
-    named = {}
-    for path, thing in public_things():
-        name = path.split(".")[-1]
-        if path != "plant.simulate" and name != "register":  # what is simulated or registered says the package's name
-            named.setdefault(name, {})[id(thing)] = path
-    assert {name: sorted(paths.values()) for name, paths in named.items() if len(paths) > 1} == {}
-
-
-@pytest.mark.parametrize("name", ["Options", "DeadZone", "Candidate", "Sensor"])
-def test_names_that_once_meant_two_things_mean_one_class(name):
-    found = {id(thing) for path, thing in public_things() if path.split(".")[-1] == name}
-    assert len(found) <= 1
-
-
-def test_the_dead_zone_that_is_public_is_one_for_cascades():
-    cascade = emsid.Cascade((emsid.blocks.DeadZone(-0.1, 0.2),))
-    assert cascade.blocks[0].b_r == 0.2
-    assert emsid.Cascade(emsid.blocks.DeadZone(-0.1, 0.2)).names == cascade.names
-    assert not hasattr(emsid, "DeadZone")
-    with pytest.raises(emsid.ModelError, match="no filter and no static map"):
-        emsid.Cascade((emsid.DeadZoneLaw(-0.1, 0.2),))
-
-
-def test_regressors_may_be_a_list_of_texts():
-    listed = emsid.Structure.parse(["y(t-1)", "u(t-1)"])
-    assert listed == emsid.Structure.parse("y(t-1)", "u(t-1)")
-    with pytest.raises(emsid.ModelError, match=r"Structure\.parse"):
-        emsid.Structure(("y(t-1)",))
-    with pytest.raises(emsid.ModelError, match=r"Structure\.parse"):
-        emsid.Structure("y(t-1)")
-
-
-# --- cascades --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="session")
-def dead_zone_record():
-    """A first-order filter behind a dead zone from −0.3 to 0.2."""
-    cascade = emsid.Cascade((emsid.blocks.DeadZone(-0.3, 0.2), emsid.blocks.Rational([0.0, 0.2], [-0.8])))
-    u = np.random.default_rng(5).uniform(-1, 1, 1500)
-    record = emsid.simulate(cascade, u, dt=0.01)
-    return replace(record, output=record.output + 1e-3 * np.random.default_rng(6).standard_normal((1500, 1)))
-
-
-@pytest.mark.parametrize("static", [emsid.blocks.DeadZone(), emsid.blocks.DeadZone, "dead-zone"])
-def test_a_static_map_is_given_as_a_value_a_class_or_a_name(static):
-    assert emsid.hammerstein(order=1, static=static).search.static.name == "dead-zone"
-
-
-def test_a_cascade_is_a_noun_that_is_fitted(dead_zone_record):
-    structure = emsid.hammerstein(order=1, static=emsid.blocks.DeadZone(), delay=0, oversampling=1, max_iterations=50)
-    assert len(repr(structure)) < 120
-    fit = emsid.fit(structure, dead_zone_record)
-    zone = fit.model.blocks[0]
-    assert (zone.b_l, zone.b_r) == pytest.approx((-0.3, 0.2), abs=0.01)
-    assert "f.b_l" in str(fit)
-    with pytest.raises(emsid.ModelError, match="did you mean max_iterations"):
-        emsid.hammerstein(order=1, max_iteration=50)
-    with pytest.raises(emsid.ModelError, match="no option 'max_iterations'"):
-        emsid.fit(structure, dead_zone_record, max_iterations=50)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "answer"),
-    [
-        (lambda r: emsid.wiener_hammerstein(r, (1, 2), emsid.Options()), r"emsid\.fit\(emsid\.wiener_hammerstein"),
-        (lambda r: emsid.hammerstein([r]), r"emsid\.fit\(emsid\.hammerstein"),
-        (lambda r: emsid.wiener_hammerstein(orders=2), "one for each filter"),
-        (lambda r: emsid.wiener_hammerstein((1, 2), static="deadzone"), "did you mean dead-zone"),
-        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.DeadZoneLaw(-0.1, 0.1)), "no static map"),
-        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.Options()), "takes no Options"),
-        (lambda r: emsid.fit(emsid.wiener_hammerstein, r), r"call it: wiener_hammerstein"),
-    ],
-)
-def test_what_is_no_cascade_is_answered(linear_record, wrong, answer):
-    with pytest.raises(emsid.ModelError, match=answer):
-        wrong(linear_record)
-
-
-# --- docstrings of the namespaces; those of the top level are tested with the layers ---------------------------------
-
-CALLABLE = [(path, thing) for path, thing in public_things() if "." in path and callable(thing)]
-every_callable = pytest.mark.parametrize("thing", [thing for _, thing in CALLABLE], ids=[path for path, _ in CALLABLE])
-
-
-def documentation(thing):
-    """The docstring of a function; of a class that of its parents too."""
-    classes = thing.__mro__[:-1] if isinstance(thing, type) else (thing,)
-    return "\n".join(each.__doc__ or "" for each in classes if not (each.__doc__ or "").startswith(f"{each.__name__}("))
-
-
-@every_callable
-def test_a_public_docstring_explains_every_argument(thing):
-    text = documentation(thing)
-    assert len(text) > 15
-    plain = isinstance(thing, type) and issubclass(thing, (Exception, Enum, dict))
-    plain = plain or getattr(thing, "_is_protocol", False)
-    names = [] if plain else [name for name in inspect.signature(thing).parameters if name != "self"]
-    words = {"path": "path|file", "records": "records|experiments"}
-    assert [n for n in names if not re.search(rf"\b({words.get(n, n)})\b", text, re.IGNORECASE)] == []
-
-
-@every_callable
-def test_a_public_function_says_what_it_raises(thing):
-    if inspect.isfunction(thing):
-        raised = set(re.findall(r"\braise (\w+Error)\b", inspect.getsource(thing)))
-        assert [error for error in raised if error not in (thing.__doc__ or "").partition("Raises:")[2]] == []

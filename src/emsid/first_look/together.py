@@ -66,7 +66,11 @@ class Group:
 
 
 def groups(looks: Sequence[FirstLook]) -> list[Group]:
-    """The files for each command: of one system, read in the same way, and with responses of the same sign."""
+    """The files for each command: of one system, read in the same way, and with responses of the same sign.
+
+    Args:
+        looks: at every file.
+    """
     kinds: dict[tuple[str, int, bool], list[FirstLook]] = {}
     for look in looks:
         if not look.useless:
@@ -77,7 +81,12 @@ def groups(looks: Sequence[FirstLook]) -> list[Group]:
 
 
 def without_findings_of_all(look: FirstLook, divided: Sequence[Group]) -> FirstLook:
-    """The look without the findings that are said of all files of its group."""
+    """The look without the findings that are said of all files of its group.
+
+    Args:
+        look: at one of several files.
+        divided: the files for each command, by `groups`.
+    """
     if not any(group.findings and any(look is each for each in group.looks) for group in divided):
         return look
     return replace(look, findings=tuple(finding for finding in look.findings if finding.code not in OF_ALL))

@@ -14,7 +14,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.models.blocks.static_maps import STATIC_MAPS, PiecewiseLinear, Saturation, UserMap
 from emsid.models.feedback import fitting
-from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.fitting import Found, fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import estimation
 from emsid.models.feedback.search.trials import Trial
@@ -38,6 +38,29 @@ def test_a_fit_finds_the_model_of_noisy_data() -> None:
     assert np.sqrt(np.mean(error[50:] ** 2)) < 2e-3
     assert set(fit.names) >= {"x1.x1", "x2.u", "y.1"}
     assert np.all(np.sqrt(np.diag(fit.covariance)) < 0.5)
+
+
+def test_a_search_keeps_to_models_that_are_not_refused() -> None:
+    """Unless it begins at one that is."""
+    truth, rng = loop(), np.random.default_rng(1)
+    u = rng.normal(size=400)
+    segments = [(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)))]
+    begin = truth.with_parameters(truth.parameters * (1 + 0.05 * rng.normal(size=len(truth.parameters))))
+
+    def radius(model: FeedbackModel) -> float:
+        return float(np.abs(np.linalg.eigvals(model.matrix[: model.states, : model.states])).max())
+
+    def least(limit: float) -> Found:
+        """Among models of this spectral radius at least."""
+        return searched(begin, segments, 0, 8, 0.1, refused=lambda model, *_: radius(model) < limit)
+
+    free = least(0.0)
+    limit = 0.5 * (radius(begin) + radius(free.model))
+    assert radius(free.model) < limit < radius(begin)
+    limited = least(limit)
+    assert radius(limited.model) >= limit
+    assert free.error < limited.error < 10 * free.error
+    assert least(1.0).error == free.error
 
 
 def test_intervals_hold() -> None:

@@ -111,6 +111,22 @@ def test_a_model_fitted_again_to_another_drive_follows_it(fits):
         )
 
 
+def test_a_feedback_model_that_runs_away_is_no_refit(fits, monkeypatch):
+    """Every other model runs away here, so the known one is kept."""
+    (fit,) = (each for each in fits if each.model.name == "feedback")
+    first = []
+
+    def runs_away(model, segments, states):
+        first.append(np.ptp(model.output(segments[0][0], states[0])))
+        return abs(first[-1] - first[0]) > 1e-3 * first[0]
+
+    monkeypatch.setattr("emsid.models.refitting.runs_away", runs_away)
+    other = drive(1, 400, pole=0.85, gain=1.5)
+    before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
+    assert after == pytest.approx(before, rel=0.02)
+    assert len(first) > 2
+
+
 def test_a_regression_is_fitted_again_as_the_options_say(fits):
     seen = []
 

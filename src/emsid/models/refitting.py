@@ -24,6 +24,7 @@ from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback import fitting as feedback
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.trials import runs_away
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.state_space import StateSpaceModel
@@ -93,8 +94,11 @@ def _cascade(fit: Fit[Cascade], records: Sequence[Record], _: Linear, control: C
 
 
 def _feedback(fit: Fit[FeedbackModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    """Among the models that do not run away, as in the search for the structure."""
     segments = segments_longer_than(fit.model.memory, fit.model, records)
-    found = feedback.searched(fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING)
+    found = feedback.searched(
+        fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING, refused=runs_away
+    )
     return found.model
 
 

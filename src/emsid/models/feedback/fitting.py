@@ -31,6 +31,8 @@ from emsid.models.terms import check_whole
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+Refusal = Callable[[FeedbackModel, Segments, Sequence[Array]], bool]
+"""Whether a model is out of the question, from its runs over segments (u, y) from states (n,) of each."""
 
 # Steps in one choice of coordinates, and the number of choices.
 STEPS, ROUNDS = 25, 6
@@ -54,6 +56,7 @@ class FreeRun:
         segments: (u, y) of each.
         transient: samples at the start of every segment that are left out of the residual.
         check: called again and again while the derivative by a long segment is computed; what it raises ends that.
+        refused: a step does not lead to a model that this refuses, if it is given.
     """
 
     model: FeedbackModel
@@ -61,6 +64,7 @@ class FreeRun:
     segments: Segments
     transient: int
     check: Callable[[], None] = FREE.check
+    refused: Refusal | None = None
     _last: LastRun[tuple[FeedbackModel, list[LoopSignals]]] = field(default_factory=LastRun, init=False, repr=False)
 
     def at(self, theta: Array) -> FeedbackModel:
@@ -95,13 +99,17 @@ class FreeRun:
         """The model and its runs.
 
         Raises:
-            Infeasible: for maps outside their families, or a run that diverges.
+            Infeasible: for maps outside their families, a run that diverges, or a model that is refused.
         """
 
         def run() -> tuple[FeedbackModel, list[LoopSignals]]:
             model = self.at(theta)
             model.check()
-            return model, [model.trajectory(u, self.state(theta, k)) for k, (u, _) in enumerate(self.segments)]
+            states = [self.state(theta, k) for k in range(len(self.segments))]
+            runs = [model.trajectory(u, x) for (u, _), x in zip(self.segments, states, strict=True)]
+            if self.refused is not None and self.refused(model, self.segments, states):
+                raise Infeasible(f"{model.name} is refused")
+            return model, runs
 
         return self._last.at(theta, run)
 
@@ -203,11 +211,13 @@ def searched(
     least_saving: float = 0.0,
     states: Sequence[Array] | None = None,
     hold_signals: bool = False,
+    refused: Refusal | None = None,
 ) -> Found:
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
     The initial states begin as given, or as the first samples show them. With ``hold_signals`` the z and g of maps
-    that are multiplied remain the signals that they are, but for their offsets.
+    that are multiplied remain the signals that they are, but for their offsets. The search keeps to models that are not
+    refused, unless it begins at one that is.
 
     Raises:
         Stopped: by ``control``, within a long segment.
@@ -221,7 +231,8 @@ def searched(
         states = [same.state(x) for x in states]
         held = _signals_of_products(same.model) if hold_signals else None
         spread = coordinates(same.model, visited(same.model, segments, states), held)
-        problem = FreeRun(same.model, spread, segments, transient, control.check)
+        limit = None if refused is None or refused(same.model, segments, states) else refused
+        problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)

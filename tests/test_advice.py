@@ -19,6 +19,7 @@ from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.measurement import repeated
 from emsid.first_look.nonlinearity import LEVEL, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
+from emsid.identification.candidates import CANDIDATES
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
@@ -449,6 +450,14 @@ class TestLongDelays:
         (found,) = (each for each in result.findings if each.code == "delay-from-data")
         assert found.data["delay"] == 36
         assert result.chosen.model.structure.labels[1] == "u(t-36)"
+
+    def test_a_feedback_model_may_go_without_it(self) -> None:
+        u = steps()
+        record = Record(u, motor(u, delay=36), 0.01, "u", "y")
+        shown, _ = with_delay(Options(), [response_of(record)], [record])
+        assert (shown.nk, shown.delay_shown) == (36, True)
+        searches = [CANDIDATES["feedback"]._structure(each).search for each in (shown, Options(nk=36))]
+        assert [(each.delay, each.shown, each.longest) for each in searches] == [(None, 36, 36), (36, 0, 36)]
 
     def test_a_slow_response_that_starts_at_once_is_no_delay(self) -> None:
         """The output of two tanks follows the second of them, whose level rises late."""

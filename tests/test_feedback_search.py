@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomi
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import choice, trials
+from emsid.models.feedback.search import choice, estimation, trials
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.magnitudes import of_magnitudes
@@ -55,6 +56,32 @@ def test_a_delay_of_the_input_is_found() -> None:
     fit = emsid.fit(found, record)
     assert fit.model.delay in (3, 4)  # the state adds a sample, which a direct path can make up for
     assert np.sqrt(fit.noise_variance) < 0.011
+
+
+@pytest.mark.parametrize("delay", [0, 8])
+def test_a_longer_delay_is_tried_where_it_is_shown(delay: int) -> None:
+    """What linear models show may be wrong: a delay of 8 samples is shown, and the record has it or not."""
+    truth = FeedbackModel(
+        np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),), delay=delay
+    )
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    search = FeedbackSearch(1, 1, family_of("saturation"), oversampling=1, shown=8)
+    fit = estimation.FeedbackStructure(search).fit(record)
+    assert fit.model.delay == delay
+    assert np.sqrt(fit.noise_variance) < 0.011
+
+
+@pytest.mark.parametrize(("best", "tried"), [(0, (0,)), (3, (0, 3)), (7, (7, 0)), (8, (0,))])
+def test_the_delays_that_linear_models_gain_by_are_tried(best: int, tried: tuple[int, ...]) -> None:
+    """One of 7 samples is shown, and others of more than 5 are not tried."""
+
+    class Judge:
+        def linear(self, order: int, steps: Steps, delay: int) -> SimpleNamespace:
+            return SimpleNamespace(error=0.9 if delay == best else 1.0 + 0.01 * delay)
+
+    assert choice._delays(Judge(), FeedbackSearch(shown=7), Steps(1, False)) == tried  # type: ignore[arg-type]
 
 
 def test_an_order_above_three_is_found() -> None:

@@ -131,9 +131,9 @@ class Feedback:
         static = options.static or (SPLINE if options.knots else None)
         held = None if options.hold is None else options.hold is Hold.ZERO
         order = options.orders[0] if options.orders else None
-        search = FeedbackSearch(
-            order, None, static, options.knots or 0, options.nk, held=held, held_back=options.held_back
-        )
+        given, shown = (None, options.nk or 0) if options.delay_shown else (options.nk, 0)
+        knots = options.knots or 0
+        search = FeedbackSearch(order, None, static, knots, given, held=held, held_back=options.held_back, shown=shown)
         return FeedbackStructure(search)
 
 

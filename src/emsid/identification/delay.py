@@ -45,7 +45,7 @@ def with_delay(
     if delay <= LONGEST_SEARCHED or _acts_before(record, delay):
         return options, ()
     data = {"input": record.input_names[0], "delay": delay, "time": delay * record.dt}
-    return replace(options, nk=delay), (Finding("delay-from-data", record.output_names[0], data),)
+    return replace(options, nk=delay, delay_shown=True), (Finding("delay-from-data", record.output_names[0], data),)
 
 
 def _acts_before(record: Record, delay: int) -> bool:

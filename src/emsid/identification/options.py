@@ -50,6 +50,7 @@ class Options:
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
         comparing: whether fits only compare models; the recommended one is then fitted further, see `Continued`.
+        delay_shown: whether ``nk`` was not given: a first look at the data shows that delay, and it may be wrong.
     """
 
     na: int | None = None
@@ -73,6 +74,7 @@ class Options:
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
     comparing: bool = False
+    delay_shown: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "per_record", "profile"):

@@ -245,8 +245,8 @@ def _hopeless(trial: Trial, best: Trial) -> bool:
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
     """The best linear model over the orders, and those with a map; none where no map explains more than noise.
 
-    Orders above those of `ORDERS` are tried as long as the highest one was the best, and a delay with the order that is
-    the best without it, and one less.
+    Orders above those of `ORDERS` are tried as long as the highest one was the best. Of two delays, the second is tried
+    with the order that is the best with the first, and one less.
 
     Raises:
         ModelError: if no linear model can be fitted.
@@ -298,17 +298,22 @@ def _of_magnitudes(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
 
 
 def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
-    """The delays that are tried: the given one, or none and the longest one that a linear model gains by."""
+    """The delays that are tried: the given one, or none and the longest one that a linear model gains by.
+
+    A long one comes first: without it the order would grow until it makes up for the delay.
+    """
     if settings.delay is not None:
         return (settings.delay,)
-    errors, order = [], OF_DELAY if settings.order is None else settings.order
-    for delay in range(LONGEST + 1):
+    errors, order = {}, OF_DELAY if settings.order is None else settings.order
+    for delay in {*range(LONGEST + 1), settings.longest}:
         try:
-            errors.append(bench.linear(order, steps, delay).error ** 2)
+            errors[delay] = bench.linear(order, steps, delay).error ** 2
         except EmsidError:
-            errors.append(inf)
-    longest = max(delay for delay, error in enumerate(errors) if not matters(min(errors), error))
-    return (0, longest) if longest and matters(errors[longest], errors[0]) else (0,)
+            errors[delay] = inf
+    longest = max(delay for delay, error in errors.items() if not matters(min(errors.values()), error))
+    if not longest or not matters(errors[longest], errors[0]):
+        return (0,)
+    return (longest, 0) if longest > LONGEST else (0, longest)
 
 
 def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> list[Trial]:

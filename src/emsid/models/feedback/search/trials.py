@@ -60,6 +60,7 @@ class FeedbackSearch:
         oversampling: steps of the model per sample.
         held: whether the input is held between its samples, or continuous.
         held_back: fraction of the record that choices are made on.
+        shown: a longer delay than the usual ones, which linear models of the record show; it is tried too.
     """
 
     order: int | None = None
@@ -70,6 +71,12 @@ class FeedbackSearch:
     oversampling: int | None = None
     held: bool | None = None
     held_back: float = 0.25
+    shown: int = 0
+
+    @property
+    def longest(self) -> int:
+        """The longest delay that may be chosen, in samples."""
+        return max(LONGEST, self.shown) if self.delay is None else self.delay
 
 
 class Steps(NamedTuple):
@@ -137,7 +144,7 @@ class Bench:
             shown = [excerpt(record, max(SEARCHED // len(records), 1)) for record in shown]
         largest = FeedbackModel(
             np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
-            delay=LONGEST if settings.delay is None else settings.delay,
+            delay=settings.longest,
             oversampling=settings.oversampling or 2,
         )
         shortest = max(len(segment) for record in unseen for segment in record.segments)

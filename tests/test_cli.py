@@ -132,11 +132,12 @@ def test_parameters_are_printed_as_files_that_can_be_edited_and_read_back(run, t
 
 def test_values_may_have_a_unit(run, log, tmp_path):
     plain = run("describe", log, "--input", "u", "--output", "y", "--dt", "0.01")
-    for text in ("10ms", "10 ms", "1e4us", "0.01 s"):
+    for text in ("10ms", "10 ms", "1e4us", "0.01 s", "100Hz", "100 hz", "0.1 kHz"):
         assert run("describe", log, "--input", "u", "--output", "y", "--dt", text) == plain
-    status, out, err = run("describe", log, "--input", "u", "--output", "y", "--dt", "10 volts")
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "invalid value for '--dt'" in err
+    for text in ("10 volts", "0 Hz", "Hz", "10 rpm"):
+        status, out, err = run("describe", log, "--input", "u", "--output", "y", "--dt", text)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert "invalid value for '--dt'" in err
 
 
 def test_what_a_file_is_called_is_never_obeyed_by_the_terminal(run, tmp_path):

@@ -120,6 +120,18 @@ def test_a_clock_that_begins_again_divides_the_record(tmp_path: Path) -> None:
         emsid.read(path, **COLUMNS, time="t")
 
 
+def test_a_board_that_is_reset_twice_divides_the_record(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    times = [0.1 * k for k in (*range(50), *range(3), *range(40))]
+    path.write_text("t,u,y\n" + "".join(f"{t:.1f},{k},{k}\n" for k, t in enumerate(times)))
+    record = emsid.read(path, **COLUMNS, time="t")
+    assert (record.breaks, codes(record)) == ((50, 53), ["clock-reset"])
+    times[50:53] = [2.0, 2.1, 2.2]  # a time in the middle is no beginning
+    path.write_text("t,u,y\n" + "".join(f"{t:.1f},{k},{k}\n" for k, t in enumerate(times)))
+    with pytest.raises(DataError, match="not regular"):
+        emsid.read(path, **COLUMNS, time="t")
+
+
 @pytest.mark.parametrize(("dt", "questioned"), [(10.048, True), (1e-8, True), (10.048e-3, False), (1.0, False)])
 def test_an_implausible_sample_time_is_questioned(log: Rows, dt: float, questioned: bool) -> None:
     record = emsid.read(log({}), **COLUMNS, dt=dt)

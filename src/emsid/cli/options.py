@@ -72,6 +72,16 @@ def quantity(unit: str) -> Callable[[str | float], float]:
     return read
 
 
+def sample_time(text: str | float) -> float:
+    """A sample time in s, ``0.01`` or ``10ms``, or the sampling frequency, ``100 Hz``, for the parser of options."""
+    if not isinstance(text, str) or not text.rstrip().lower().endswith("hz"):
+        return quantity("s")(text)
+    frequency = quantity("Hz")(re.sub("hz$", "Hz", text.rstrip(), flags=re.IGNORECASE))
+    if not frequency > 0:
+        raise typer.BadParameter(f"{text!r}: give a positive frequency")
+    return 1 / frequency
+
+
 def pairs(texts: Iterable[str], name: str, form: str = "COLUMN=VALUE") -> dict[str, str]:
     """Parse ``NAME=VALUE`` texts."""
     found: dict[str, str] = {}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from emsid.cli.options import numbers, option, pairs, quantity
+from emsid.cli.options import numbers, option, pairs, quantity, sample_time
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ Output = Annotated[
     typer.Option("--output", "-y", metavar="COL", help="Output column, or FILE:COL; d(COL) for a derivative."),
 ]
 Dt = Annotated[
-    float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
+    float | None, typer.Option(metavar="S", parser=sample_time, help="Sample time: 0.001 (seconds), 1ms or 1kHz.")
 ]
 Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column; it must be regular (see --resample).")]
 TimeUnit = Annotated[

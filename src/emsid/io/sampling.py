@@ -158,10 +158,18 @@ def counted_on(counter: Array) -> Array:
 
 
 def clock_resets(time: Array) -> NDArray[np.intp]:
-    """The samples (M,) at which a time column (N,) begins again; none where it goes back for another reason."""
-    resets = 1 + np.flatnonzero(np.diff(time) < 0)
+    """The samples (M,) at which a time column (N,) begins again; none where it goes back for another reason.
+
+    A board that is reset twice leaves a few rows between, which begin where the column does.
+    """
+    steps = np.diff(time)
+    resets = 1 + np.flatnonzero(steps < 0)
     pieces = np.diff([0, *resets, len(time)])
-    return resets if np.all(pieces >= _RESET) else resets[:0]
+    forward = steps[steps > 0]
+    if np.all(pieces >= _RESET) or not len(forward):
+        return resets
+    from_start = np.all(np.abs(time[resets] - time[0]) <= np.median(forward))
+    return resets if from_start else resets[:0]
 
 
 def _time_unit(clock: SampleTime, columns: Columns) -> float:

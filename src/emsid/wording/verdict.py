@@ -175,7 +175,10 @@ def _fill_range(d: Reason) -> str:
 
 
 _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
-    "longer": lambda d: f"record at least {d['needed']} samples, better some hundred",
+    "longer": lambda d: (
+        f"record longer: the models were fitted to {d['samples']} samples, and need at least {d['needed']}, better "
+        "some hundred"
+    ),
     "without-feedback": lambda d: (
         "record without a controller, or with a test signal added to its command, since the input follows the output"
     ),

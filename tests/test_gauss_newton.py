@@ -426,6 +426,8 @@ def test_a_derivative_whose_square_overflows_is_refused() -> None:
     curves = Curves(lambda theta: [np.full(3, theta[0] - 2.0) + np.arange(3) * 0.1], lambda theta: [steep(theta)])
     with pytest.raises(Infeasible, match="too large"):
         gauss_newton(curves, [1.7])
+    with pytest.raises(ModelError, match="not finite"):
+        few_unknowns(curves, np.array([1.7]), max_iterations=5, tolerance=0.1)
     found = gauss_newton(curves, [0.0])
     assert 0 < found.estimate[0] <= 1.5
 

@@ -17,7 +17,8 @@ from emsid.identification.options import Options
 from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
 from emsid.identification.ranking import ranked
 from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended
-from emsid.identification.verdict import implausible_models, model_verdicts
+from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
+from emsid.models.regression.search.judge import runs_away
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import as_fit, compare
 from emsid.validation.correlation import input_test
@@ -340,6 +341,21 @@ def test_a_model_that_diverges_on_steps_within_the_range_of_the_input_is_implaus
     assert findings["diverges-on-steps"] == {"model": "steep"}
     assert "diverges-beyond-range" not in findings
     assert "diverges-on-steps" not in implausible(linear(), smooth)
+
+
+def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_recommended():
+    """A slow output stays small in a record of short pulses; a cube of it wins at the steady state of the largest."""
+    u, slow = np.repeat(np.random.default_rng(3).uniform(-1, 1, 500), 4), 0.99
+    known = emsid.Record(u, lfilter([0.0, 1 - slow], [1.0, -slow], u), DT, name="pulses")
+    cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
+    fit = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, 0.4 * (1 - slow)]), DT))
+    findings = implausible(fit, known)
+    assert findings["diverges-on-constant-input"] == {"model": "cubic"}
+    assert "diverges-beyond-range" not in findings
+    assert excluded_models(Finding(code, "cubic", data) for code, data in findings.items()) == {"cubic"}
+    stable = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, -0.4 * (1 - slow)]), DT))
+    assert "diverges-on-constant-input" not in implausible(stable, known)
+    assert [runs_away(each.model, known) for each in (fit, stable)] == [True, False]
 
 
 def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():

@@ -157,6 +157,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-leaves-range", "wiener", {"model": "wiener", **LEAVES}),
     Finding("faster-than-sampling", data={"model": "output-error", "pole": 0.1, "samples": 0.434}),
     Finding("diverges-beyond-range", "polynomial-narx", {"model": "polynomial-narx", "factor": 1.2}),
+    Finding("diverges-on-constant-input", "feedback", {"model": "feedback"}),
     Finding("diverges-on-steps", "feedback", {"model": "feedback"}),
     Finding("delay-longer-than-rise", data={"model": "arx", **TOO_LATE}),
     Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),

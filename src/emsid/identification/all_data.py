@@ -25,7 +25,7 @@ from emsid.models.free_run import free_run_error
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.refitting import refitted
-from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
+from emsid.models.regression.search.judge import runs_away
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
@@ -89,12 +89,12 @@ def _searched(name: str, whole: Record, options: Options, control: Control) -> M
 
 
 def _sound(fitted: Callable[[], Any], whole: Record) -> tuple[Model, float] | None:
-    """A model and its mean square error on all data; None where it is not found, or diverges on a larger input."""
+    """A model and its mean square error on all data; None where it is not found, or its free run runs away."""
     try:
         model = fitted()
         error = free_run_error(model, (whole,))
     except (EmsidError, Stopped):
         return None
-    if not isinstance(model, GreyBox) and diverges(model, enlarged(whole, BEYOND)):
+    if not isinstance(model, GreyBox) and runs_away(model, whole):
         return None
     return model, error

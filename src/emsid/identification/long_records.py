@@ -12,7 +12,7 @@ from emsid.identification.compared import Compared
 from emsid.identification.options import Continued, Options
 from emsid.identification.ranking import ranked
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
+from emsid.models.regression.search.judge import runs_away
 from emsid.record import Record
 from emsid.record.excerpt import excerpt, outside_excerpt
 from emsid.selection.improvement import better
@@ -64,7 +64,7 @@ def on_all_samples(judged: Compared, train: Record, options: Options, control: C
         found = kind.continued(fit, train, options, control.during(doing))
         control.check()
         errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], choice), None, options)}
-        far = not isinstance(found.model, GreyBox) and diverges(found.model, enlarged(choice, BEYOND))
+        far = not isinstance(found.model, GreyBox) and runs_away(found.model, choice)
     except (EmsidError, Stopped):
         return judged
     return judged if far or better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found, train)

@@ -2,8 +2,8 @@
 
 A static map that turns or leaves the range of the output where there are hardly any data, poles that zeros cancel,
 poles faster than the sampling, and a delay longer than the response of the drive are signs that the structure is too
-rich, or that it imitates something else. A free run that diverges on a larger input, or on one that steps within its
-range, is another.
+rich, or that it imitates something else. A free run that diverges on a larger input, on one that steps within its
+range, or while the largest or the smallest input is held, is another.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.search.judge import BEYOND as BEYOND_INPUT
-from emsid.models.regression.search.judge import diverges, enlarged
+from emsid.models.regression.search.judge import diverges, enlarged, extremes_held
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -59,12 +59,14 @@ HELD = 50
 """The largest number of samples for which a step is held."""
 LEAD = 200
 """Samples of the record before the steps, or a quarter of it; they give the initial state."""
-DIVERGES = "diverges-beyond-range"
-"""The finding that keeps a model from being chosen, however small its error is."""
+DIVERGES, DIVERGES_HELD = "diverges-beyond-range", "diverges-on-constant-input"
+EXCLUDING = frozenset({DIVERGES, DIVERGES_HELD})
+"""The findings that keep a model from being chosen, however small its error is."""
 
 IMPLAUSIBLE = frozenset(
     {
         DIVERGES,
+        DIVERGES_HELD,
         "delay-longer-than-rise",
         "diverges-on-steps",
         "faster-than-sampling",
@@ -94,6 +96,11 @@ class Plausibility:
         return enlarged(self.record[:LOOKED_AT], BEYOND_INPUT)
 
     @cached_property
+    def held(self) -> Record:
+        """The beginning of the record with its largest and its smallest input, each for long."""
+        return extremes_held(self.record)
+
+    @cached_property
     def steps(self) -> Record:
         """The beginning of the longest segment, whose input soon steps between values that it takes."""
         record, rng = max(self.record.segments, key=len)[:LOOKED_AT], np.random.default_rng(1)
@@ -110,6 +117,8 @@ class Plausibility:
         found: list[Finding] = []
         if not isinstance(model, GreyBox) and diverges(model, self.beyond):
             found.append(Finding(DIVERGES, model.name, {"factor": BEYOND_INPUT}))
+        if not isinstance(model, GreyBox) and free_run(model, self.held).diverged_at is not None:
+            found.append(Finding(DIVERGES_HELD, model.name))
         if not isinstance(model, GreyBox) and free_run(model, self.steps).diverged_at is not None:
             found.append(Finding("diverges-on-steps", model.name))
         if isinstance(model, Cascade):

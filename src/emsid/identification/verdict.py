@@ -21,7 +21,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
-from emsid.identification.plausibility import DIVERGES, IMPLAUSIBLE
+from emsid.identification.plausibility import EXCLUDING, IMPLAUSIBLE
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
@@ -79,8 +79,8 @@ def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
 
 
 def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
-    """The names of the models that diverge on an input a little larger than that of the record."""
-    return frozenset(finding.model for finding in findings if finding.code == DIVERGES)
+    """The names of the models that diverge on a slightly larger or a constant input."""
+    return frozenset(finding.model for finding in findings if finding.code in EXCLUDING)
 
 
 def _verdict(

@@ -164,6 +164,15 @@ def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("diverges-on-constant-input", Severity.WARNING)
+def diverges_on_constant_input(f: Finding, argument: Spelling) -> str:
+    """Subject: the model."""
+    return (
+        "its free run diverges while the input stays at its largest or smallest value in the record, so it is not "
+        "chosen; record an input that stays there for a while, or give a smaller order or degree"
+    )
+
+
 @words("diverges-on-steps", Severity.WARNING)
 def diverges_on_steps(f: Finding, argument: Spelling) -> str:
     """Subject: the model."""

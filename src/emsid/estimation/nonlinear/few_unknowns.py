@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 # The damping after an undamped trial that fails; a smaller one is as good as none.
 FIRST_DAMPING = 1e-3
+# The sum of the squares of smaller numbers is finite.
+SQUARABLE = 1e150
 
 
 def few_unknowns(problem: Problem, start: Array, *, max_iterations: int, tolerance: float) -> tuple[Array, list[Array]]:
@@ -61,7 +63,7 @@ def _information(blocks: Sequence[Block], count: int) -> Information:
         rows = slice(first, first + len(residual))
         columns[:-1, rows], columns[-1, rows] = jacobian.T, -residual
         first = rows.stop
-    if not np.isfinite(columns.sum()):
+    if not np.abs(columns).max(initial=0.0) < SQUARABLE:  # nor for NaN
         raise ModelError("the residual or its derivative is not finite; check the data and the start values")
     return Information.empty(count).add_columns(columns)
 

@@ -34,6 +34,8 @@ FOLDED = 32_000
 BEYOND = 1.2
 # A free run that leaves the middle of the measured output by this many times its half range has diverged.
 FAR = 10.0
+# The samples for which an extreme input is held, and those of the record before.
+HELD, BEGUN = 300, 200
 # Steps and tolerance of a fit that is only compared with others, and the relative reduction of its cost over a few
 # steps below which it ends.
 STEPS, TOLERANCE, SAVING = 30, 0.03, 1e-4
@@ -143,3 +145,23 @@ def diverges(model: Model, record: Record) -> bool:
         return True
     low, high = float(record.output.min()), float(record.output.max())
     return bool(np.abs(run.output[run.counted] - 0.5 * (low + high)).max(initial=0.0) > FAR * 0.5 * (high - low))
+
+
+def extremes_held(record: Record) -> Record:
+    """The beginning of the longest segment, then its largest input for long, the beginning, and its smallest input.
+
+    Several inputs are at the same end of their ranges at a time. Of the outputs after the beginning, which a free run
+    does not see, only the range is right.
+    """
+    segment = max(record.segments, key=len)
+    begun = segment[:BEGUN]
+    largest, smallest = (np.tile(end, (HELD, 1)) for end in (segment.input.max(axis=0), segment.input.min(axis=0)))
+    inputs = np.concatenate([begun.input, largest, begun.input, smallest])
+    ends = np.stack([segment.output.min(axis=0), segment.output.max(axis=0)])
+    outputs = np.resize(ends, (len(inputs) - len(begun), ends.shape[1]))
+    return replace(begun, input=inputs, output=np.concatenate([begun.output, outputs]))
+
+
+def runs_away(model: Model, record: Record) -> bool:
+    """Whether a model, stable on a record, diverges on one with a larger input, or while an extreme input is held."""
+    return diverges(model, enlarged(record, BEYOND)) or free_run(model, extremes_held(record)).diverged_at is not None

@@ -36,7 +36,7 @@ import emsid
 from arguments import parser_of
 from emsid.cli.commands.describe import proposals
 from emsid.errors import EmsidError
-from emsid.first_look import FirstLook, describe_files
+from emsid.first_look import FirstLook, describe_files, groups
 from emsid.io.reading import READERS
 from emsid.record import concatenate
 
@@ -73,7 +73,7 @@ def trials(folder: Path, rows: int) -> Iterator[Trial]:
         return
     looks, _ = describe_files(files)
     by_path = {look.path: look for look in looks}
-    commands = proposals(looks)
+    commands = proposals(groups(looks))
     for words in commands:
         own = [word for word in words[2:] if word in by_path]
         options = [word for word in words[2:] if word not in by_path]

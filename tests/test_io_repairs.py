@@ -107,6 +107,29 @@ def test_channels_in_files_with_header(tmp_path: Path) -> None:
         emsid.read(tmp_path / "b.csv", input="a.csv:value", output="value", time="t")
 
 
+def test_files_with_other_times_are_brought_to_those_of_the_output(tmp_path: Path) -> None:
+    """The input is held and the output keeps its samples, whichever file is named first."""
+    fast, slow = tmp_path / "u.csv", tmp_path / "y.csv"
+    fast.write_text("t,u\n" + "".join(f"{0.25 * k},{k}\n" for k in range(40)))
+    slow.write_text("t,y\n" + "".join(f"{0.6 * k + 0.1:.1f},{-k}\n" for k in range(20)))
+    for path, names in (
+        (slow, {"input": "u.csv:u", "output": "y"}),
+        (fast, {"input": "u", "output": "y.csv:y"}),
+        (fast, {"input": "u.csv:u", "output": "y.csv:y"}),
+    ):
+        record = emsid.read(path, **names, time="t")
+        assert (record.dt, record.times) == (0.6, (0.1,))
+        np.testing.assert_array_equal(record.output[:, 0], -np.arange(17.0))  # up to the last input
+        np.testing.assert_array_equal(record.input[:, 0], np.floor((0.6 * np.arange(17) + 0.1) / 0.25 + 1e-9))
+    slow.write_text("t,y\n" + "".join(f"{k + 100},{k}\n" for k in range(20)))
+    with pytest.raises(DataError, match="have no time in common"):
+        emsid.read(slow, input="u.csv:u", output="y", time="t")
+    for path, name in ((fast, "u"), (slow, "y")):
+        path.write_text(f"t,{name}\n" + "".join(f"2024-05-01 12:00:{k + (name == 'y'):02d},{k}\n" for k in range(20)))
+    with pytest.raises(DataError, match=r"the times in 't' of u\.csv and y\.csv differ"):
+        emsid.read(slow, input="u.csv:u", output="y", time="t")
+
+
 def test_a_clock_that_begins_again_divides_the_record(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,u,y\n" + "".join(f"{0.1 * (k % 30):.1f},{k},{k}\n" for k in range(90)))

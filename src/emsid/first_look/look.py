@@ -139,7 +139,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     named = [name for names in given.values() for name in names]
     raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
     raw, of_file = _by_messages(raw, file.name, reading.get("time") or ""), raw
-    raw = _on_most_frequent_clock(raw)
+    raw = _on_one_clock(raw, reading.get("time") or "")
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = {name: _column(name, raw) for name in raw.series}
     table = [column for column in columns.values() if column.rows == rows]
@@ -172,12 +172,12 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     return _with_record(look, parsed, noticed, set(reading))
 
 
-def _on_most_frequent_clock(raw: Columns) -> Columns:
-    """The columns at the times of the clock with the most samples, if the file has several clocks."""
+def _on_one_clock(raw: Columns, time: str) -> Columns:
+    """The columns at the times of one clock, if the file has several: the given one, or that with most samples."""
     if not raw.clocks:
         return raw
     counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
-    return on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
+    return on_one_clock(raw, time if time in counts else max(counts, key=counts.__getitem__), raw.series)
 
 
 def _with_responses_to_codes(columns: Mapping[str, Column], roles: Roles) -> dict[str, Column]:

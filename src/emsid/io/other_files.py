@@ -1,4 +1,7 @@
-"""Channels that are columns of other files: ``x.csv:1``, the first column of ``x.csv``."""
+"""Channels that are columns of other files: ``x.csv:1``, the first column of ``x.csv``.
+
+Files with other times are columns with clocks of their own; the time column of the record is that of its last output.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +49,8 @@ def with_other_files(
         read_columns: reads the columns of another file.
 
     Raises:
-        DataError: for a column that the other file does not have, where its times are others, and for a time column
-            that is named with its file.
+        DataError: for a column that the other file does not have, where its times are other dates, and for a time
+            column that is named with its file.
     """
     if time is not None and time not in columns.series and (elsewhere := file_and_column(time, path)):
         raise DataError(
@@ -58,6 +61,7 @@ def with_other_files(
     series, units = dict(columns.series), dict(columns.units)
     renamed: dict[str, str] = {}
     own_names: dict[str, str] = {}
+    apart: dict[str, tuple[str, pl.Series]] = {}
     for given in dict.fromkeys(names):
         inner = re.fullmatch(r"d\((.+)\)", given)
         name = inner[1] if inner and given not in series else given
@@ -66,27 +70,62 @@ def with_other_files(
             file, wanted = found
             others = columns if file.resolve() == path.resolve() else read_columns(file)
             column = _column(others, wanted, file)
-            _check_same_times(others, file, series, path, time)
+            times = _other_times(others, file, columns, path, time)
             own = _own_name(others, column, file)
             if own in own_names.values() or (own in series and others is not columns):
                 own = name
             own_names[name], series[own] = own, others.series[column].alias(own)
             units[own] = others.units.get(column, "")
+            if times is not None:
+                apart[own] = (f"{time} of {file.name}", times)
         if name in own_names:
             renamed[given] = own_names[name] if name == given else f"d({own_names[name]})"
-    return replace(columns, series=series, units=units), renamed
+    joined = replace(columns, series=series, units=units)
+    if not apart or time is None:
+        return joined, renamed
+    last = re.sub(r"^d\((.+)\)$", r"\1", renamed.get(names[-1], names[-1]))
+    return _with_clocks(joined, time, f"{time} of {path.name}", apart, last), renamed
 
 
-def _check_same_times(
-    others: Columns, file: Path, series: Mapping[str, pl.Series], path: Path, time: str | None
-) -> None:
-    """Refuse a file whose times differ from those of the first one."""
-    if time is None or time not in others.series or time not in series:
-        return
-    if not others.series[time].equals(series[time]):
+def _other_times(others: Columns, file: Path, columns: Columns, path: Path, time: str | None) -> pl.Series | None:
+    """The times of a file, if they differ from those of the first one.
+
+    Raises:
+        DataError: where they are dates, which begin at zero in each file, or where rows of a file are damaged.
+    """
+    if time is None or time not in others.series or time not in columns.series:
+        return None
+    times = others.series[time]
+    if times.equals(columns.series[time]):
+        return None
+    if not times.dtype.is_numeric() or columns.clocks or columns.damaged or others.damaged:
         raise DataError(
             f"the times in {time!r} of {file.name} and {path.name} differ; bring both to the same times first"
         )
+    return times
+
+
+def _with_clocks(
+    columns: Columns, time: str, first: str, apart: Mapping[str, tuple[str, pl.Series]], last: str
+) -> Columns:
+    """The columns with the clock of each.
+
+    Args:
+        columns: of the first file, and channels of others.
+        time: the name of the time column of all files; that of the last channel keeps it.
+        first: the name of the time column of the first file where it loses its own.
+        apart: for each channel with other times, the name of its clock, and the times.
+        last: the last channel.
+    """
+    leading = apart[last][0] if last in apart else first
+    renamed = {clock: time if clock == leading else clock for clock in (first, *(clock for clock, _ in apart.values()))}
+    series, units = dict(columns.series), dict(columns.units)
+    clocks = {name: renamed[apart[name][0] if name in apart else first] for name in series if name != time}
+    times = {first: series.pop(time)} | dict(apart.values())
+    for clock, values in times.items():
+        name = renamed[clock]
+        series[name], clocks[name], units[name] = values.alias(name), name, units.get(time, "")
+    return replace(columns, series=series, units=units, clocks=clocks, lines=None)
 
 
 def _own_name(columns: Columns, column: str, file: Path) -> str:

@@ -28,6 +28,7 @@ from emsid.report.page_plots import page_figure
 from emsid.report.views.front import front_figure, front_table
 from emsid.selection.improvement import StretchErrors, better, better_by_ratio, equivalent, front
 from emsid.validation.comparison import as_fit, compare
+from independent.cases import motor
 
 DT, POLE = 0.01, 0.9
 
@@ -413,7 +414,9 @@ def limited(seed: int, large: int) -> emsid.Record:
     return emsid.Record(u, y + 0.005 * rng.standard_normal(len(y)), 0.01)
 
 
-def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_lacks():
+@pytest.mark.parametrize("many", [all_data.MANY, 100])
+def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_lacks(monkeypatch, many):
+    monkeypatch.setattr(all_data, "MANY", many)
     result = emsid.identify(limited(1, 300), models="feedback")
     (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
     assert finding.data["searched"]
@@ -423,8 +426,25 @@ def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_la
     assert errors[1] < 0.0055
 
 
+def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
+    monkeypatch.setattr(all_data, "MOST", 1000)
+    result = emsid.identify(limited(1, 300), models="feedback")
+    assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
+
+
+def test_refinements_of_a_motor_are_chosen_again_where_the_held_back_part_shows_what_it_lacks():
+    case = motor(4413, 400)
+    result = emsid.identify(replace(case.fitted, output_units=("rad/s",)), models="rigid-motor")
+    (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
+    assert finding.data["searched"]
+    errors = [np.sqrt(free_run_error(model, [case.unseen])) for model in (result.chosen.model, result.recommended)]
+    truth = case.error_of_truth(case.unseen)
+    assert errors[0] > 3 * truth
+    assert errors[1] < 1.1 * truth
+
+
 def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
-    monkeypatch.setattr(all_data, "_lacks_maps", lambda judged: True)
+    monkeypatch.setattr(all_data, "_structure_is_doubtful", lambda judged: True)
     searches = [emsid.arx(1, 1, nk=40), emsid.arx(2, 2)]
     fits = {"arx": lambda record, options, control: emsid.fit(searches.pop(0), record)}
     monkeypatch.setattr(all_data, "CANDIDATES", fits)

@@ -19,6 +19,7 @@ from emsid.validation import (
     static_map_band,
     step_response_band,
 )
+from emsid.validation.bands import usual_step
 from emsid.validation.comparison import as_fit
 
 DT, POLE, GAIN = 0.01, 0.9, 3.0
@@ -310,7 +311,8 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
 
     drawn = {figure.name: figure.caption for figure in banded(fit, known)}
     assert list(drawn) == ["feedback-step", "feedback-frequency-response", "feedback-static-map"]
-    assert "linearised at rest at u1 = -3." in drawn["feedback-frequency-response"]
+    assert "linearised at rest at u1 = 3.18 V" in drawn["feedback-frequency-response"]
+    assert "to a step of u1 from 0 to 3.18 V" in drawn["feedback-step"]
     assert "without friction" not in drawn["feedback-static-map"]
 
 
@@ -496,3 +498,11 @@ def test_several_inputs_and_outputs_have_a_band_for_each_pair():
         "state-space-step-u2",
         "state-space-frequency-response-y1-u1",
     ]
+
+
+def test_a_step_is_upwards_unless_the_input_goes_mostly_down() -> None:
+    up = np.linspace(-3.0, 2.0, 101)
+    assert usual_step(up) == (0.0, pytest.approx(1.5))
+    assert usual_step(np.linspace(-3.0, 0.5, 101)) == (0.0, pytest.approx(-2.65))
+    assert usual_step(np.linspace(1.0, 2.0, 101)) == (pytest.approx(1.1), pytest.approx(1.9))
+    assert usual_step(np.linspace(-10.0, -1.0, 101)) == (pytest.approx(-9.1), pytest.approx(-1.9))

@@ -175,10 +175,15 @@ def step_response_band(
 
 
 def usual_step(u: Array) -> tuple[float, float]:
-    """The levels before and after a step that suits an input (N,): zero where it goes there, and a 90 % quantile."""
+    """The levels before and after a step that suits an input (N,): from zero, if it goes there, to a 90 % quantile.
+
+    Otherwise it is from the 10 % to the 90 % quantile. A step from zero is downwards only where the input goes more
+    than twice as far down as up.
+    """
     low, high = (float(np.quantile(u, share)) for share in (0.1, 0.9))
-    before = 0.0 if u.min() <= 0.0 <= u.max() else low
-    return before, high if abs(high) >= abs(low) else low
+    if not u.min() <= 0.0 <= u.max():
+        return low, high
+    return 0.0, high if 2 * abs(high) >= abs(low) else low
 
 
 def frequency_response_band(

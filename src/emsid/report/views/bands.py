@@ -73,7 +73,7 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = 
     Raises:
         ModelError: for a model without one.
     """
-    from emsid.validation.bands import step_response_band
+    from emsid.validation.bands import step_response_band, usual_step
 
     band = step_response_band(fit, record, input=input)
     plots = []
@@ -82,7 +82,9 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = 
         plots.append(
             Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
         )
-    of_input = f" to a step of {record.input_names[input]}" if record.input.shape[1] > 1 else ""
+    before, after = usual_step(record.input[:, input])
+    height = with_unit(f"{before:.3g} to {after:.3g}", record.input_units[input])
+    of_input = f" to a step of {record.input_names[input]} from {height}"
     about = f" {OF_PARAMETERS}" if _known(band) else ""
     caption = f"Step response of {fit.model.name}{of_input}{_banded(band)}.{about}"
     return Figure(name, caption, tuple(plots))

@@ -206,7 +206,8 @@ def test_a_fit_says_how_many_searches_ended_at_its_minimum():
     """With an estimated delay a search begins again beside it; without, only the best start is searched to its end."""
     u = 12 * levels(300, np.random.default_rng(0), 15)
     truth = RIGID.with_values({"drive.delay": 0.013})
-    speed = truth.simulate(u[:, None], 1e-2, np.zeros(3), (Signal.SPEED,))[:, 0]
+    at_rest = np.array([0.0, 0.0, 0.0, 1.0])
+    speed = truth.simulate(u[:, None], 1e-2, at_rest, (Signal.SPEED,))[:, 0]
     record = Record(u, speed + 0.05 * np.random.default_rng(1).standard_normal(300), 1e-2, output_units="rad/s")
 
     def said(*free):

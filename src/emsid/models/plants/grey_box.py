@@ -7,7 +7,9 @@ them the model sees only the input. The parameters are estimated in `search.esti
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,7 +26,7 @@ from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
 from emsid.models.plants.registry import plant_from_data, plant_to_data
-from emsid.models.plants.state import PlantState
+from emsid.models.plants.state import HELD, PlantState
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -125,18 +127,24 @@ class GreyBox(RunMethods):
         )
 
     def beginning(self, segment: Record, samples: int) -> Array:
-        """The state at the first sample of a segment, estimated from its first ``samples`` samples."""
+        """The state at the first sample of a segment, estimated from its first ``samples`` samples.
+
+        Where several samples show it, they also show whether a plant that seems to be at rest is passing through zero.
+        """
         head = segment[: max(samples, 1)]
         plant = self.plant.for_segment(segment)
         first, free = plant.first_state(self.signals, head), plant.free_states(self.signals, head)
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return first
-        problem = FreeRunError(plant, self.signals, (head,), (), (first,), (free,), all_alike, 1)
-        try:
-            found = gauss_newton(problem, problem.start, max_iterations=20, tolerance=1e-6, covariances=False)
-            return problem.states(found.estimate)[0]
-        except EmsidError:
-            return first
+        starts, ended = [first], []
+        if plant.driven is not None and first[HELD]:
+            starts.append(np.where(np.arange(len(first)) == HELD, 0.0, first))
+        for start in starts:
+            problem = FreeRunError(plant, self.signals, (head,), (), (start,), (free,), all_alike, 1)
+            with suppress(EmsidError):
+                found = gauss_newton(problem, problem.start, max_iterations=20, tolerance=1e-6, covariances=False)
+                ended.append((found.cost, problem.states(found.estimate)[0]))
+        return min(ended, key=itemgetter(0), default=(0.0, first))[1]
 
     def equation(self) -> str:
         """Every parameter with an effect, with its unit; equal values of both directions are given once."""

@@ -149,7 +149,8 @@ def test_a_knee_is_found_whichever_way_the_command_bends_there(knee, beyond, noi
 
 def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
     count = 2 * np.pi / 600
-    exact = LATE.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.POSITION,))
+    at_rest = np.array([0.0, 0.0, 0.0, 1.0])
+    exact = LATE.simulate(LEVELS[:, None], DT, at_rest, (Signal.POSITION,))
     record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
     fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, refinements=(late_command, slow_sensor))
     found = {row.name: row for row in fit.table}

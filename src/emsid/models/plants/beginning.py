@@ -109,14 +109,13 @@ def _at_rest(state: Array) -> Array:
 
 
 def as_seen(
-    segments: Sequence[Record], search: Callable[[InitialState, Found | None], Found | None], *, drifts: bool
+    segments: Sequence[Record], search: Callable[[InitialState, Found | None], Found | None]
 ) -> tuple[InitialState, Found] | None:
     """How the records allow a fit to have its initial states other than from the first samples, and the fit with them.
 
     Args:
         segments: with all their samples.
         search: a fit with such initial states, begun where an earlier one ended; None where nothing can be simulated.
-        drifts: whether the load drifts; the uncertainty of the start is then a part of the weighting.
 
     Returns:
         None where estimated initial states are not what the first samples show.
@@ -124,7 +123,7 @@ def as_seen(
     free = search(InitialState.FREE, None)
     if free is None or not agree(segments, free.states):
         return None
-    if not drifts and agree(segments, [np.zeros_like(state) for state in free.states]):
+    if agree(segments, [np.zeros_like(state) for state in free.states]):
         with suppress(Stopped):
             still = search(InitialState.REST, free)
             if still is not None and may_rest(still.cost, free.cost, free.residuals):

@@ -17,9 +17,8 @@ Near a drift d₀ the free run ŷ is linear in d with derivative M, so the error
     e(θ) = y − ŷ(θ, d₀) + M·d₀,      e ~ N(0, σ²·I + M·P·Mᵀ),
 
 with P from q and τ. Least squares of the error times the inverse root of this covariance over σ², which is the
-identity but for K + 2 directions, is the maximum likelihood of θ with the drift integrated out. For small q it is the
-plain error; for large q it ignores whatever a drift can explain, but nothing else. Speed and position at the start,
-which the first samples show with some uncertainty (`beginning`), are integrated out in the same way.
+identity but for K directions, is the maximum likelihood of θ with the drift integrated out. For small q it is the
+plain error; for large q it ignores whatever a drift can explain, but nothing else.
 
 References:
     Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sec. 2.7, on explicit basis functions.
@@ -36,7 +35,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.plants.beginning import beginning
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.record import Record
@@ -80,7 +78,7 @@ class DriftingLoad:
         loads: (K,) d₀ in the unit of the load.
         effects: (N, K) M, by a drift as a part of the largest force.
         missed: (N,) M·d₀.
-        basis, shares: (N, K + 2) orthonormal directions, and (K + 2,) which share of the error in each is left out.
+        basis, shares: (N, K) orthonormal directions, and (K,) which share of the error in each is left out.
         drift: how the load drifts.
     """
 
@@ -116,8 +114,7 @@ class DriftingLoad:
         effects = force * load_effects(plant, segment, state, signals, loads, SMALL * force)
         values, vectors = np.linalg.eigh(drift.prior(len(segment) * segment.dt))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        unknown = np.column_stack([effects @ root, start_effects(plant, segment, state, signals, loads)])
-        basis, sizes, _ = np.linalg.svd(unknown / drift.noise, full_matrices=False)
+        basis, sizes, _ = np.linalg.svd(effects @ root / drift.noise, full_matrices=False)
         return cls(loads, effects, effects @ drifted, basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2), drift)
 
     def __call__(self, error: Array, dt: float) -> Array:
@@ -141,28 +138,16 @@ def by_sample(loads: Array, samples: int) -> Array:
     return np.asarray(loads[np.arange(samples) * len(loads) // samples])
 
 
-def start_effects(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
-    """(N, 2) what one standard deviation of speed and position at the start changes in the free run of a position."""
-    seen = beginning(segment.output[:, 0], segment.dt)
-    deviations = np.nan_to_num([seen.speed[1], seen.position[1]], posinf=0.0)
-    moved = [state + np.append(each, np.zeros(len(state) - 2)) for each in np.diag(deviations)]
-    plain, *runs = _positions(plant, segment, signals, [state, *moved], [loads] * 3)
-    return np.column_stack([run - plain for run in runs])
-
-
 def load_effects(
     plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
 ) -> Array:
     """(N, K) the derivative of the free run of a position by the load in every piece."""
     drifts = [loads, *(loads + change * each for each in np.eye(PIECES))]
-    plain, *runs = (_positions(plant, segment, signals, [state], [each])[0] for each in drifts)
+    plain, *runs = (_position(plant, segment, state, signals, each) for each in drifts)
     return np.column_stack([(run - plain) / change for run in runs])
 
 
-def _positions(
-    plant: DrivenPlant, segment: Record, signals: Sequence[Signal], states: Sequence[Array], loads: Sequence[Array]
-) -> list[Array]:
-    """(N,) free runs of a segment from several initial states, each with its own load in every piece."""
-    inputs, held = [segment.input] * len(states), [by_sample(each, len(segment)) for each in loads]
-    runs = plant.simulate_each([plant], inputs, segment.dt, [states], signals, held)
-    return [run[0, :, 0] for run in runs]
+def _position(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
+    """(N,) the free run of a segment under the load in every piece."""
+    held = by_sample(loads, len(segment))
+    return plant.simulate_each([plant], [segment.input], segment.dt, [[state]], signals, [held])[0][0, :, 0]

@@ -36,6 +36,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores, in_threads, one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
+from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
@@ -180,7 +181,6 @@ class _Choice:
     Attributes:
         trial: the best plant so far.
         asked: what is free of it, whether the record can tell it or not.
-        weighting: how errors count by their age, or the drift of the load.
         hopeless: whether the search ended because a linear model leaves much less of the output.
         thinned: whether trials see fewer samples than there are.
     """
@@ -224,12 +224,11 @@ class _Choice:
         start = reached.problem.plant.driven
         assert start is not None
         self.asked, self._fixed = free, tuple(fixed)
-        self.weighting: Weighting = all_alike
         self.hopeless = False
         self._record = scaled
         limits = {**physical, **bounds_of_parts(plant, task.limits), **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
-        self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete, begins=task.begins)
+        self._trials = Trials(task.segments, signals, limits, all_alike, control, complete, begins=task.begins)
         self._rng = np.random.default_rng(0)
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
@@ -252,15 +251,21 @@ class _Choice:
         """The best plant so far, in SI units."""
         return self._scaling.back(self.trial.plant, self._original)
 
+    @property
+    def weighting(self) -> Weighting:
+        """How errors count by their age, or the drift of the load."""
+        return self._trials.weighting
+
     def weighting_of(self, record: Record) -> Weighting:
         """The weighting for the last fit, in SI units and for all samples."""
         if not isinstance(self.weighting, tuple):
             return self.weighting
         found, signals, weightings = self.found, self._trials.signals, []
-        for segment, fewer, each in zip(record.segments, self._record.segments, self.weighting, strict=True):
+        states = [self._scaling.output * state for state in self.trial.states]
+        drifting = zip(record.segments, self._record.segments, states, self.weighting, strict=True)
+        for segment, fewer, state, each in drifting:
             drifted = each.loads / self.trial.plant.largest_force(fewer.input)
             drift = each.drift._replace(noise=self._scaling.output * each.drift.noise)
-            state = found.first_state(signals, segment)
             weightings.append(DriftingLoad.around(found, segment, state, signals, drift, drifted))
         return tuple(weightings)
 
@@ -298,7 +303,6 @@ class _Choice:
         return None
 
     def _begin(self, weighting: Weighting) -> None:
-        self.weighting = weighting
         self._trials = replace(self._trials, weighting=weighting)
         self._starts = self._trials.by_cost(self._starts, self.trial.names)
         self._fit_again(self._starts)
@@ -320,14 +324,12 @@ class _Choice:
 
     def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:
         """Take the drift of the load that a structure shows, linearised there; whether it is another than before."""
-        drift = chosen(self._trials, starts, names, self.trial.states)
-        before = self.weighting if isinstance(self.weighting, tuple) else ()
-        if not (drift or before):
+        before, found = self.weighting, chosen(self._trials, starts, names, self.trial.states)
+        if found is None and before is all_alike:
             return False
-        self.weighting = drift or all_alike
-        self._trials = replace(self._trials, weighting=self.weighting)
+        self._trials = found or replace(self._trials, weighting=all_alike, begins=InitialState.SAMPLES)
         self._fit_again([self.trial.plant], self.trial.states)
-        return not alike(drift, before)
+        return not alike(self.weighting, before)
 
     def _gain(self, simple: Trial, rich: Trial) -> float:
         """By how much the richer of two trials is preferred: the rule, but for a constant load that drifts.

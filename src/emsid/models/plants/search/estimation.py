@@ -134,7 +134,9 @@ def searched(
     task = prepare(
         plant if hold is None else plant.with_hold(as_hold(hold)), records, from_datasheet=find_start, **asked
     )
-    task = replace(task, hold_given=hold is not None, begins=InitialState.SAMPLES)
+    drifts = isinstance(task.weighting, tuple)  # then what a model leaves is noise, which bends no initial state
+    begins = InitialState.FREE if drifts else InitialState.SAMPLES
+    task = replace(task, hold_given=hold is not None, begins=begins)
     starts = starts_of(task) if find_start else [task.plant]
     start = _promising(task, starts)
     reached = continuation.search(task, start, max_iterations)._replace(compared=len(starts))
@@ -181,10 +183,12 @@ def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: i
     """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it."""
 
     def search(start: InitialState, before: Reached | None) -> Reached:
+        if start is task.begins:
+            return reached
         plant = begin if before is None else before.problem.plant
         return continuation.search(replace(task, begins=start), plant, max_iterations)
 
-    found = as_seen(task.segments, search, drifts=isinstance(task.weighting, tuple))
+    found = as_seen(task.segments, search)
     return (task, reached) if found is None else (replace(task, begins=found[0]), found[1])
 
 

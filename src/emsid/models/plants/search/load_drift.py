@@ -34,9 +34,9 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import starts_from_samples
+from emsid.models.plants.beginning import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
-from emsid.models.plants.free_run_error import FreeRunError, Recent
+from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.alternatives import Addition, nothing
@@ -48,9 +48,10 @@ Array = NDArray[np.float64]
 
 PARTS = (0.1, 0.03)
 """Times τ of a drift that returns, as a part of the longest segment."""
-POSITIVE = 1.0
-"""A drift returns where its marginal likelihood is larger than that of a walk by e to this power: positive evidence
-(Kass, Raftery, *Bayes factors*, JASA 90 (1995)). Longer times cannot be told from a walk."""
+SHORT = log(5.0)
+"""A drift returns where the logarithm of its marginal likelihood is larger than that of a walk by this. Longer times
+cannot be told from a walk. Those from 0.02 to 50 lengths are taken to be as likely in every decade, so that the longer
+ones are five times as likely as the half decade that one of `PARTS` stands for."""
 DEVIATIONS = np.geomspace(1e-5, 0.3, 30)
 """Standard deviations of a walk at the end of the longest segment that are looked at, in parts of the largest force."""
 ROUNDS = 3
@@ -68,8 +69,11 @@ WHITE = 0.5
 
 def chosen(
     trials: Trials, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
-) -> tuple[DriftingLoad, ...]:
-    """The drift of the load in every segment; none where the records do not show it.
+) -> Trials | None:
+    """Trials weighted by the drift of the load; None where the records do not show it.
+
+    The initial states are estimated under the drift, or at rest where the records allow it. Those that the first
+    samples show are too inexact to linearise a free run at.
 
     Args:
         trials: what all fits share.
@@ -78,7 +82,25 @@ def chosen(
         states: initial states to begin with, by default what the first samples show.
     """
     if trials.signals != (Signal.POSITION,) or max(len(segment) for segment in trials.segments) < LONG:
-        return ()
+        return None
+    if agree(trials.seen, [np.zeros(2) for _ in trials.segments]):
+        found = _under_a_drift(replace(trials, begins=InitialState.REST), starts, names, states)
+        if found is None or _rests(*found):
+            return found and found[0]
+    found = _under_a_drift(replace(trials, begins=InitialState.FREE), starts, names, states)
+    return found and found[0]
+
+
+def _rests(trials: Trials, trial: Trial) -> bool:
+    """Whether estimated initial states would be better than rest by no more than noise explains."""
+    free = replace(trials, begins=InitialState.FREE).fitted([trial.plant], trial.names, trial.states)
+    return free is None or may_rest(trial.cost, free.cost, free.residuals)
+
+
+def _under_a_drift(
+    trials: Trials, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
+) -> tuple[Trials, Trial] | None:
+    """Trials weighted by the drift of the load, and the structure fitted by them; None where no drift is seen."""
     longest = max(len(segment) * segment.dt for segment in trials.segments)
     trial, found = trials.fitted(starts, names, states), trials.weighting
     known = found if isinstance(found, tuple) and not isfinite(found[0].drift.time) else ()
@@ -88,7 +110,9 @@ def chosen(
         if returning and isfinite(returning[0].drift.time):
             trial, known = _in_turn(trials, trial, returning, starts, (returning[0].drift.time,))
     samples = sum(len(segment) for segment in trials.segments)
-    return known if trial is not None and effective_samples(trial.residuals) >= WHITE * samples else ()
+    if trial is None or not known or effective_samples(trial.residuals) < WHITE * samples:
+        return None
+    return replace(trials, weighting=known), trial
 
 
 def _in_turn(
@@ -109,8 +133,10 @@ def _in_turn(
     return trial, known
 
 
-def alike(one: tuple[DriftingLoad, ...], other: tuple[DriftingLoad, ...]) -> bool:
-    """Whether two drifts have the same rate and time."""
+def alike(one: Weighting, other: Weighting) -> bool:
+    """Whether two weightings are drifts with the same rate and time."""
+    if not (isinstance(one, tuple) and isinstance(other, tuple)):
+        return False
     return [each.drift[:2] for each in one] == [each.drift[:2] for each in other]
 
 
@@ -129,8 +155,8 @@ def _estimated(
             DriftingLoad.around(plant, segment, state, signals, LoadDrift(0.0, inf, 1.0), at)
             for (segment, state), at in zip(around, drifted, strict=True)
         )
-        free = [plant.free_states(signals, segment) for segment in segments]
-        problem = FreeRunError(plant, signals, segments, trial.names, trial.states, free, plain, 1)
+        first, free = begun(plant, signals, segments, trials.begins, trial.states)
+        problem = FreeRunError(plant, signals, segments, trial.names, first, free, plain, 1)
         blocks = problem.exactly(problem.start)
         durations = [len(segment) * segment.dt for segment in segments]
         found = _found([each.effects for each in plain], durations, times, *zip(*blocks, strict=True))
@@ -272,7 +298,7 @@ def _likeliest(
         residual: (N,) r̃.
         left: (N,) what a drift leaves of it, to begin with.
         durations: of the segments, in s.
-        times: τ that are looked at; the first one unless another is better by positive evidence.
+        times: τ that are looked at; the first one unless another is better by `SHORT`.
     """
     longest = max(durations)
     units = [LoadDrift(1.0 / float(np.sqrt(longest)), time, 1.0) for time in times]
@@ -285,7 +311,7 @@ def _likeliest(
             _likelihood(gram, right, root, unit, float(np.sqrt(noise))) for root, unit in zip(roots, units, strict=True)
         ]
         best = max(found, key=lambda each: each.gained)
-        best = best if best.gained > found[0].gained + POSITIVE else found[0]
+        best = best if best.gained > found[0].gained + SHORT else found[0]
         left = residual + effects @ best.loads
     return best
 

@@ -203,8 +203,8 @@ class Trials:
     def settled(self, trial: Trial) -> tuple[Trials, Trial]:
         """These trials with the kind of start that the records allow at a plant, and the plant fitted with it.
 
-        The start of a position is estimated where that agrees with its first samples. Where the load drifts, the
-        uncertainty of the start is a part of the weighting.
+        The start of a position is estimated where that agrees with its first samples. Where the load drifts, it was
+        settled with the drift.
         """
         if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
             return self, trial
@@ -213,7 +213,7 @@ class Trials:
             begin = before or trial
             return replace(self, begins=start).fitted([begin.plant], begin.names, begin.states)
 
-        found = as_seen(self.seen, search, drifts=False)
+        found = as_seen(self.seen, search)
         return (self, trial) if found is None else (replace(self, begins=found[0]), found[1])
 
     def residuals(self, trial: Trial) -> list[Array]:

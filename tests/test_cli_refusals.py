@@ -147,7 +147,7 @@ def test_the_unseen_record_of_a_study_has_two_names(run, tmp_path):
     ("words", "said"),
     [
         (("identif",), "no such command 'identif'. Did you mean 'identify'?; see emsid --help"),
-        (("identify",), "missing argument 'FILE...'; give a file, or columns of files"),
+        (("identify",), "missing argument 'FILE'; give a file, or columns of files"),
         (("identify", "a.csv", "--na", "x"), "invalid value for '--na': "),
         (("study", "--bogus"), "no such option: --bogus"),
         (("study", "--step", "nan"), "sample time of nan s; give a finite number"),

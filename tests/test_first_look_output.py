@@ -47,6 +47,14 @@ def test_braille_shows_a_line() -> None:
     assert len(braille(rng.standard_normal(100_000), 60, 4)[0]) == 60
 
 
+def test_a_column_without_numbers_is_empty(write: Write) -> None:
+    """As the one after the last separator of a line."""
+    rows = "".join(f"{t:g},{u:g},{y:g},\n" for t, u, y in zip(T, U, Y, strict=True))
+    text = str(describe(write("t,u,y,\n" + rows)))
+    assert "empty" in text
+    assert "constant" not in text
+
+
 def test_distortion_is_drawn_over_frequency(write: Write) -> None:
     """Of a square and a dead zone under odd multiples of 0.5 Hz: even ones by the square, odd ones by the dead zone."""
     phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 10)
@@ -80,7 +88,7 @@ def test_columns_of_files_are_described_without_a_file(run: Run, write: Write) -
     status, out, _ = run("describe", "--input", f"{u}:1", "--output", f"{y}:1", "--dt", "10ms")
     assert status == 0
     assert out.splitlines()[-1].split() == f"emsid identify {y} --input {u}:1 --output {y}:1 --dt 0.01".split()
-    assert "missing argument 'FILE...'" in run("describe")[2]
+    assert "missing argument 'FILE'" in run("describe")[2]
 
 
 def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ class Reader:
         found = [file_and_column(name) for name in names]
         files = list(files) or [each[0] for each in found if each][:1]
         if not files:
-            raise DataError("missing argument 'FILE...'; give a file, or columns of files, such as --output y.csv:1")
+            raise DataError("missing argument 'FILE'; give a file, or columns of files, such as --output y.csv:1")
         return files
 
     @property

@@ -48,7 +48,7 @@ COMMANDS = {
 
 @app.command()
 def demo(
-    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where to write.")] = Path("emsid-demo"),
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to write.")] = Path("emsid-demo"),
 ) -> None:
     """Write example records, and commands to try on them.
 

@@ -30,9 +30,7 @@ def describe(
     reader: Any,
     files: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="[FILE]...", help="Files to look at; none where --output is FILE:COL.", show_default=False
-        ),
+        typer.Argument(metavar="FILE", help="Files to look at; none where --output is FILE:COL.", show_default=False),
     ] = [],  # noqa: B006
     tolerance: Annotated[
         float,

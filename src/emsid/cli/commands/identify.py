@@ -41,7 +41,7 @@ RECOMMENDED = "recommended.json"
 
 Files = Annotated[
     list[Path],
-    typer.Argument(metavar="[FILE]...", help="Records; none where --output is FILE:COL.", show_default=False),
+    typer.Argument(metavar="FILE", help="Records; none where --output is FILE:COL.", show_default=False),
 ]
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[

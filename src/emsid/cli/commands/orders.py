@@ -30,7 +30,7 @@ def _grid(what: str) -> Any:
 @reads_records()
 def orders(
     reader: Any,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records; several are joined.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records; several are joined.")],
     na: Annotated[str, _grid("Coefficients of past outputs")] = "1-4",
     nb: Annotated[str, _grid("Coefficients of past inputs")] = "1-4",
     nk: Annotated[str, _grid("Delay in samples")] = "0-3",

@@ -19,7 +19,7 @@ SAME = {"rigid-motor": "motor"}
 def parameters(
     plant: Annotated[
         str | None,
-        typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor, rigid-motor (the same) or linear-axis."),
+        typer.Argument(metavar="PLANT", help="Kind of datasheet: motor, rigid-motor (the same) or linear-axis."),
     ] = None,
     json: Json = False,
 ) -> None:

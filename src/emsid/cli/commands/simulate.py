@@ -24,9 +24,9 @@ STEP = 0.005
 @reads_records()
 def simulate(
     reader: Any,
-    model: Annotated[Path | None, typer.Argument(metavar="[MODEL]", help="A model file that emsid wrote.")] = None,
+    model: Annotated[Path | None, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")] = None,
     file: Annotated[
-        Path | None, typer.Argument(metavar="[INPUT]", help="A file with the inputs to run the model on.")
+        Path | None, typer.Argument(metavar="INPUT", help="A file with the inputs to run the model on.")
     ] = None,
     *,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet or .npz.")],

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from emsid.validation.regions import RegionError
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
-Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model was not fitted to.")]
+Files = Annotated[list[Path], typer.Argument(metavar="FILE", help="Records that the model was not fitted to.")]
 Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
 Free = Annotated[
     str | None,

@@ -71,8 +71,9 @@ def role(column: Column, look: FirstLook) -> str:
 
 def _notes(column: Column) -> str:
     notes = [{"text": "text", "times": "dates or times"}.get(column.kind, "")]
-    notes += ["constant" if column.constant and column.kind == "numbers" else ""]
-    notes += [f"{column.missing:,} missing" if column.missing else ""]
+    empty = column.missing == column.rows
+    notes += ["constant" if column.constant and column.kind == "numbers" and not empty else ""]
+    notes += ["empty" if empty else f"{column.missing:,} missing" if column.missing else ""]
     notes += [f"also {', '.join(f'{code.value:g}' for code in column.codes)}" if column.codes else ""]
     notes += [f"starts again after {column.period:.10g}" if column.period else ""]
     return ", ".join(filter(None, notes))

@@ -116,6 +116,16 @@ def test_segments_shorter_than_the_memory_do_not_stop_an_output_error_model() ->
         output_error_orders(concatenate(pieces[1::4]), GRID, 0.25)
 
 
+def test_orders_that_no_linear_model_suits_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unstable(*_: object) -> None:
+        raise ModelError("the free run diverges")
+
+    monkeypatch.setattr("emsid.models.regression.search.orders.fit_to_compare", unstable)
+    with pytest.raises(ModelError, match=r"no linear model of na = \d+, nb = \d+ or more can be fitted") as problem:
+        output_error_orders(noisy(600, "white", 0.0), GRID, 0.25)
+    assert problem.value.arguments == ("na", "nb")
+
+
 @pytest.mark.parametrize("noise", ["white", "coloured"])
 def test_instruments_have_no_bias_and_honest_intervals(noise: str) -> None:
     inside, errors = [], []

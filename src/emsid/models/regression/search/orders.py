@@ -252,7 +252,12 @@ def output_error_orders(record: Record, grid: Sequence[Choice], held_back: float
         if failures == PATIENCE:
             break
     if not found:
-        raise ModelError(f"{record.name}: no linear model can be fitted to its free run; check the data", arguments=())
+        na, nb = (f"{name} = {min(c[name] for c in grid)}" for name in ("na", "nb"))
+        raise ModelError(
+            f"{record.name}: no linear model of {na}, {nb} or more can be fitted to its free run; give lower orders, "
+            "or check the data",
+            arguments=("na", "nb"),
+        )
     return simplest(found, size=lambda trial: len(trial.fit.estimate)).fit
 
 

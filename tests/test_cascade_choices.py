@@ -32,7 +32,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search import choice as cascade_choice
 from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
-from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
+from emsid.models.blocks.search.orders import map_sizes, measured_response, order_shares, total_orders
 from emsid.models.blocks.search.starts import _splits, at_higher_rate, grown
 from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, CascadeSearch, Topology
 from emsid.models.blocks.search.trials import scanned
@@ -49,7 +49,7 @@ from independent.diode_circuit import diode_circuit
 def test_orders_below_that_of_the_response_are_tried() -> None:
     def totals(layout: Topology, orders: tuple[int | None, int | None]) -> list[int]:
         record = record_of(Cascade((FAST, BEND, SLOW)), 8000, noise=0.001)
-        return total_orders(layout, [(record.input[:, 0], record.output[:, 0])], orders)
+        return total_orders(layout, measured_response([(record.input[:, 0], record.output[:, 0])]), orders)
 
     most = totals(WIENER_HAMMERSTEIN, (None, None))[-1]
     assert most >= 3

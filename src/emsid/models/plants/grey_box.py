@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError, listed
-from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
@@ -142,8 +142,8 @@ class GreyBox(RunMethods):
         for start in starts:
             problem = FreeRunError(plant, self.signals, (head,), (), (start,), (free,), all_alike, 1)
             with suppress(EmsidError):
-                found = gauss_newton(problem, problem.start, max_iterations=20, tolerance=1e-6, covariances=False)
-                ended.append((found.cost, problem.states(found.estimate)[0]))
+                theta, residuals = few_unknowns(problem, problem.start, max_iterations=20, tolerance=1e-6)
+                ended.append((sum(float(each @ each) for each in residuals), problem.states(theta)[0]))
         return min(ended, key=itemgetter(0), default=(0.0, first))[1]
 
     def equation(self) -> str:

@@ -14,7 +14,7 @@ import pytest
 
 import emsid
 from emsid.cli import second_process as module
-from emsid.cli.imports import without_collection
+from emsid.cli.imports import load_page, without_collection
 from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -22,6 +22,8 @@ from emsid.estimation.threads import short_tasks
 from emsid.identification import Options
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.fitting import Searches
+from emsid.report import Report, Section
+from emsid.report.page import page, templates
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
 MODELS = "polynomial-narx, arx, friction-narx"
@@ -144,7 +146,8 @@ forks = pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this sy
 @forks
 def test_the_second_process_finds_the_same() -> None:
     assert list(short_tasks(1)(len, [()])) == [0]  # a pool whose thread the other process does not have
-    record, second = lagging(), SecondProcess()
+    record, waits = lagging(), []
+    second = SecondProcess(lambda: waits.append("for an answer"))
     try:
         second.begin(("arx", "polynomial-narx"), record, OPTIONS)
         assert second.has_begun("arx") is False
@@ -158,6 +161,7 @@ def test_the_second_process_finds_the_same() -> None:
     second._process.join(5)
     assert second._process.exitcode is not None
     assert second.fitted("polynomial-narx", FREE) is fit
+    assert waits == ["for an answer"]
     second.begin(("arx", "friction-narx"), record, OPTIONS)
     assert not second.has_begun("friction-narx")
 
@@ -186,7 +190,7 @@ def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:
 
 
 def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> None:
-    monkeypatch.setattr(module, "SecondProcess", lambda: "a process")
+    monkeypatch.setattr(module, "SecondProcess", lambda meanwhile: "a process")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
     assert second_process((), alone=True) == "a process"
     assert second_process(("arx", "wiener"), alone=True) == "a process"
@@ -194,6 +198,17 @@ def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> No
     assert second_process((), alone=False) is None
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
     assert second_process((), alone=True) is None
+
+
+def test_what_a_page_needs_is_loaded_once() -> None:
+    templates.cache_clear()
+    load_page.cache_clear()
+    load_page()
+    loaded = set(templates().cache)
+    load_page()
+    page(Report("A motor", ("It turns.",), (Section("Data"),)))
+    assert len(loaded) == 2
+    assert set(templates().cache) == loaded
 
 
 def test_garbage_is_collected_again_after_the_imports() -> None:

@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 
 @contextmanager
@@ -27,3 +28,12 @@ def load_identification() -> None:
     from emsid.estimation.linear.filtering import filtered
 
     filtered([1.0], [1.0], [1.0])
+
+
+@cache
+def load_page() -> None:
+    """Import what a page and its figures need, and compile the templates, by a page without content."""
+    import emsid.report.figures  # noqa: F401
+    from emsid.report import Report, page
+
+    page(Report("", (), ()))

@@ -18,6 +18,8 @@ from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from emsid.cli.imports import load_page
+
 if TYPE_CHECKING:
     from ctypes import c_byte
     from multiprocessing.connection import Connection
@@ -35,9 +37,13 @@ LAST = 0.5
 
 
 class SecondProcess:
-    """The process, seen from the one that started it."""
+    """The process, seen from the one that started it.
 
-    def __init__(self) -> None:
+    Args:
+        meanwhile: what this process does before it waits for an answer, each time.
+    """
+
+    def __init__(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         from multiprocessing import get_context
 
         context = get_context("fork")
@@ -51,6 +57,7 @@ class SecondProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         other.close()
+        self._meanwhile = meanwhile
         self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
         self._stopped_at = inf
@@ -83,6 +90,8 @@ class SecondProcess:
                 self.close()
                 control.check()
 
+        if name not in self._answers:
+            self._meanwhile()
         answer: Fit[Any] | Exception | None = self._answer(name, wait)
         if isinstance(answer, Exception):
             raise answer
@@ -110,7 +119,7 @@ class SecondProcess:
 
 
 def second_process(models: Sequence[str], *, alone: bool) -> SecondProcess | None:
-    """A second process where there are two cores and several models.
+    """A second process where there are two cores and several models; the page is prepared while this one waits for it.
 
     Args:
         models: their names; none for the usual ones.
@@ -118,7 +127,7 @@ def second_process(models: Sequence[str], *, alone: bool) -> SecondProcess | Non
     """
     if len(models) == 1 or not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
         return None
-    return SecondProcess()
+    return SecondProcess(load_page)
 
 
 def taken(flags: "SynchronizedArray[int]", k: int) -> bool:

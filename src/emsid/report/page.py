@@ -9,18 +9,30 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
 from emsid.report.page_plots import page_figure
 
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
 PAGE = "report.html"
 
 
 def page(report: Report) -> str:
     """The report as HTML."""
+    template = templates().get_template("page.html.j2")
+    return template.render(report=report, plots=page_figure, script=any(report.figures))
+
+
+@cache
+def templates() -> Environment:
+    """The templates of the page, each compiled once."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -31,7 +43,7 @@ def page(report: Report) -> str:
         lstrip_blocks=True,
     )
     environment.filters["flowing"] = _flowing
-    return environment.get_template("page.html.j2").render(report=report, plots=page_figure, script=any(report.figures))
+    return environment
 
 
 def _flowing(text: str) -> str:

@@ -109,6 +109,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "input-may-be-continuous": lambda: (smooth(), motor(smooth())),
     "output-without-sign": lambda: (U, np.abs(motor(U))),
     "no-response": lambda: (U, motor(steps(7))),
+    "output-noise-only": lambda: (U, motor(0 * U)),
     "response-negative": lambda: (U, -motor(U)),
     "feedback-likely": in_closed_loop,
     "all-standstill": lambda: (U, 1e-3 * motor(U) / 50 + (np.arange(N) == 0)),

@@ -99,7 +99,7 @@ def test_a_record_that_is_all_standstill() -> None:
         emsid.identify(emsid.Record(u, rest, 0.01))
     noise = 1e-3 * np.random.default_rng(1).standard_normal(300)
     result = emsid.identify(emsid.Record(u, noise, 0.01), models="arx", options=ONE)
-    assert {"no-response", "no-better-than-mean", "no-model-recommended"} <= codes(result)
+    assert {"no-response", "output-noise-only", "no-better-than-mean", "no-model-recommended"} <= codes(result)
     unseen = emsid.identify(record(300), emsid.Record(u, rest, 0.01, name="rest"), models="arx", options=ONE)
     assert unseen.model_verdicts[0].data["reasons"][0]["code"] == "output-at-rest"
 

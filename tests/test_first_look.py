@@ -12,7 +12,7 @@ import emsid
 from emsid.errors import DataError
 from emsid.first_look import describe, describe_files
 from emsid.first_look.systems import statistic
-from first_look_records import N, T, U, Write, Y, codes, data, proposals, table
+from first_look_records import N, Run, T, U, Write, Y, codes, data, proposals, table
 
 # --- form and roles --------------------------------------------------------------------------------------------------
 
@@ -249,11 +249,36 @@ def test_two_files_of_one_signal_each(write: Write) -> None:
     (look,), _ = describe_files(headed, dt=0.01)
     assert look.reading["units"] == {"voltage (V)": "V", "Speed (RPM)": "rpm"}
     assert {look.roles.input, look.roles.output} == set(look.reading["units"])
-    assert len(describe_files([u, late])[0]) == 2
     common = emsid.read(
         late, input=f"{u}:voltage", output="speed", time="t"
     )  # those 0.5 s in which only one has samples
     np.testing.assert_allclose((common.input[:, 0], common.output[:, 0]), (U[50:], Y[:-50]), rtol=1e-9)
+
+
+def test_two_files_of_one_signal_each_with_other_times(write: Write) -> None:
+    u = write({"t": T, "voltage": U}, "u.csv")
+    seldom, late, never = (
+        write({"t": T[::step] + shift, "speed": Y[::step]}, f"{name}.csv")
+        for name, step, shift in (("seldom", 2, 0.0), ("late", 1, 0.5), ("never", 1, T[-1] + 1))
+    )
+    for y, delay, share in ((seldom, 1, (T[-2] - T[0]) / (T[-1] - T[0])), (late, 51, (N - 51) / (N + 49))):
+        for paths in ([u, y], [y, u]):
+            (look,), _ = describe_files(paths)
+            assert look.reading == {"input": f"{u}:voltage", "output": f"{y}:speed", "time": "t"}
+            (found,) = (each for each in look.findings if each.code == "clocks-of-files")
+            assert found.data == {"columns": ["voltage", "speed"], "share": pytest.approx(share, rel=1e-6)}
+            assert look.response.delay == delay
+    apart = ([u, never], [seldom, late], [u, write({"time": T[::2], "speed": Y[::2]}, "other.csv")])
+    assert [len(describe_files(paths)[0]) for paths in apart] == [2, 2, 2]
+    one = [write({"t": T, name: values}, f"{name}.csv") for name, values in (("voltage", U), ("speed", Y))]
+    assert "clocks-of-files" not in codes(describe_files(one)[0][0])
+
+
+def test_white_noise_has_no_command(run: Run, write: Write) -> None:
+    for seed in range(20):
+        path = write({"t": T, "u": U, "y": 1e-3 * np.random.default_rng(seed).standard_normal(N)})
+        assert "output-noise-only" in codes(describe(path))
+    assert run("describe", path)[1].endswith("nothing to identify here: see above\n")
 
 
 def test_a_record_of_opposite_sign_among_others(write: Write) -> None:

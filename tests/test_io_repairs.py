@@ -175,7 +175,11 @@ def test_filter_then_decimate_then_detrend(tmp_path: Path) -> None:
     np.savetxt(path, np.column_stack([slow + fast, slow + 5 + fast]), delimiter=",", header="u,y", comments="")
     record = emsid.read(path, **COLUMNS, dt=0.001, filter=30.0, decimate=4, detrend=0)
     assert (len(record), record.dt) == (1000, 0.004)
-    assert record.findings == (Finding("data-filtered", "log.csv", {"cutoff": 30.0, "factor": 4}),)
+    filtered, subtracted = {"cutoff": 30.0, "factor": 4}, {"order": 0}
+    assert [(each.code, each.data) for each in record.findings] == [
+        ("data-filtered", filtered),
+        ("data-detrended", subtracted),
+    ]
     assert emsid.read(path, **COLUMNS, dt=0.001, decimate=1).findings == ()
     np.testing.assert_allclose(record.input[50:-50, 0], slow[::4][50:-50], atol=2e-3)
     np.testing.assert_allclose(record.output, record.input, atol=1e-3)

@@ -35,6 +35,7 @@ EXAMPLES: tuple[Finding, ...] = (
         {"files": ["old.dat"], "others": ["a.dat", "b.dat"], "words": ["Prescaler"], "ratio": 8.2},
     ),
     Finding("records-of-opposite-sign", "b.csv", {"records": ["b.csv", "c.csv"], "of": 5}),
+    Finding("output-noise-only", "y", {"input": "u"}),
     Finding("feedback-likely", "u", {"output": "y", "correlation": 0.4, "confidence": 0.9}),
     *(Finding(code, "y", {"share": 0.4, "reversals": 3}) for code in ("all-standstill", "much-standstill")),
     *(Finding("motion", "y", {"share": 0.04, "reversals": count}) for count in (0, 1, 38)),
@@ -125,5 +126,7 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("data-filtered", "log.csv", {"cutoff": cutoff, "factor": factor})
         for cutoff, factor in ((20.0, 1), (None, 4), (20.0, 4))
     ),
+    *(Finding("data-detrended", "log.csv", {"order": order}) for order in (0, 1, 2)),
+    *(Finding("clocks-of-files", "y.csv", {"columns": ["u", "y"], "share": share}) for share in (1.0, 0.972)),
     *(Finding("clock-reset", "log.csv", {"count": count, "column": "t", "line": 32}) for count in (1, 2)),
 )

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from emsid.estimation.linear.least_squares import LARGEST
+from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding
@@ -35,6 +36,8 @@ MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
 FEEDBACK = 0.15
 """An input that is correlated more than this with earlier errors of the output depends on it."""
+COLOURED = 1e-4
+"""An output that does not respond is noise unless white noise has its autocorrelations with a lower probability."""
 
 
 def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> list[Finding]:
@@ -136,6 +139,9 @@ def motion(data: Examined) -> Iterable[Finding]:
     """Standstill, reversals, and the amplitude of the input against the dead zone; a position shows none of them."""
     if is_position(data.record):
         return
+    if _is_noise(data):
+        yield Finding("output-noise-only", data.output, {"input": data.input})
+        return
     share = float(np.mean(data.resting))
     signs = np.split(np.where(data.near_zero, 0.0, np.sign(data.y)), list(data.record.breaks))
     reversals = sum(int(np.count_nonzero(np.diff(piece[piece != 0]))) for piece in signs)
@@ -153,6 +159,16 @@ def motion(data: Examined) -> Iterable[Finding]:
         zones = {"dead_zone": zone, "amplitude": amplitude, "inside": inside, "unit": unit, "confidence": 0.7}
         code = "amplitude-near-dead-zone" if amplitude < 2.5 * zone else "dead-zone-likely"
         yield Finding(code, data.input, zones)
+
+
+def _is_noise(data: Examined) -> bool:
+    """Whether the output is white, and responds neither to an input that changes nor to its magnitude."""
+    if data.response.delay is not None or not np.ptp(data.u):
+        return False
+    pieces = np.split(data.y - data.y.mean(), list(data.record.breaks))
+    test = whiteness(pieces, 0)
+    white = test is not None and test.p_value >= COLOURED
+    return white and response(np.abs(data.u), data.y, data.record.breaks).delay is None
 
 
 def drift(data: Examined) -> Iterable[Finding]:
@@ -213,6 +229,7 @@ QUESTIONABLE = frozenset(
         "outliers",
         "output-drifts",
         "output-integrates",
+        "output-noise-only",
         "output-without-sign",
         "response-negative",
         "samples-repeated",

@@ -50,6 +50,7 @@ USELESS = frozenset(
         "channel-out-of-scale",
         CONSTANT,
         "all-standstill",
+        "output-noise-only",
         "not-readable",
         "no-role-found",
     }

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.first_look.advice import TOLERANCE, advice, opposite_signs, response_of
-from emsid.first_look.columns import column_of_numbers
+from emsid.first_look.advice import FEWEST_SAMPLES, TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.look import CONSTANT, FirstLook, describe
 from emsid.first_look.names import ColumnQuantity, meaning
-from emsid.first_look.roles import Roles, find_roles
+from emsid.first_look.roles import find_roles
 from emsid.first_look.systems import Source, systems
 from emsid.io.columns import as_numbers
 from emsid.io.reading import read_columns
@@ -42,6 +43,8 @@ OF_ALL = frozenset(
     }
 )
 """Findings about how much data show; of several files together they may be others than of each."""
+Array = NDArray[np.float64]
+
 LIKELY = 0.65
 """Files whose output answers with the opposite sign are identified apart from others if it is at least this sure."""
 
@@ -115,8 +118,8 @@ def describe_files(
 ) -> tuple[list[FirstLook], list[Finding]]:
     """Look at several files, and at what they have in common.
 
-    Two files of one signal each, equally long and with the same times if they have any, are the input and the output
-    of one record.
+    Two files of one signal each are the input and the output of one record where they are equally long and have the
+    same times, if they have any, and where their times differ, overlap, and the signals are of different quantities.
 
     Args:
         paths: the files.
@@ -157,18 +160,41 @@ def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Findi
 
 
 def _input_and_output(paths: Sequence[Path]) -> tuple[str, str] | None:
-    """The names of the input and the output in two files of one signal each, on the same clock if they have one."""
-    signals, clocks = [], []
+    """The names of the input and the output in two files of one signal each; None where they are something else."""
+    signals, clocks, names = [], [], []
     for path in paths:
-        series = read_columns(path).series
+        columns = read_columns(path)
+        series = columns.series
         times = [name for name in series if meaning(name).quantity is ColumnQuantity.TIME]
         if len(series) != len(times) + 1 or len(times) > 1:
             return None
+        readable = not (columns.damaged or columns.clocks) and all(series[name].dtype.is_numeric() for name in times)
+        names.append(times if readable else [])
         clocks.append([as_numbers(series[name]) for name in times])
         name = next(name for name in series if name not in times)
         said = max(meaning(name), meaning(path.stem), key=lambda each: each.confidence)
         shown = "1" if name == "c1" else name
         signals.append(column_of_numbers(f"{path}:{shown}", "numbers", said, as_numbers(series[name])))
     same = len(signals[0].values) == len(signals[1].values) and np.array_equal(clocks[0], clocks[1])
-    roles = find_roles(signals, "") if same else Roles()
+    if not same:
+        comparable = names[0] and names[0] == names[1]
+        signals = _at_common_times(signals, [clock for (clock,) in clocks]) if comparable else []
+    roles = find_roles(signals, "")
     return (roles.input, roles.output) if roles.input else None
+
+
+def _at_common_times(signals: Sequence[Column], clocks: Sequence[Array]) -> list[Column]:
+    """Two signals (Nᵢ,) at the times (Nᵢ,) of the one with fewer samples where both have some.
+
+    None where these are too few, or where both are of one known quantity, as in the files of two experiments.
+    """
+    quantities = {each.meaning.quantity for each in signals}
+    begin, end = max(t[0] for t in clocks), min(t[-1] for t in clocks)
+    times = min(clocks, key=len)
+    times = times[(times >= begin) & (times <= end)]
+    if len(times) < FEWEST_SAMPLES or (len(quantities) == 1 and quantities != {ColumnQuantity.UNKNOWN}):
+        return []
+    return [
+        column_of_numbers(each.name, each.kind, each.meaning, np.interp(times, t, each.values))
+        for each, t in zip(signals, clocks, strict=True)
+    ]

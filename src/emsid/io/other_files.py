@@ -6,12 +6,13 @@ Files with other times are columns with clocks of their own; the time column of 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from emsid.errors import DataError, some
+from emsid.findings import Finding
 from emsid.io.columns import Columns, nearest
 
 if TYPE_CHECKING:
@@ -63,8 +64,7 @@ def with_other_files(
     own_names: dict[str, str] = {}
     apart: dict[str, tuple[str, pl.Series]] = {}
     for given in dict.fromkeys(names):
-        inner = re.fullmatch(r"d\((.+)\)", given)
-        name = inner[1] if inner and given not in series else given
+        name = column_of(given, series)
         found = None if name in series or name in own_names else file_and_column(name, path)
         if found is not None:
             file, wanted = found
@@ -83,7 +83,7 @@ def with_other_files(
     joined = replace(columns, series=series, units=units)
     if not apart or time is None:
         return joined, renamed
-    last = re.sub(r"^d\((.+)\)$", r"\1", renamed.get(names[-1], names[-1]))
+    last = column_of(renamed.get(names[-1], names[-1]))
     return _with_clocks(joined, time, f"{time} of {path.name}", apart, last), renamed
 
 
@@ -126,6 +126,30 @@ def _with_clocks(
         name = renamed[clock]
         series[name], clocks[name], units[name] = values.alias(name), name, units.get(time, "")
     return replace(columns, series=series, units=units, clocks=clocks, lines=None)
+
+
+def about_clocks(columns: Columns, names: Sequence[str], record: str) -> list[Finding]:
+    """A finding where channels have the times of different files: nothing shows that these clocks began together.
+
+    Args:
+        columns: as `with_other_files` returns them, with the clock of each.
+        names: of channels.
+        record: its name.
+    """
+    channels = [column_of(name, columns.series) for name in names]
+    clocks = dict.fromkeys(columns.clocks[each] for each in channels if each in columns.clocks)
+    times = [columns.series[clock] for clock in clocks]
+    if len(times) < 2:
+        return []
+    begins, ends = ([float(each[k]) for each in times] for k in (0, -1))
+    share = (min(ends) - max(begins)) / (max(ends) - min(begins))
+    return [Finding("clocks-of-files", record, {"columns": channels, "share": share})]
+
+
+def column_of(name: str, known: Container[str] = ()) -> str:
+    """The column that a channel is, or is the derivative of: that of ``d(x)`` is ``x``, unless it is known itself."""
+    inner = re.fullmatch(r"d\((.+)\)", name)
+    return inner[1] if inner and name not in known else name
 
 
 def _own_name(columns: Columns, column: str, file: Path) -> str:

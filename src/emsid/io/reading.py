@@ -29,7 +29,7 @@ from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
-from emsid.io.other_files import with_other_files
+from emsid.io.other_files import about_clocks, with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
@@ -191,12 +191,13 @@ def read(
     file = parsed.path
     names = [*_as_tuple(input), *_as_tuple(output)]
     columns, rename = with_other_files(parsed.columns, file, names, time, read_columns)
+    inputs, outputs = ([rename.get(name, name) for name in _as_tuple(side)] for side in (input, output))
     try:
         record = _record(
             columns,
             name=file.name,
-            inputs=[rename.get(name, name) for name in _as_tuple(input)],
-            outputs=[rename.get(name, name) for name in _as_tuple(output)],
+            inputs=inputs,
+            outputs=outputs,
             clock=SampleTime(dt, time, time_unit, resample),
             rows=rows or slice(None),
             mask=mask,
@@ -213,8 +214,10 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        record = _filtered(record, filter, decimate)
-        return record if detrend is None else record.detrend(detrend)
+        if not parsed.columns.clocks:
+            clocks = about_clocks(columns, (*inputs, *outputs), file.name)
+            record = replace(record, findings=(*clocks, *record.findings))
+        return _detrended(_filtered(record, filter, decimate), detrend)
     except DataError as problem:
         message = str(problem)
         message = message.removeprefix(f"{file.name}: ")
@@ -230,6 +233,14 @@ def _filtered(record: Record, cutoff: float | None, factor: int) -> Record:
         return record
     data = {"cutoff": cutoff, "factor": factor}
     return replace(record, findings=(*record.findings, Finding("data-filtered", record.name, data)))
+
+
+def _detrended(record: Record, order: int | None) -> Record:
+    """The record without a polynomial in time, with a finding where that was asked for."""
+    if order is None:
+        return record
+    found = Finding("data-detrended", record.name, {"order": order})
+    return replace(record.detrend(order), findings=(*record.findings, found))
 
 
 def _record(

@@ -130,6 +130,15 @@ def no_response(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("output-noise-only", Severity.PROBLEM)
+def output_noise_only(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input."""
+    return (
+        f"{f.subject} is white noise that does not depend on {f.data['input']}: the drive stands still, or the sensor "
+        "is not connected. Nothing can be identified; record with a larger input"
+    )
+
+
 @words("response-delay")
 def response_delay(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""

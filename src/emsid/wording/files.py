@@ -74,6 +74,28 @@ def data_filtered(f: Finding, argument: Spelling) -> str:
     return f"{f.subject}: all channels were {listed(what)}, forwards and backwards, so these data cannot show feedback"
 
 
+@words("data-detrended")
+def data_detrended(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: order (of the polynomial)."""
+    order = f.data["order"]
+    what = {0: "the mean", 1: "a line in time"}.get(order, f"a polynomial in time of order {order}")
+    return (
+        f"{f.subject}: {what} of every channel was subtracted, so 0 is no longer rest; models with friction, dead zone "
+        f"or other static maps need the data without {argument('detrend')}"
+    )
+
+
+@words("clocks-of-files")
+def clocks_of_files(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: columns (inputs and outputs), share (of the time, in which all have samples)."""
+    share = f.data["share"]
+    rest = ", and the rest is left out" if share < 0.9995 else ""
+    return (
+        f"{f.subject}: the times of {listed(f.data['columns'])} come from different files and are taken as those of "
+        f"one clock. They overlap for {100 * share:.3g} % of the time{rest}; check that both clocks began together"
+    )
+
+
 # --- what was guessed ------------------------------------------------------------------------------------------------
 
 
@@ -207,7 +229,11 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: input (whose effect shows it; empty where the name of the column says it)."""
     u = f.data["input"]
     why = f"seems to be a position, because its change responds to {u} and it does not" if u else "is a position"
-    return f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
+    return (
+        f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify. For "
+        f"a model of the position, give {argument('output')} {f.subject}, and for a machine axis {argument('models')} "
+        "linear-axis"
+    )
 
 
 @words("position-wraps")

@@ -144,8 +144,19 @@ def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", *FIRST_ORDER, "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, "--validate", log, *words)
     assert status == 0
-    assert "contains data of the fit, so these errors say nothing about unseen data" in printed
+    assert "contains data of the fit, so errors on it say nothing about unseen data" in printed
     assert "say nothing about unseen data" not in run("identify", log, *words)[1]
+
+
+def test_data_of_the_fit_are_named_before_a_search(run, log, tmp_path, monkeypatch):
+    def searched(*_, **__):
+        raise emsid.ModelError("enough")
+
+    monkeypatch.setattr("emsid.identification.workflow.identify", searched)
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
+    other = table(tmp_path / "other.csv", seed=9)
+    for unseen, count in ((log, 1), (other, 0)):
+        assert run("identify", log, *words, "--validate", unseen)[2].count("contains data of the fit") == count
 
 
 @pytest.mark.parametrize(("spent", "left"), [(3.0, 14.0), (8.0, 10.0)])

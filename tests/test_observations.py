@@ -203,12 +203,12 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
     result = emsid.identify(driven(0), models="endless, arx", options=options, budget=10.0)
     assert 5.0 < clock.now < 5.2  # half of the time
     assert [fit.model.name for fit in result.fits] == ["arx"]
-    assert Finding("model-out-of-time", "endless", {"model": "endless"}) in result.findings
+    assert Finding("models-out-of-time", data={"models": ["endless"]}) in result.findings
     assert not result.interrupted
-    assert "model-out-of-time" not in codes(plain)
+    assert "models-out-of-time" not in codes(plain)
     shortest = emsid.identify(driven(0), models="endless, arx", options=options, budget=0.01)  # no time for either
     assert [fit.model.name for fit in shortest.fits] == ["arx"]
-    assert [f.subject for f in shortest.findings if f.code == "model-out-of-time"] == ["endless"]
+    assert [f.data["models"] for f in shortest.findings if f.code == "models-out-of-time"] == [["endless"]]
     with pytest.raises(Stopped):
         emsid.identify(driven(0), models="endless", budget=1.0)
     with pytest.raises(emsid.ModelError, match="positive time"):

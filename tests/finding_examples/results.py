@@ -36,7 +36,7 @@ EXAMPLES: tuple[Finding, ...] = (
         for low, high in ((0.049, 0.051), (0.049, None), (None, 0.051), (None, None))
     ),
     Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
-    Finding("model-out-of-time", "wiener", {"model": "wiener"}),
+    *(Finding("models-out-of-time", data={"models": models}) for models in (["wiener"], ["wiener", "feedback"])),
     Finding("quick-look", "log.csv", {"without": ["wiener-hammerstein", "rigid-motor"]}),
     Finding("interrupted", data={"missing": ["wiener", "motor"]}),
     Finding("interrupted", data={"missing": []}),

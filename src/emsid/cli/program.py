@@ -13,7 +13,7 @@ from emsid.cli import commands
 from emsid.cli.app import FIRST_STEPS, app
 from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly
 from emsid.cli.options import with_options
-from emsid.cli.terminal import SPELT_OUT, one_line, say
+from emsid.cli.terminal import SPELT_OUT, say, warn
 from emsid.errors import EmsidError
 
 USER_ERROR = 2
@@ -72,5 +72,5 @@ def _end_interrupted() -> NoReturn:
 
 
 def _end(words: str, status: int) -> NoReturn:
-    print(f"emsid: {one_line(words)}", file=sys.stderr)
+    warn(words)
     sys.exit(status)

@@ -74,6 +74,11 @@ def say(*lines: str) -> None:
         print(harmless(line), flush=True)
 
 
+def warn(words: str) -> None:
+    """Print a warning on standard error."""
+    print(f"emsid: {one_line(words)}", file=sys.stderr, flush=True)
+
+
 def say_json(content: bytes) -> None:
     """Print a JSON document on standard output; control characters in its texts are escaped."""
     text = content.decode()

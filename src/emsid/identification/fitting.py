@@ -92,7 +92,7 @@ class _UnderWay:
         problems = {name: self.problems[name] for name in names if name in self.problems}
         if not self.fits:
             raise self.end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
-        failed = [*(failure(name, problem) for name, problem in problems.items()), *map(out_of_time, self.late)]
+        failed = [*(failure(name, problem) for name, problem in problems.items()), *out_of_time(self.late)]
         by_model = {self.fits[name].model.name: self.fits[name] for name in names if name in self.fits}
         missing = [name for name in names if name not in (*self.fits, *problems, *self.late)]
         return Fits(tuple(by_model.values()), tuple(failed), self.end is not None, tuple(missing))

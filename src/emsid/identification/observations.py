@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -252,6 +252,6 @@ def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
     return Finding("profile-failed", parameter, {"model": model, "reason": str(problem)})
 
 
-def out_of_time(name: str) -> Finding:
-    """A model whose search found nothing within its share of the time."""
-    return Finding("model-out-of-time", name, {"model": name})
+def out_of_time(names: Sequence[str]) -> list[Finding]:
+    """The models whose searches found nothing within their share of the time, if there are any."""
+    return [Finding("models-out-of-time", data={"models": list(names)})] if names else []

@@ -98,10 +98,15 @@ def model_failed(f: Finding, argument: Spelling) -> str:
     return f"could not be fitted: {f.data['reason']}" + (f" ({spelt})" if spelt else "")
 
 
-@words("model-out-of-time", Severity.WARNING)
-def model_out_of_time(f: Finding, argument: Spelling) -> str:
-    """Data: model."""
-    return f"no result within its share of the time; allow more ({argument('budget')}), or ask for fewer models"
+@words("models-out-of-time", Severity.WARNING)
+def models_out_of_time(f: Finding, argument: Spelling) -> str:
+    """Data: models."""
+    models = f.data["models"]
+    share = "their share" if len(models) > 1 else "its share"
+    return (
+        f"no result of {listed(models)} within {share} of the time; allow more ({argument('budget')}), or ask for "
+        f"fewer models ({argument('models')})"
+    )
 
 
 @words("interrupted", Severity.WARNING)
@@ -121,7 +126,7 @@ def interrupted(f: Finding, argument: Spelling) -> str:
 @words("data-not-unseen", Severity.WARNING)
 def data_not_unseen(f: Finding, argument: Spelling) -> str:
     """Subject: the record."""
-    return f"{f.subject} contains data of the fit, so these errors say nothing about unseen data"
+    return f"{f.subject} contains data of the fit, so errors on it say nothing about unseen data"
 
 
 @words("few-unseen-samples", Severity.WARNING)

@@ -27,7 +27,10 @@ def searches_agreeing(f: Finding, argument: Spelling) -> str:
     if searches > 1:
         return f"{f.data['agreeing']} of {searches} searches from different starts end at this minimum"
     best = f", from the best of {compared} starts," if compared > 1 else ""
-    return f"only one search{best} ran to its end"
+    return (
+        f"only one search{best} ran to its end; if its free run is worse than expected, give what is known "
+        f"({argument('fixed')}, {argument('datasheet')}) and fit again"
+    )
 
 
 @words("steps-used-up", Severity.WARNING)

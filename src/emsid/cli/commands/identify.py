@@ -26,7 +26,7 @@ from emsid.cli.options import (
 )
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import SecondProcess, second_process
-from emsid.cli.terminal import say_json, working
+from emsid.cli.terminal import say_json, warn, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from emsid.models.blocks.search.map_families import Family
     from emsid.models.plants.datasheet import Given
     from emsid.models.plants.drive import Bridge
+    from emsid.record import Record
 
 RECOMMENDED = "recommended.json"
 """The file of the recommended model with its parameters from all data."""
@@ -215,11 +216,24 @@ def identify(
             profile=physical_names(profile, "--profile", plants),
         )  # fmt: skip
         check_folder(out)
-        records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+        records, tests = _read(reader, files, validate)
         search = partial(workflow.identify, records, tests or unseen, models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
         search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
+
+
+def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
+    """The records and the unseen ones. Those with data of the fit are named now, before searches of minutes."""
+    from emsid.findings import Finding
+    from emsid.identification.result import holds_some_of
+    from emsid.wording import sentence
+
+    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+    for test in tests:
+        if any(holds_some_of(test, record) for record in records):
+            warn(sentence(Finding("data-not-unseen", test.name), option))
+    return records, tests
 
 
 def _for_searches(budget: float, spent: float) -> float:

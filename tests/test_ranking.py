@@ -323,6 +323,18 @@ def test_folds_over_the_whole_record_see_what_its_last_part_does_not_show():
     assert ratios[-1] > 5
 
 
+def test_a_short_record_is_left_out_part_by_part_where_a_part_has_twice_the_samples_of_a_start():
+    whole = drive(8, 180)
+    several = emsid.arx(na=1, nb=1), emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-2)", name="two")
+    fits = [emsid.fit(each, whole[:120]) for each in several]
+    counted = {
+        start: [[fold.samples.sum() for fold in each.folds] for each in ranked(choice, whole[:120], Options())]
+        for start in (20, 21)
+        for choice in [compare(fits, whole[120:], transient=start)]
+    }
+    assert counted == {20: [[40, 20, 20, 20]] * 2, 21: [[39]] * 2}
+
+
 def test_the_held_back_part_decides_alone_where_it_is_long_or_there_is_no_time(monkeypatch):
     fitted, choice = misleading()
     late = Control(cancelled=lambda: True)

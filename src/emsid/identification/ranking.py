@@ -16,8 +16,8 @@ it is that of their logarithms, stretch by stretch, so that a stretch that is fa
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
 followed over the other folds: those with at most `HOPELESS` times its smallest error. Models that were fitted to an
 excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
-another fit. Where there are none and the held-back part has `MANY` samples, or where only one model is left, the
-held-back part decides alone.
+another fit. Where there are none and the held-back part has `MANY` samples, where folds are too short (`LEAST`), or
+where only one model is left, the held-back part decides alone.
 
 References:
     Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
@@ -55,7 +55,7 @@ HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
-LEAST = 3
+LEAST = 2
 """A fold has at least this many samples for each that starts a model."""
 INCLUDED = 0.368
 """The weight of the error on data that the fit includes, beside the error on data that it leaves out (Efron)."""

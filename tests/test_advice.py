@@ -460,6 +460,15 @@ class TestLongDelays:
         searches = [CANDIDATES["feedback"]._structure(each).search for each in (shown, Options(nk=36))]
         assert [(each.delay, each.shown, each.longest) for each in searches] == [(None, 36, 36), (36, 0, 36)]
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_a_dead_zone_does_not_hide_it(self, seed: int) -> None:
+        """What a linear model leaves of it is large, and has few independent errors."""
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-8, 8, 60), rng.integers(10, 60, 60))[:1200]
+        record = Record(u, motor(np.sign(u) * np.maximum(np.abs(u) - 2, 0), 0.93, 36, 0.15), 0.01)
+        shown, _ = with_delay(Options(), [response_of(record)], [record])
+        assert shown.nk == 36
+
     def test_a_slow_response_that_starts_at_once_is_no_delay(self) -> None:
         """The output of two tanks follows the second of them, whose level rises late."""
         record = tanks(seed=2).fitted

@@ -9,7 +9,7 @@ from typing import Any
 
 from emsid.errors import EmsidError
 from emsid.findings import Finding
-from emsid.first_look.baseline import baseline, middle
+from emsid.first_look.baseline import middle
 from emsid.first_look.dynamics import Response
 from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -21,6 +21,8 @@ LONGEST_SEARCHED = 5
 """Delays of up to this many samples are left to the searches of the models."""
 SAMPLES = 4_000
 """At most this many, from the middle of a record, confirm a delay."""
+HIGHER = 4
+"""The order of a linear model without a delay that is compared with one of second order with it."""
 QUICK: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.1, "covariances": False}
 """Options of a fit that is only compared."""
 
@@ -40,23 +42,33 @@ def with_delay(
     if options.nk is not None or not LONGEST_SEARCHED < shown[shortest] < inf:
         return options, ()
     record = records[shortest]
-    linear = baseline(record, int(shown[shortest]))
-    delay = 0 if linear is None else linear.delay
-    if delay <= LONGEST_SEARCHED or _acts_before(record, delay):
+    delay = _confirmed(middle(record, SAMPLES), int(shown[shortest]))
+    if delay <= LONGEST_SEARCHED:
         return options, ()
     data = {"input": record.input_names[0], "delay": delay, "time": delay * record.dt}
     return replace(options, nk=delay, delay_shown=True), (Finding("delay-from-data", record.output_names[0], data),)
 
 
-def _acts_before(record: Record, delay: int) -> bool:
-    """Whether an input acts before a delay has passed: a slow or a nonlinear response may only look late.
+def _confirmed(record: Record, delay: int) -> int:
+    """The delay that a linear model needs: the one that is shown, half of it and so on; one where it needs none.
 
-    An output-error model of second order with the delay is compared with one that may use every sample before it too,
-    by the variance of the residual for each degree of freedom.
+    In noise the first effect that is seen is late. Of output-error models of second order, the one with the least error
+    has the delay. A slow or a nonlinear response may only look late, and then one of higher order without a delay is
+    better. All these models have few parameters: what a nonlinear system leaves has so few independent errors that one
+    parameter for every sample before the delay would always explain a part of it.
+
+    Args:
+        record: one input and one output.
+        delay: in samples, the longest that is tried.
     """
-    few = middle(record, SAMPLES)
+    errors = {each: _error(record, 2, each) for each in (delay >> k for k in range(delay.bit_length()))}
+    best = min(errors, key=lambda each: errors[each])
+    return 1 if matters(_error(record, HIGHER, 1), errors[best]) else best
+
+
+def _error(record: Record, order: int, delay: int) -> float:
+    """The variance of the residual of an output-error model; infinite where none can be fitted."""
     try:
-        late, early = (fit_free_run(arx(2, nb, nk, 1, True), few, **QUICK) for nk, nb in ((delay, 2), (1, delay + 1)))
+        return fit_free_run(arx(order, order, delay, 1, True), record, **QUICK).noise_variance
     except EmsidError:
-        return False
-    return matters(early.noise_variance, late.noise_variance)
+        return inf

@@ -12,7 +12,8 @@ import emsid
 from emsid import Record
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.models.blocks.static_maps import STATIC_MAPS, PiecewiseLinear, Saturation, UserMap
+from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.models.blocks.static_maps import STATIC_MAPS, PiecewiseLinear, Saturation, TwoSlopes, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.fitting import Found, fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
@@ -61,6 +62,23 @@ def test_a_search_keeps_to_models_that_are_not_refused() -> None:
     assert radius(limited.model) >= limit
     assert free.error < limited.error < 10 * free.error
     assert least(1.0).error == free.error
+
+
+def test_a_model_that_depends_on_rounding_has_no_derivative() -> None:
+    """The run of a tent map stays within its range, while its derivative by a parameter is 1.9 times as large every
+    sample; all columns are soon the same but for rounding."""
+    tent = FeedbackModel(np.array([[0.0, 0.95, 1.9], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (TwoSlopes(0.5, 1.0, -1.0),))
+    u = np.random.default_rng(2).uniform(0.98, 1.0, 80)
+    y, spread = tent.output(u, np.array([0.3])), np.eye(len(tent.parameters))
+    assert np.all(np.abs(y - 0.5) < 0.5)
+
+    def columns(samples: int) -> Array:
+        problem = fitting.FreeRun(tent, spread, [(u[:samples], y[:samples])], 0)
+        return problem.linearised(np.append(np.zeros(len(spread)), 0.3))[0][1]
+
+    assert 1e5 < np.abs(columns(25)).max() < 1e10
+    with pytest.raises(Infeasible, match="too large"):
+        columns(80)
 
 
 def test_intervals_hold() -> None:

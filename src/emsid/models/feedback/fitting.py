@@ -87,6 +87,16 @@ class FreeRun:
                 found.append(Penalty(moved, rows @ map_.parameters))
         return tuple(found)
 
+    @cached_property
+    def steepest(self) -> float:
+        """The limit of the derivative: beyond it, rounding of a parameter changes the run by the range of the output.
+
+        At such a point of an unstable model all columns of the derivative are the same but for rounding, so that no
+        search goes on from there, and what the data determine cannot be seen.
+        """
+        extent = max(float(np.ptp(y)) for _, y in self.segments)
+        return min(extent / np.finfo(float).eps, LARGEST) if extent else LARGEST
+
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
         model, runs = self._run(theta)
@@ -114,7 +124,11 @@ class FreeRun:
         return self._last.at(theta, run)
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
-        """Residual and derivative, per segment; the derivative by the states of other segments is zero."""
+        """Residual and derivative, per segment; the derivative by the states of other segments is zero.
+
+        Raises:
+            Infeasible: for a derivative that is too large, and as `residuals` does.
+        """
         (model, runs), free, found = self._run(theta), self.spread.shape[1], []
         count, skipped = len(model.parameters), self.transient
         for k, ((u, y), passed) in enumerate(zip(self.segments, runs, strict=True)):
@@ -125,7 +139,8 @@ class FreeRun:
                 with np.errstate(all="ignore"):
                     np.matmul(self.spread.T, rows[:, :count].T, out=derivative[:free, samples])
                 derivative[own : own + model.states, samples] = rows[:, count:].T
-            if not max(derivative[:, skipped:].max(), -derivative[:, skipped:].min()) < LARGEST:  # also if not a number
+            largest = max(derivative[:, skipped:].max(), -derivative[:, skipped:].min())
+            if not largest < self.steepest:  # also if not a number
                 raise Infeasible(f"the derivative of {model.name} is too large")
             found.append(((passed.y[:: model.oversampling] - y)[skipped:], derivative[:, skipped:].T))
         return found

@@ -56,13 +56,12 @@ def shared_stretch(one: Record, other: Record) -> bool:
     if len(few) < STRETCH:
         return False
     sought, present = _stretches(few), _stretches(many)
-    once = _occurs_once(sought)
-    for start in range(0, len(sought), STRETCH):
-        if once[start] and any(
-            _equal_after(few, many, int(k) - start) for k in np.flatnonzero(present == sought[start])
-        ):
-            return True
-    return False
+    starts = np.flatnonzero(_occurs_once(sought))
+    starts = starts[starts % STRETCH == 0]
+    starts = starts[np.isin(sought[starts], present)]  # sorts once; each start below searches the whole record
+    return any(
+        _equal_after(few, many, int(k - start)) for start in starts for k in np.flatnonzero(present == sought[start])
+    )
 
 
 def _equal_after(few: Record, many: Record, shift: int) -> bool:

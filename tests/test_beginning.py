@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emsid import Record
-from emsid.models.plants.beginning import Beginning, beginning
+from emsid.models.plants.beginning import Beginning, beginning, starts_at_rest
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.grey_box import GreyBox
@@ -56,6 +56,10 @@ def recorded(u: Array, delay: float, unit: str, step: float, noise: float, lead:
         ("rad/s", 0.5, 0.0, 2.5),
         ("rad", 0.02, 0.0, 2.5),
         ("rad", 0.02, 0.0, 5.0),
+        ("rad", 0.02, 0.0, 0.5),
+        ("rad", 0.005, 0.0, 1.0),
+        ("rad", 0.005, 0.0, 1.5),
+        ("rad", 0.0, 0.02, 2.5),
     ],
 )
 def test_a_record_may_begin_with_a_step(unit, step, noise, delay):
@@ -136,3 +140,18 @@ def test_a_counter_at_rest_until_a_step_shows_no_speed():
     slow = beginning(counted(1.0 * t, step), DT)  # four samples for a count
     assert abs(slow.speed[0] - 1.0) < 3 * slow.speed[1]
     assert isinstance(slow, Beginning)
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.3, 0.45])
+def test_an_encoder_whose_first_counts_are_equal_may_be_in_motion(speed):
+    t = np.arange(200.0)
+    assert not any(starts_at_rest(np.floor(speed * t + first)) for first in np.linspace(0.0, 1.0, 50))
+    assert starts_at_rest(np.floor(speed * np.maximum(t - 4.0, 0.0) ** 2))
+
+
+def test_few_equal_samples_of_a_noisy_encoder_show_no_rest():
+    rng = np.random.default_rng(5)
+    y = np.round(0.5 * np.arange(20_000.0) + 1.5 * rng.standard_normal(20_000))
+    equal = [k for k in range(len(y) - 40) if np.ptp(y[k : k + 3]) == 0][:400]
+    assert len(equal) == 400
+    assert sum(starts_at_rest(y[k : k + 40]) for k in equal) < 0.2 * len(equal)

@@ -34,6 +34,8 @@ WORSE = 1.5
 """A polynomial through more samples must leave no more than this many times the variance."""
 AGREES = 5.0
 """By how many standard deviations an estimated start may differ from what the first samples show."""
+CLEARLY = 0.1
+"""Rest is believed against the first samples where it leaves less than this part of the cost with theirs."""
 
 
 class InitialState(Enum):
@@ -98,37 +100,43 @@ def begun(
     if start is InitialState.FREE or not starts_from_samples(plant, signals):
         return first, [plant.free_states(signals, segment) for segment in segments]
     none: list[tuple[int, ...]] = [() for _ in segments]
-    return [_at_rest(state) for state in first] if start is InitialState.REST else first, none
+    return [at_rest(state, 0.0) for state in first] if start is InitialState.REST else first, none
 
 
-def _at_rest(state: Array) -> Array:
-    """The initial state at rest at position zero."""
+def at_rest(state: Array, position: float) -> Array:
+    """An initial state at rest at a position."""
     rest = np.zeros_like(state)
-    rest[HELD:] = 1.0
+    rest[1], rest[HELD:] = position, 1.0
     return rest
 
 
 def as_seen(
-    segments: Sequence[Record], search: Callable[[InitialState, Found | None], Found | None]
+    segments: Sequence[Record], sampled: float, search: Callable[[InitialState, Found | None], Found | None]
 ) -> tuple[InitialState, Found] | None:
     """How the records allow a fit to have its initial states other than from the first samples, and the fit with them.
 
+    No polynomial goes through a step with which a record begins. So rest is believed also where it leaves a small part
+    of what a start from the first samples does; neither is estimated.
+
     Args:
         segments: with all their samples.
+        sampled: the cost with initial states from the first samples.
         search: a fit with such initial states, begun where an earlier one ended; None where nothing can be simulated.
 
     Returns:
-        None where estimated initial states are not what the first samples show.
+        None where the first samples show it best.
     """
     free = search(InitialState.FREE, None)
-    if free is None or not agree(segments, free.states):
+    if free is None:
         return None
-    if agree(segments, [np.zeros_like(state) for state in free.states]):
-        with suppress(Stopped):
-            still = search(InitialState.REST, free)
-            if still is not None and may_rest(still.cost, free.cost, free.residuals):
-                return InitialState.REST, still
-    return InitialState.FREE, free
+    seen = agree(segments, free.states)
+    rests = agree(segments, [np.zeros_like(state) for state in free.states])
+    with suppress(Stopped):
+        still = search(InitialState.REST, free if seen else None)
+        better = still is not None and (rests or still.cost < CLEARLY * sampled)
+        if still is not None and better and (not seen or may_rest(still.cost, free.cost, free.residuals)):
+            return InitialState.REST, still
+    return (InitialState.FREE, free) if seen else None
 
 
 def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
@@ -158,9 +166,18 @@ def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
     return added <= float(chdtri(2 * len(residuals), 0.05))
 
 
-def starts_at_rest(y: Array) -> bool:
-    """Whether the first three samples of an output are exactly zero or exactly equal."""
-    return len(y) > 3 and float(np.ptp(y[:3])) == 0.0
+def starts_at_rest(y: Array, signal: Signal = Signal.POSITION) -> bool:
+    """Whether the first three samples of an output are equal, and more of a position than in a motion.
+
+    In motion the counts of an encoder change every so many samples, one more or less, and with noise some samples are
+    equal by chance. So about as many are equal once more soon after the first change.
+    """
+    changes = np.flatnonzero(np.diff(y))  # the last samples before them
+    if len(y) < 4 or not len(changes) or signal is not Signal.POSITION:
+        return len(y) > 3 and float(np.ptp(y[:3])) == 0.0
+    end = min(changes[0] + SAMPLES[0], len(y) - 1)
+    longest = int(np.max(np.diff(np.append(changes[changes < end], end))))
+    return int(changes[0]) > max(longest, 1)
 
 
 def beginning(y: Array, dt: float) -> Beginning:

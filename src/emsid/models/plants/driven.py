@@ -212,7 +212,7 @@ class Driven(BasePlant):
     def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
         """The states that the outputs show and that are not clearly at rest."""
         sensed = [k for k, signal in enumerate(signals) if signal is not Signal.CURRENT]
-        moving = not any(starts_at_rest(segment.output[:, k]) for k in sensed)
+        moving = not any(starts_at_rest(segment.output[:, k], signals[k]) for k in sensed)
         lags = moving and sensed and self.sensor.lag > 0
         return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
 

@@ -20,6 +20,7 @@ from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
+from emsid.models.plants.beginning import at_rest
 from emsid.models.plants.cogging import without_idle
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
@@ -129,7 +130,8 @@ class GreyBox(RunMethods):
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment, estimated from its first ``samples`` samples.
 
-        Where several samples show it, they also show whether a plant that seems to be at rest is passing through zero.
+        Where several samples show it, they also show whether a plant that seems to be at rest is passing through zero,
+        and whether one that seems to move begins at rest with a step.
         """
         head = segment[: max(samples, 1)]
         plant = self.plant.for_segment(segment)
@@ -137,8 +139,9 @@ class GreyBox(RunMethods):
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return first
         starts, ended = [first], []
-        if plant.driven is not None and first[HELD]:
-            starts.append(np.where(np.arange(len(first)) == HELD, 0.0, first))
+        if plant.driven is not None:
+            moving = np.where(np.arange(len(first)) == HELD, 0.0, first)
+            starts.append(moving if first[HELD] else at_rest(first, first[1]))
         for start in starts:
             problem = FreeRunError(plant, self.signals, (head,), (), (start,), (free,), all_alike, 1)
             with suppress(EmsidError):

@@ -188,7 +188,7 @@ def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: i
         plant = begin if before is None else before.problem.plant
         return continuation.search(replace(task, begins=start), plant, max_iterations)
 
-    found = as_seen(task.segments, search)
+    found = as_seen(task.segments, reached.cost, search)
     return (task, reached) if found is None else (replace(task, begins=found[0]), found[1])
 
 

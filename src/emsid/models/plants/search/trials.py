@@ -213,7 +213,7 @@ class Trials:
             begin = before or trial
             return replace(self, begins=start).fitted([begin.plant], begin.names, begin.states)
 
-        found = as_seen(self.seen, search)
+        found = as_seen(self.seen, trial.cost, search)
         return (self, trial) if found is None else (replace(self, begins=found[0]), found[1])
 
     def residuals(self, trial: Trial) -> list[Array]:

@@ -28,6 +28,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import choice, continuation
+from emsid.models.plants.search import trials as search_trials
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import begun_again, beside_kinks, simulation_error
 from emsid.models.plants.search.kinds import kinds
@@ -324,6 +325,32 @@ def test_what_a_bridge_does_not_have_is_left_out():
     _, fitted, _ = bridge(seed=1)
     fit = choose(RIGID, fitted, refinements=(coasting_bridge, supply_limit, knee, gain_by_direction))
     assert not {"drive.freewheel", "drive.supply", "drive.knee", "voltage_dead_zone.m_l"} & set(fit.names)
+
+
+def test_two_refinements_begin_together_where_each_of_them_was_found(monkeypatch):
+    _, fitted, _ = bridge(backward_gain=1.04, delay=6e-3)
+    begun, starts_of = [], Trials.fitted
+
+    def joined(trial: Trial, *others: Any) -> Any:
+        starts = search_trials.joined(trial, *others)
+        begun.extend((trial, others[1], start) for start in starts)
+        return starts
+
+    def seen(trials: Trials, starts: Any, *others: Any) -> Any:
+        tried.update(id(start) for start in starts)
+        return starts_of(trials, starts, *others)
+
+    tried: set[int] = set()
+    monkeypatch.setattr(choice, "joined", joined)
+    monkeypatch.setattr(Trials, "fitted", seen)
+    fit = choose(RIGID, fitted, refinements=(late_command, gain_by_direction))
+    assert {"drive.delay", "voltage_dead_zone.m_l"} <= set(fit.names)
+    assert begun
+    for trial, best, (plant, names) in begun:
+        assert id(plant) in tried
+        assert set(names) > set(trial.names)
+        for name in names:
+            assert plant.value(name) == (trial if name in trial.names else best).plant.value(name)
 
 
 def test_a_break_of_which_one_side_was_hardly_seen_is_left_out():

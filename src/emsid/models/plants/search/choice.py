@@ -69,7 +69,7 @@ from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
-from emsid.models.plants.search.trials import Trial, Trials, gain
+from emsid.models.plants.search.trials import Trial, Trials, gain, joined
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
@@ -342,6 +342,8 @@ class _Choice:
         return self._rule(simple, rich) + (more * (log(effective_samples(rich.residuals)) - AKAIKE) if drifts else 0.0)
 
     def _add(self, refinements: Sequence[Refinement]) -> None:
+        tried: list[Trial | None] = [None] * len(refinements)
+        added: Refinement | None = None
         for done in range(MOST):
             self._doing(f"trying {len(refinements)} refinements", done)
             begun = [self.trial.plant, *self._starts[:OTHERS]]
@@ -349,6 +351,9 @@ class _Choice:
                 [each for plant in begun for each in refine(plant, self.trial.names, self._record)]
                 for refine in refinements
             ]
+            for group, before in zip(groups, tried, strict=True):
+                if group and before is not None and added is not None:
+                    group += joined(before, added, self.trial, self._record)
             tried = self._tried(self._screened(groups))
             self._doing("adding refinements", done)
             richer = [
@@ -357,7 +362,7 @@ class _Choice:
                 if trial is not None and self._gain(self.trial, trial) > 0
             ]
             richer.sort(key=lambda pair: self._gain(self.trial, pair[0]), reverse=True)
-            best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
+            best, added = next((pair for pair in richer if self._is_safe(*pair)), (None, None))
             if best is not None:
                 self._take(self._trials.around(best, self._rng, RESTARTS))
                 self._trials, self.trial = self._trials.settled(self.trial)

@@ -36,6 +36,7 @@ from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_f
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits
+from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, schwarz_gain
@@ -87,6 +88,23 @@ def gain(simple: Trial, rich: Trial) -> float:
     """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
     samples = effective_samples(rich.residuals)
     return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
+
+
+def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list[Refined]:
+    """Starts with two refinements that were tried apart, each with the values that it had then.
+
+    Where the valley is narrow, a search that begins with one of them at its usual values may not find the other's.
+
+    Args:
+        trial: with one of them.
+        added: the other one.
+        best: with the other one.
+        record: as refinements take it.
+    """
+    return [
+        (plant.with_values({name: best.plant.value(name) for name in names if name not in trial.names}), names)
+        for plant, names in added(trial.plant, trial.names, record)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,7 +130,7 @@ def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-STOPPING = "emsid: stopping after this step; the results so far follow (Ctrl-C again: end without them)\n"
+STOPPING = "emsid: stopping after this step; any results so far follow (Ctrl-C again: end without them)\n"
 LEFT_OUT = "emsid: the report is left out\n"
 FOUND = "emsid: identification was interrupted; the results so far are printed above and written\n"
 REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", *FIRST_ORDER, "--degree", 2, "--taps", 1)

@@ -250,7 +250,7 @@ class Progress:
         )
 
 
-STOPPING = "stopping after this step; the results so far follow (Ctrl-C again: end without them)"
+STOPPING = "stopping after this step; any results so far follow (Ctrl-C again: end without them)"
 """What Ctrl-C during a search is answered."""
 
 

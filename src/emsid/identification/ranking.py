@@ -132,7 +132,8 @@ def ranked(
     """
     scale = _scale(choice.best.record if fitted is None else concatenate([fitted, choice.best.record]))
     alone = [
-        Ranked(each.fit, (_errors(each.simulation, each.record, scale, STRETCHES),)) for each in choice.assessments
+        Ranked(each.fit, (stretch_errors(each.simulation, each.record, scale, STRETCHES),))
+        for each in choice.assessments
     ]
     alone.sort(key=lambda each: each.errors.mean)
     if fitted is None or (outside is None and len(choice.best.record) >= MANY):
@@ -234,7 +235,7 @@ def _over_folds(
 ) -> list[Ranked]:
     """The models with their errors on the held-back part and on the other folds."""
     start, first = followed[0].transient, STRETCHES // FOLDS if folds else STRETCHES
-    found = [[_errors(each.simulation, each.record, scale, first)] for each in followed]
+    found = [[stretch_errors(each.simulation, each.record, scale, first)] for each in followed]
     for number, (others, part) in enumerate(folds, 2):
         for one, errors in zip(followed, found, strict=True):
             control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
@@ -242,7 +243,7 @@ def _over_folds(
                 model = one.fit.model
                 if others is not None:
                     model = refitted(one.fit, others, linear=options.estimate, control=control)
-                errors.append(_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
+                errors.append(stretch_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
             except EmsidError:  # these data do not suit it
                 errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))
     return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
@@ -255,7 +256,7 @@ def _with_included(
     control.doing(f"ranking {each.name}", len(parts), len(parts))
     model = _from_all(each.fit, whole, options, control)
     runs = [(free_run(model, part, start), part, len(fold.means)) for part, fold in zip(parts, each.folds, strict=True)]
-    return replace(each, included=tuple(_errors(run, part, scale, stretches) for run, part, stretches in runs))
+    return replace(each, included=tuple(stretch_errors(run, part, scale, stretches) for run, part, stretches in runs))
 
 
 def _from_all(fit: Fit[Any], whole: Record, options: Options, control: Control) -> Model:
@@ -268,8 +269,8 @@ def _from_all(fit: Fit[Any], whole: Record, options: Options, control: Control) 
     return model
 
 
-def _errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:
-    """The squared free-run errors, each output in its own scale (ny,), stretch by stretch."""
+def stretch_errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:
+    """The squared free-run errors, each output in its own scale (ny,), by stretch; infinite where the run diverged."""
     squares = np.mean(((record.output - run.output) / scale) ** 2, axis=1)
     squares[~np.isfinite(squares)] = np.inf
     return StretchErrors.of(np.where(run.counted, squares, np.nan), stretches)

@@ -22,6 +22,7 @@ from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import EXCLUDING, IMPLAUSIBLE
+from emsid.identification.ranking import stretch_errors
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
@@ -197,11 +198,9 @@ def _other_is_better(assessments: Sequence[Assessment]) -> dict[str, list[Reason
 
 def _stretches(assessment: Assessment) -> StretchErrors:
     """The squared errors of all outputs, each over its variance, by stretch; infinite where the run diverged."""
-    record, counted = assessment.record, assessment.simulation.counted
-    spread = record.output[counted].std(axis=0)
-    squares = ((record.output - assessment.simulation.output) / np.where(spread > 0, spread, 1.0)) ** 2
-    mean = squares.mean(axis=1)
-    return StretchErrors.of(np.where(counted, np.where(np.isfinite(mean), mean, np.inf), np.nan))
+    record, run = assessment.record, assessment.simulation
+    spread = record.output[run.counted].std(axis=0)
+    return stretch_errors(run, record, np.where(spread > 0, spread, 1.0), STRETCHES)
 
 
 def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:

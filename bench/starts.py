@@ -130,8 +130,8 @@ def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
     """What the folder has of plants, each with the refinements that are chosen for it."""
 
     def recording(kind: str, fixed: Mapping[str, float], read: Callable[[], emsid.Record]) -> Problem:
-        record, start = read(), PLANTS[kind].start.driven
-        assert start is not None
+        record, start = read(), PLANTS[kind].start
+        assert isinstance(start, DrivenPlant)
         fit = choose(start, record, fixed=fixed)
         found = fit.model.plant
         known = dict(zip(fit.names, fit.estimate.tolist(), strict=True))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emsid import Record
 from emsid.models.plants.beginning import Beginning, beginning, starts_at_rest
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.driven import Driven
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -87,7 +87,7 @@ PLANTS = {
 
 @pytest.mark.parametrize("plant", list(PLANTS.values()), ids=list(PLANTS))
 @pytest.mark.parametrize("hold", [Hold.ZERO, Hold.FIRST])
-def test_until_the_first_command_acts_a_plant_at_rest_is_held(plant: Driven, hold: Hold):
+def test_until_the_first_command_acts_a_plant_at_rest_is_held(plant: DrivenPlant, hold: Hold):
     """A command that balances the load for some time before gives the same run."""
     plant = plant.with_drive(gain=0.8, offset=0.1, delay=3.5 * DT, hold=hold)
     held = np.zeros(plant.states)

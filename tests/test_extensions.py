@@ -17,7 +17,6 @@ from emsid.estimation.fit import Ending
 from emsid.models.plants.registry import PLANTS
 from emsid.plant.friction import FRICTION_LAWS
 from emsid.plants import (
-    BasePlant,
     DrivenMotor,
     FrictionLaw,
     Handle,
@@ -25,6 +24,7 @@ from emsid.plants import (
     LinearAxis,
     Measure,
     Parameter,
+    Plant,
     PlantState,
     Signal,
     datasheet,
@@ -224,7 +224,7 @@ HANDLES: Mapping[str, Handle] = {
 
 
 @dataclass(frozen=True)
-class Pendulum(BasePlant):
+class Pendulum(Plant):
     """J·dω/dt = T − G·sin(φ) − D·ω; input a torque, output the angle."""
 
     inertia: float = 0.01

@@ -17,7 +17,7 @@ from emsid.models.free_run import RUNAWAY, begins_at_rest, begins_steady
 from emsid.models.linear.state_space import _run as run_states
 from emsid.models.model import Model
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.driven import Driven
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.state import HELD
@@ -199,7 +199,9 @@ def test_plants_run_several_inputs_at_once_as_one_after_the_other(model: GreyBox
 @pytest.mark.parametrize("plant", [DrivenMotor(replace(Motor(), inductance=0.0).rigid()), LinearAxis()])
 @pytest.mark.parametrize("delay", [0.0, 1.4 * DT, 10 * DT])
 @pytest.mark.parametrize("hold", list(Hold))
-def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(plant: Driven, delay: float, hold: Hold) -> None:
+def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(
+    plant: DrivenPlant, delay: float, hold: Hold
+) -> None:
     rng = np.random.default_rng(4)
     inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7)]
     late = plant.with_drive(delay=delay, hold=hold)

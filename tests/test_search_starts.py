@@ -28,7 +28,7 @@ from emsid.models.plants.search.task import prepare
 from independent.cases import axis, levels
 from independent.one_mass import OneMass
 
-RIGID, AXIS = PLANTS["rigid-motor"].start.driven, PLANTS["linear-axis"].start.driven
+RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
 MOTION = Motion(gain=50.0, damping=4.0, coulomb=30.0, offset=0.0, dead_zone=0.0)
 
 

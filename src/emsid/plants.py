@@ -5,12 +5,12 @@
 ('resistance', 'rotor_viscous', 'motor_constant')
 """
 
-from emsid.models.plants.base_plant import BasePlant
 from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Acting, ActingEach, Bridge, Drive, Feed, Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
@@ -18,7 +18,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
-from emsid.models.plants.plant import Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
@@ -35,7 +35,6 @@ from emsid.plant.parameter import Measure, Parameter
 __all__ = [
     "Acting",
     "ActingEach",
-    "BasePlant",
     "Bridge",
     "Channels",
     "Cogging",

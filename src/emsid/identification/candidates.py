@@ -36,6 +36,7 @@ from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike, elsewhere
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal
@@ -162,8 +163,7 @@ class Physical:
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
-        driven = plant.driven
-        if options.free or driven is None:
+        if options.free or not isinstance(plant, DrivenPlant):
             return simulation_error(
                 plant,
                 record,
@@ -179,7 +179,7 @@ class Physical:
         linear = baseline(record, options.nk, ORDERS)
         try:
             fit = choose(
-                driven,
+                plant,
                 record,
                 fixed=options.fixed,
                 datasheet=options.datasheet,
@@ -235,8 +235,7 @@ class Physical:
 
     def coded(self, options: Options) -> Plant:
         """The plant to begin with; its drive, if it has one, has the codes that are no commands."""
-        driven = self.plant.driven
-        return self.plant if driven is None else driven.with_drive(codes=options.codes)
+        return self.plant.with_drive(codes=options.codes) if isinstance(self.plant, DrivenPlant) else self.plant
 
 
 class _Candidates(MutableMapping[str, ModelKind]):
@@ -329,7 +328,7 @@ def usual_for(record: Record) -> tuple[str, ...]:
 
 
 def _may_be_of(plant: Plant, record: Record) -> bool:
-    if plant.driven is None or plant.secondary:
+    if not isinstance(plant, DrivenPlant) or plant.secondary:
         return False
     try:
         check_channels(plant, signals_of(plant, record), record)

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
-from emsid.models.plants.base_plant import BasePlant
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal, refuse_overlap
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
@@ -26,9 +25,6 @@ from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
 from emsid.record import Record
 
-if TYPE_CHECKING:
-    from emsid.models.plants.plant import DrivenPlant
-
 Array = NDArray[np.float64]
 
 NEW = -1
@@ -36,7 +32,7 @@ NEW = -1
 
 
 @dataclass(frozen=True)
-class PlantByRecord(BasePlant):
+class PlantByRecord(Plant):
     """A plant whose ``own`` parameters have a value for every record.
 
     The parameter ``load_inertia`` of the record ``b.csv`` is ``load_inertia[b.csv]``.
@@ -203,11 +199,6 @@ class PlantByRecord(BasePlant):
     def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
         """The linear plant in a new record."""
         return self.typical.linearised(signals)
-
-    @property
-    def driven(self) -> DrivenPlant | None:
-        """None: a search begins where the records were fitted together."""
-        return None
 
     @property
     def hold(self) -> Hold:

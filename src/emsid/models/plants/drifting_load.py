@@ -35,8 +35,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.plants.base_plant import BEGINNING, BasePlant, parameters_of
 from emsid.models.plants.beginning import beginning, starts_at_rest
 from emsid.models.plants.drive import Acting, Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant, Limits, Plant
+from emsid.models.plants.plant import BEGINNING, Limits, Plant, parameters_of
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import HELD
 from emsid.plant.friction import find_law, law_name
@@ -35,7 +34,7 @@ NEED_SUPPLY = ("drive.freewheel", "drive.rise")
 """Parameters of a drive that must have a supply."""
 
 
-class Driven(BasePlant):
+class DrivenPlant(Plant):
     """A plant with a drive before it and a sensor after it.
 
     An initial state is a speed, a position, the reading of a sensor with a lag, and whether the plant is held at rest.
@@ -51,11 +50,6 @@ class Driven(BasePlant):
     def states(self) -> int:
         """Speed, position, speed reading of the sensor, and whether it is held at rest."""
         return HELD + 1
-
-    @property
-    def driven(self) -> DrivenPlant:
-        """The plant itself."""
-        return self
 
     @property
     @abstractmethod
@@ -128,9 +122,9 @@ class Driven(BasePlant):
         signals: Sequence[Signal],
         loads: Sequence[Array] = (),
     ) -> list[Array]:
-        """See `BasePlant.simulate_each`; plants of one mass move in one compiled call."""
+        """See `Plant.simulate_each`; plants of one mass move in one compiled call."""
         if not all(plant.at_once(signals) for plant in plants):
-            return BasePlant.simulate_each(plants, inputs, dt, states, signals, loads)
+            return Plant.simulate_each(plants, inputs, dt, states, signals, loads)
         begin = np.array(states, dtype=float)
         before = [tuple(map(plant.before, each)) for plant, each in zip(plants, begin, strict=True)]
         keys = [(id(plant.drive), each) for plant, each in zip(plants, before, strict=True)]

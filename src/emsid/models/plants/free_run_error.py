@@ -39,6 +39,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Block, Infeasible, LastRun
 from emsid.estimation.threads import short_tasks
 from emsid.models.plants.drifting_load import DriftingLoad, by_sample
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes
 from emsid.record import Record
@@ -93,11 +94,11 @@ def elsewhere(weighting: Weighting, plant: Plant, segments: Sequence[Record], si
         segments: of which every one is to be weighted.
         signals: of their outputs.
     """
-    if not isinstance(weighting, tuple) or (driven := plant.driven) is None:
+    if not isinstance(weighting, tuple) or not isinstance(plant, DrivenPlant):
         return weighting
     drift, none = weighting[0].drift, np.zeros_like(weighting[0].loads)
     return tuple(
-        DriftingLoad.around(driven, segment, plant.first_state(signals, segment), signals, drift, none)
+        DriftingLoad.around(plant, segment, plant.first_state(signals, segment), signals, drift, none)
         for segment in segments
     )
 

@@ -23,6 +23,7 @@ from emsid.models.linear_parts import python_control
 from emsid.models.plants.beginning import at_rest
 from emsid.models.plants.cogging import without_idle
 from emsid.models.plants.drive import Bridge
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
@@ -139,7 +140,7 @@ class GreyBox(RunMethods):
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return first
         starts, ended = [first], []
-        if plant.driven is not None:
+        if isinstance(plant, DrivenPlant):
             moving = np.where(np.arange(len(first)) == HELD, 0.0, first)
             starts.append(moving if first[HELD] else at_rest(first, first[1]))
         for start in starts:

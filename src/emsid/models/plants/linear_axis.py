@@ -21,7 +21,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
-from emsid.models.plants.driven import NEED_SUPPLY, Driven
+from emsid.models.plants.driven import NEED_SUPPLY, DrivenPlant
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
@@ -52,7 +52,7 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
 
 
 @dataclass(frozen=True)
-class LinearAxis(Driven):
+class LinearAxis(DrivenPlant):
     """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
 
     An initial state is a speed in m/s and a position in m, and optionally the initial reading in m/s of a sensor with a

@@ -20,16 +20,15 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
-from emsid.models.plants.base_plant import plausible
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
-from emsid.models.plants.driven import Driven
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.motor_equations import equations, linear_motor, quantities, together
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import FrictionLaw, Measure, Motor, Parameter
@@ -73,7 +72,7 @@ def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[Frict
 
 
 @dataclass(frozen=True)
-class DrivenMotor(Driven):
+class DrivenMotor(DrivenPlant):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
     An initial state is a speed in rad/s and an angle in rad, equal for rotor and load, with the current in steady
@@ -207,7 +206,7 @@ class DrivenMotor(Driven):
         return self._torque_per_unit * self.drive.largest(inputs)
 
     def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
-        """See `Driven.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
+        """See `DrivenPlant.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
         plant = super().with_starts(asked, segments, limits)
         if "load_inertia" not in asked or self.motor.load_inertia > TINY:
             return plant

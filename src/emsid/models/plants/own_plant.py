@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError, listed
 from emsid.models.interpolation import INTERPOLATION_REACH, between
-from emsid.models.plants.base_plant import BEGINNING, BasePlant
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal
+from emsid.models.plants.plant import BEGINNING, Plant
 from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.parameter import Measure, Parameter
 from emsid.record import Record
@@ -32,7 +32,7 @@ Derivative = Callable[[Array, Array, Array], Sequence[float] | Array]
 
 
 @dataclass(frozen=True)
-class OwnPlant(BasePlant):
+class OwnPlant(Plant):
     """A user's plant: dx/dt = derivative(x, u, p), y = output(x, u, p).
 
     It is integrated by the classical Runge–Kutta method. Functions compiled with ``numba.njit`` run in a compiled loop;
@@ -117,7 +117,7 @@ class OwnPlant(BasePlant):
         return 0 if reach is None else reach + 1
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The output (N, ny) driven by inputs (N, nu), from an initial state; see `BasePlant.simulate`."""
+        """The output (N, ny) driven by inputs (N, nu), from an initial state; see `Plant.simulate`."""
         start, late = self.start(state, inputs[0], dt, signals, len(inputs)), self.latency
         return self.run(start, np.concatenate([inputs, np.repeat(inputs[-1:], late, axis=0)]), signals)[0][late:]
 

@@ -1,28 +1,33 @@
-"""The interface of a plant: a frozen value that simulates itself and declares its properties.
+"""`Plant`, the base class of plants: a frozen value that simulates itself and declares its properties.
 
 A plant declares its parameters, its channels, its initial state and its characteristics; the program does not test its
-type or its name. A user's plant is an `OwnPlant`, or derives from `BasePlant`. `registry` lists the plants for files
-and candidates.
+type or its name. A user's plant is an `OwnPlant`, or derives from `Plant`. `registry` lists the plants for files and
+candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, Self
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
-from emsid.models.plants.drive import Bridge, Drive, Hold
-from emsid.models.plants.one_mass import Motion
-from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.state import PlantState
+from emsid.models.plants.drive import Bridge, Hold
+from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, with_numbers
+from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+BEGINNING = 20
+"""Samples that give the initial state if one sample is not enough."""
 
 
 class Quantity(NamedTuple):
@@ -99,96 +104,48 @@ class Sizes(NamedTuple):
 Limits = Mapping[str, tuple[float, float]]
 
 
-class Plant(Protocol):
-    """A physical model for a grey box: a value with named parameters that simulates itself."""
+class Plant(ABC):
+    """A physical model for a grey box: a value with named parameters that simulates itself.
+
+    A plant is a frozen dataclass. Its fields, or their fields, hold the parameters that ``handles`` declares. It
+    defines ``name``, the number of ``states``, and ``run``; the rest has defaults, which the docstrings name last.
+    """
+
+    if TYPE_CHECKING:  # fields or properties of the plant
+
+        @property
+        def name(self) -> str:
+            """What it is called in tables and files."""
+
+        @property
+        def states(self) -> int:
+            """How many numbers an initial state has."""
 
     @property
-    def name(self) -> str:
-        """What it is called in tables and files."""
-        ...
-
-    @property
-    def body(self) -> str:
-        """The moving part in one word: ``motor``, ``axis``."""
-        ...
-
-    @property
+    @abstractmethod
     def handles(self) -> Mapping[str, Handle]:
         """Every parameter by name."""
-        ...
 
-    @property
-    def default_free(self) -> tuple[str, ...]:
-        """The parameters estimated by default; those to fix first come first."""
-        ...
-
-    @property
-    def secondary(self) -> frozenset[str]:
-        """Parameters with small effects; they join the search later."""
-        ...
-
-    @property
-    def frictions(self) -> Mapping[str, FrictionLaw]:
-        """Its friction laws, by the prefix of their parameter names."""
-        ...
-
-    def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
-        """The plant with other friction laws, by name."""
-        ...
-
-    @property
-    def absent(self) -> tuple[str, ...]:
-        """Parameters of parts that this plant does not have."""
-        ...
-
-    def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
-        """Parameters without effect on these signals for the present drive."""
-        ...
-
-    @property
-    def states(self) -> int:
-        """How many numbers an initial state has."""
-        ...
-
-    @property
-    def channels(self) -> Channels | None:
-        """Its output signals and its command; None for a plant that accepts any inputs and outputs."""
-        ...
-
-    def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
-        """The linear plant in motion, without dry friction, dead zones and delay; None if not known."""
-        ...
-
-    @property
-    def driven(self) -> DrivenPlant | None:
-        """The plant itself if a regression on the records can give its start values, else None."""
-        ...
-
-    def value(self, name: str) -> float:
-        """The value of a parameter in SI units."""
-        ...
-
-    def with_values(self, values: Mapping[str, float]) -> Self:
-        """The plant with other parameters."""
-        ...
+    @abstractmethod
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The output (N, ny) for inputs (N, nu), and the state after them; blocks give the same as one run."""
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The state before the first sample, from an initial state and a constant past command (nu,)."""
-        ...
+        """The state before the first sample, from an initial state and a constant past command (nu,).
 
-    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The output (N, ny) for inputs (N, nu), and the state after them; blocks give the same as one run."""
-        ...
+        Here it is the initial state itself, without delay or filter.
+        """
+        return PlantState(dt, np.array(state, dtype=float), NO_ROWS, NO_ROWS)
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
-        ...
+        return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
     def at_once(self, signals: Sequence[Signal]) -> bool:
-        """Whether `simulate_each` computes the runs of several plants at once, not one after the other."""
-        ...
+        """Whether `simulate_each` computes the runs of several plants at once; no: one after the other."""
+        return False
 
     @staticmethod
     def simulate_each(
@@ -199,157 +156,227 @@ class Plant(Protocol):
         signals: Sequence[Signal],
         loads: Sequence[Array] = (),
     ) -> list[Array]:
-        """(P, N, ny) of every input: `simulate` for P plants of this kind, each with its initial states.
+        """`simulate` for several plants of this kind and several inputs.
 
-        Loads (N,) of every input are held over every sample, besides that of the plant.
+        Args:
+            plants: P of them.
+            inputs: (N, nu) each.
+            dt: sample time in s.
+            states: of every plant the initial state for every input.
+            signals: of the outputs.
+            loads: (N,) for every input, held over every sample, besides that of the plant; of one mass only.
+
+        Returns:
+            (P, N, ny) for every input.
 
         Raises:
             ModelError: for loads on a plant that is not one mass, or with a current.
         """
-        ...
-
-    def for_command(self, record: Record) -> Self:
-        """The plant as the command of a record drives it."""
-        ...
-
-    @property
-    def hold(self) -> Hold:
-        """The hold of its inputs between their samples."""
-        ...
-
-    def with_hold(self, hold: Hold) -> Self:
-        """The plant with this hold of its inputs."""
-        ...
+        if loads:
+            raise ModelError(f"{plants[0].name}: a load that changes is simulated for one mass and its motion only")
+        return [
+            np.array([plant.simulate(u, dt, begin[k], signals) for plant, begin in zip(plants, states, strict=True)])
+            for k, u in enumerate(inputs)
+        ]
 
     def for_inputs(self, inputs: Array) -> Self:
-        """The plant as it is in a record with inputs (N, nu)."""
-        ...
+        """The plant as it is in a record with inputs (N, nu); the same."""
+        return self
 
     def for_segment(self, segment: Record) -> Self:
-        """The plant as it is in a segment of a record: `for_inputs`, and with the parameters of its experiment."""
-        ...
+        """The plant as it is in a segment: `for_inputs`, and with the parameters of its experiment if these differ."""
+        return self.for_inputs(segment.input)
 
     def record_of(self, segment: Record) -> int:
         """The number of the fitted record that a segment is from; -1 unless parameters differ by record."""
-        ...
+        return -1
 
     def of_record(self, number: int) -> Plant:
         """The plant as it is in a fitted record, by `record_of`; itself unless parameters differ by record."""
-        ...
+        return self
 
     def own_parameter(self, name: str) -> tuple[str, int] | None:
         """Of a parameter that differs by record its name in every record, and the record; else None."""
-        ...
+        return None
+
+    @property
+    def body(self) -> str:
+        """The moving part in one word: ``motor``, ``axis``; by default ``plant``."""
+        return "plant"
+
+    @property
+    def default_free(self) -> tuple[str, ...]:
+        """The parameters estimated by default, those to fix first coming first; all of them."""
+        return tuple(self.handles)
+
+    @property
+    def secondary(self) -> frozenset[str]:
+        """Parameters with small effects, which join the search later; none."""
+        return frozenset()
+
+    @property
+    def frictions(self) -> Mapping[str, FrictionLaw]:
+        """Its friction laws, by the prefix of their parameter names; none."""
+        return {}
+
+    def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
+        """The plant with other friction laws, by name; the same, as it has none.
+
+        Raises:
+            ModelError: for any law.
+        """
+        if laws:
+            raise ModelError(f"{self.name} has no friction law {', '.join(laws)}")
+        return self
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Parameters of parts that this plant does not have; none."""
+        return ()
+
+    def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
+        """Parameters without effect on these signals for the present drive; none."""
+        return ()
+
+    @property
+    def channels(self) -> Channels | None:
+        """Its output signals and its command; None: it accepts any inputs and outputs."""
+        return None
+
+    def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
+        """The linear plant in motion, without dry friction, dead zones and delay; None: not known."""
+        return None
+
+    def value(self, name: str) -> float:
+        """The value of a parameter in SI units; for both directions, the forward value."""
+        path, sign = self._handle(name).paths[0]
+        return sign * read_at(self, path)
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """The same plant with other parameters, by name, in SI units.
+
+        Raises:
+            ModelError: for an unknown name or a value outside its physical bounds.
+        """
+        known = self.handles
+        found_by_name = ((known.get(name) or self._handle(name), float(value)) for name, value in values.items())
+        numbers = {path: sign * value for handle, value in found_by_name for path, sign in handle.paths}
+        found: Self = with_numbers(self, numbers)
+        return found
+
+    def for_command(self, record: Record) -> Self:
+        """The plant as the command of a record drives it; the same."""
+        return self
+
+    @property
+    def hold(self) -> Hold:
+        """The hold of its inputs between their samples; zero order: they are held."""
+        return Hold.ZERO
+
+    def with_hold(self, hold: Hold) -> Self:
+        """The plant with this hold of its inputs; the same.
+
+        Raises:
+            ModelError: for inputs that are not held.
+        """
+        if hold is not Hold.ZERO:
+            raise ModelError(f"{self.name} holds its inputs between the samples; give hold='zero'", arguments=("hold",))
+        return self
 
     @property
     def latency(self) -> int:
-        """The delay of `run` in samples; zero unless it needs the next input to interpolate."""
-        ...
+        """The delay of `run` in samples; zero, as it does not need the next input to interpolate."""
+        return 0
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
         """The number of samples that give its initial state."""
-        ...
+        return BEGINNING
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
-        """Start values of the state at the first sample of a record."""
-        ...
+        """Start values of the state at the first sample of a record; zeros."""
+        return np.zeros(self.states)
 
     def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
-        """The indices of the initial state to estimate."""
-        ...
+        """The indices of the initial state to estimate; all of them."""
+        return tuple(range(self.states))
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
-        """The plausible size of a parameter of this measure in records of these sizes; 0 if unknown."""
-        ...
+        """The plausible size of a parameter of this measure in records of these sizes; 0 if unknown.
+
+        It follows from force and speed, with a force as large as the input.
+        """
+        return plausible(measure, sizes.command, sizes)
 
     def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
-        """Bounds beyond which the sample time cannot resolve the effect of a parameter, by its name."""
-        ...
+        """Bounds beyond which the sample time cannot resolve the effect of a parameter, by its name; none."""
+        return {}
 
     def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
-        """The plant with start values for estimated parameters that have no effect at their present values."""
-        ...
+        """The plant with starts for estimated parameters without effect at their present values; the same."""
+        return self
 
     def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
-        """A plant with fewer parameters to compare the fit with, and its part of the names; None without one."""
-        ...
+        """A plant with fewer parameters to compare the fit with, and its part of the names; None: there is none."""
+        return None
 
     def interpolating(self) -> tuple[Plant, ...]:
-        """The plant with every hold that interpolates between samples and that no search tries."""
-        ...
+        """The plant with every hold that interpolates between samples and that no search tries; none."""
+        return ()
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
-        """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None if unknown."""
-        ...
+        """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None: not known."""
+        return None
 
     def friction_characteristic(self) -> StaticCharacteristic | None:
-        """All its friction over speed, including the viscous part; None if unknown."""
-        ...
+        """All its friction over speed, including the viscous part; None: not known."""
+        return None
 
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
-        """The output of its dead zone; None without one."""
-        ...
+        """The output of its dead zone; None: not known."""
+        return None
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Meaningful combinations of parameters, which may be better determined than the parameters."""
-        ...
+        """Meaningful combinations of parameters, which may be better determined than the parameters; none."""
+        return ()
 
     def equations(self) -> str:
-        """Its equations in symbols, one per line; empty if not known."""
-        ...
+        """Its equations in symbols, one per line; empty: not known."""
+        return ""
 
     def to_data(self) -> dict[str, Any]:
-        """Its entries in a model file besides its kind, in built-in types."""
-        ...
+        """Its entries in a model file besides its kind, in built-in types: its finite parameters."""
+        return {"parameters": parameters_of(self)}
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
         """The plant of this kind described by `to_data`."""
-        ...
+        return self.with_values(data["parameters"])
+
+    def _handle(self, name: str) -> Handle:
+        return find_handle(self, name)
 
 
-class DrivenPlant(Plant, Protocol):
-    """A plant of one mass with a drive: a regression on the records gives its start values, and refinements apply."""
+def parameters_of(plant: Plant) -> dict[str, float]:
+    """Every finite single value of a plant by its name."""
+    return {
+        name: plant.value(name)
+        for name, handle in plant.handles.items()
+        if len(handle.paths) == 1 and isfinite(plant.value(name))
+    }
 
-    @property
-    def drive(self) -> Drive:
-        """The drive that converts the command to a force or voltage."""
-        ...
 
-    @property
-    def friction_name(self) -> str:
-        """The prefix of its friction parameters."""
-        ...
+_PLAUSIBLE: dict[Measure, Callable[[float, Sizes], float]] = {
+    Measure.FORCE: lambda force, sizes: 0.1 * force,
+    Measure.DAMPING: lambda force, sizes: 0.1 * force / sizes.output,
+    Measure.QUADRATIC: lambda force, sizes: 0.1 * force / sizes.output**2,
+    Measure.PER_SPEED: lambda force, sizes: 10 / sizes.output,
+    Measure.SPEED: lambda force, sizes: 0.1 * sizes.output,
+    Measure.COMMAND: lambda force, sizes: 0.1 * sizes.command,
+    Measure.TIME: lambda force, sizes: sizes.dt,
+    Measure.FACTOR: lambda force, sizes: 1.0,
+    Measure.OTHER: lambda force, sizes: 0.0,
+}
 
-    @property
-    def load_name(self) -> str:
-        """The name of its constant load."""
-        ...
 
-    @property
-    def can_coast(self) -> bool:
-        """Whether its bridge may leave it open in the off-time."""
-        ...
-
-    def largest_force(self, inputs: Array) -> float:
-        """The largest force (torque) that inputs (N, nu) make."""
-        ...
-
-    def force_scale(self, command: float, output: float) -> float:
-        """The divisor of forces when commands and outputs are divided by these; see `scaling`."""
-        ...
-
-    def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
-        """The plant with this motion; other parameters follow from those of ``fixed`` as they are."""
-        ...
-
-    def reversed_drive(self) -> Self:
-        """The same plant with the sign of its drive reversed."""
-        ...
-
-    def knee_starts(self, start: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-        """The start plant, or several with different starts of an unknown knee that is estimated."""
-        ...
-
-    def with_drive(self, **changes: Any) -> Self:
-        """The plant with another drive."""
-        ...
+def plausible(measure: Measure, force: float, sizes: Sizes) -> float:
+    """The plausible size of a parameter for the largest force ``force``; 0 if unknown."""
+    return _PLAUSIBLE[measure](force, sizes)

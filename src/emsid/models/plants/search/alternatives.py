@@ -27,6 +27,7 @@ from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
@@ -77,8 +78,8 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         minimum: where the search ended.
     """
     none = nothing(len(names))
-    driven = problem.plant.of_record(0).driven
-    if driven is None or not driven.can_coast or driven.secondary:
+    driven = problem.plant.of_record(0)
+    if not isinstance(driven, DrivenPlant) or not driven.can_coast or driven.secondary:
         return none
     mine = next((name for name in SHORT_TIMES if name in names), None)
     try:

@@ -21,6 +21,7 @@ from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding
 from emsid.models.plants.drive import FEWEST, Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
@@ -51,8 +52,8 @@ def as_hold(hold: Hold | str) -> Hold:
 
 def is_open(plant: Plant, segments: Sequence[Record]) -> bool:
     """Whether the free run must decide on the hold of a command: it is smooth in some records."""
-    driven = plant.of_record(0).driven
-    if driven is None or driven.drive.codes or plant.hold is not Hold.ZERO:
+    driven = plant.of_record(0)
+    if not isinstance(driven, DrivenPlant) or driven.drive.codes or plant.hold is not Hold.ZERO:
         return False
     commands = [driven.drive.commands(segment.input) for segment in segments]
     enough = [command for command in commands if len(command) >= FEWEST]

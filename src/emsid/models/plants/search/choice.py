@@ -40,10 +40,11 @@ from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, bounds_of_parts, parts, without_overlap
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import kinds
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
@@ -221,8 +222,8 @@ class _Choice:
             control=control,
         )
         self._may_be_straight = hold is None and is_open(plant, record.segments)
-        start = reached.problem.plant.driven
-        assert start is not None
+        start = reached.problem.plant
+        assert isinstance(start, DrivenPlant)
         self.asked, self._fixed = free, tuple(fixed)
         self.hopeless = False
         self._record = scaled

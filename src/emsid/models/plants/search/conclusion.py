@@ -11,6 +11,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.estimation.nonlinear.restarts import SAME
 from emsid.findings import Finding
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
@@ -96,7 +97,7 @@ def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
         if finding.code == "parameter-at-bound" and finding.data.get("because") == "physical"
     }
     plant = fit.model.plant
-    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.secondary:
+    if not physical or fit.ending is not Ending.CONVERGED or not isinstance(plant, DrivenPlant) or plant.secondary:
         return fit
     rows = []
     for row in fit.table:

@@ -16,6 +16,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import cores, one_blas_thread
 from emsid.models.plants.beginning import begun
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.result import GreyBoxFit
@@ -127,10 +128,10 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
         points: of the curve.
         level: of the band, by the covariance to first order.
     """
-    plant, driven = fit.model.plant, fit.model.plant.driven
-    if plant.dead_zone_characteristic() is None or driven is None:
+    plant = fit.model.plant
+    if plant.dead_zone_characteristic() is None or not isinstance(plant, DrivenPlant):
         return None
-    applied = np.concatenate([driven.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
+    applied = np.concatenate([plant.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
 

@@ -29,6 +29,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
@@ -199,12 +200,12 @@ def _trials(task: Task) -> Trials:
 def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
     """The start that leads furthest down in a few steps; the first where steps are slow, as with an elastic shaft."""
     first = starts[0]
-    if len(starts) == 1 or first.secondary or first.driven is None:
+    if len(starts) == 1 or first.secondary or not isinstance(first, DrivenPlant):
         return first
     identified = identified_by(task.problem(first, task.asked), task.asked, None)
     names = keep_identifiable(identified, task.asked, task.preference)
     try:
-        return _trials(task).promising([plant for each in starts if (plant := each.driven) is not None], names)
+        return _trials(task).promising([each for each in starts if isinstance(each, DrivenPlant)], names)
     except Stopped:
         return first
 
@@ -233,14 +234,14 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
     command changes, and that of a knee at every level of a command in steps. So a search begins again with a delay that
     is half a sample shorter or longer, with other knees, and with parameters exchanged that do nearly the same.
     """
-    driven = reached.problem.plant.driven
-    if driven is None or driven.secondary:
+    plant = reached.problem.plant
+    if not isinstance(plant, DrivenPlant) or plant.secondary:
         return reached
-    names = [name for name in task.asked if name in reached.names or driven.value(name) == 0]
+    names = [name for name in task.asked if name in reached.names or plant.value(name) == 0]
     with suppress(EmsidError, Stopped):
-        for values in second_starts(task, driven, names):
+        for values in second_starts(task, plant, names):
             free = [name for name in task.asked if name in names or any(name in each for each in values)]
-            trial = _trials(task).fitted([driven.with_values(each) for each in values], free) if values else None
+            trial = _trials(task).fitted([plant.with_values(each) for each in values], free) if values else None
             if trial is not None and trial.cost < (1 - SLOW) * reached.cost:
                 reached = reached.or_better(continuation.search(task, trial.plant, max_iterations))
             elif trial is not None:
@@ -254,11 +255,11 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     Free runs have narrow, bent valleys. One that used up its steps may also follow a rate of Stribeck friction without
     end, so it begins again with usual rates too. No search begins again that was to take a few steps only.
     """
-    driven, rng = reached.problem.plant.driven, np.random.default_rng(0)
-    if driven is None:
+    plant, rng = reached.problem.plant, np.random.default_rng(0)
+    if not isinstance(plant, DrivenPlant):
         stalled = reached.minimum.ending is Ending.STALLED
         return _own_begun_again(task, reached, max_iterations) if stalled else reached
-    may_end = max_iterations < LOOK or bool(driven.secondary)
+    may_end = max_iterations < LOOK or bool(plant.secondary)
     with suppress(Stopped):
         for _ in range(TURNS):
             used_up = reached.minimum.ending is Ending.OUT_OF_BUDGET
@@ -278,9 +279,9 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
 
 
 def _trial(reached: Reached) -> Trial:
-    driven = reached.problem.plant.driven
-    assert driven is not None
-    return Trial(driven, tuple(reached.names), reached.states, reached.cost, reached.residuals)
+    plant = reached.problem.plant
+    assert isinstance(plant, DrivenPlant)
+    return Trial(plant, tuple(reached.names), reached.states, reached.cost, reached.residuals)
 
 
 def _usual(task: Task, trial: Trial) -> Trial | None:

@@ -36,9 +36,9 @@ from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting
 from emsid.models.plants.parameters import Signal, parts
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.refinements.contract import level_name
 from emsid.models.plants.search.task import Task
@@ -211,8 +211,8 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
         names: (p,) the parameters that were estimated.
         minimum: where the search ended.
     """
-    none, plant = nothing(len(names)), problem.plant.driven
-    if plant is None:
+    none, plant = nothing(len(names)), problem.plant
+    if not isinstance(plant, DrivenPlant):
         return none
     load = _load_direction(plant, names)
     force = plant.largest_force(task.segments[0].input)

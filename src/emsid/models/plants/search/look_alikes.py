@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.catalogue import INSTEAD, LOOK_ALIKE
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.record import Record

@@ -18,6 +18,7 @@ from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
 from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
@@ -221,15 +222,12 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
         held = holds_in(plant, task.segments).count(Hold.ZERO)
         data = {"straight": len(task.segments) - held, "held": held}
         found.append(Finding("input-between-samples", task.segments[0].input_names[0], data))
-    if (
-        plant.of_record(0).driven is not None
-        and plant.value("sensor.average") == 1
-        and "sensor.average" not in task.fixed
-    ):
+    driven = plant.of_record(0)
+    if not isinstance(driven, DrivenPlant):
+        return found
+    if plant.value("sensor.average") == 1 and "sensor.average" not in task.fixed:
         found.append(Finding("speed-is-a-mean", task.segments[0].output_names[0]))
-    driven = plant.of_record(0).driven
-    laws = () if driven is None else driven.frictions.values()
-    if any(isinstance(law, GaussianStribeck) and law.varies.any() for law in laws):
+    if any(isinstance(law, GaussianStribeck) and law.varies.any() for law in driven.frictions.values()):
         found.append(Finding("friction-fades-as-gaussian", plant.name))
     return found
 

@@ -14,8 +14,9 @@ from math import isfinite, prod
 
 import numpy as np
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.plant import Plant
 from emsid.record import Record
 
 # Exponents of (command, output, force) by unit.

@@ -20,8 +20,8 @@ from math import isfinite
 
 import numpy as np
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.starts import RATE, usual_rates
 from emsid.models.plants.search.task import Task
 

@@ -29,10 +29,11 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, EmsidError, listed
 from emsid.estimation.threads import in_threads
 from emsid.models.plants.drive import Drive
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.speeds import motion_channel, smoothed, speed_of, top_speed
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
@@ -127,10 +128,10 @@ def starts_of(task: Task) -> list[Plant]:
     A knee of which nothing is known is tried at several places. Stribeck friction of which nothing is known begins with
     a rate that is not zero: at zero its excess is part of the Coulomb level.
     """
-    if task.given.driven is None:
+    if not isinstance(task.given, DrivenPlant):
         return [task.plant]
     starts: list[tuple[float, Plant]] = []
-    for each in task.given.driven.knee_starts(_with_stribeck_rate(task), task.asked, task.limits):
+    for each in task.given.knee_starts(_with_stribeck_rate(task), task.asked, task.limits):
         starts += _suggested(each, task)
     return [plant for _, plant in sorted(starts, key=lambda start: start[0])]
 
@@ -154,34 +155,33 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
     """The plant as given, and moved to what regressions on the records say, each with its cost."""
     asked, limits = task.asked, task.limits
     first = task.problem(plant, asked)
-    driven = plant.driven
-    if driven is None:
+    if not isinstance(plant, DrivenPlant):
         return [(cost_of(first), plant)]
-    drive = driven.drive
+    drive = plant.drive
     against = _currents_against(drive, first)
     channel, is_position = motion_channel(first.signals)
     if channel is None:
         _refuse_signs(first, against)
         return [(cost_of(first), plant)]
     zone = any("dead_zone" in name for name in asked)
-    kept = driven.handles.keys() - asked
+    kept = plant.handles.keys() - asked
     commanded = after_drive(drive, first.segments)
 
-    def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
+    def tried(motion: Motion, start: DrivenPlant) -> tuple[float, float, Plant]:
         if task.control.ending is not None:  # the best so far is searched from, and that search ends at once
-            return inf, inf, plant
+            return inf, inf, start
         try:
-            suggested = plant.with_motion(motion, kept)
+            suggested = start.with_motion(motion, kept)
             moved = task.problem(
-                plant.with_values({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked
+                start.with_values({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked
             )
             return cost_of(moved), cost_of(moved, channel), moved.plant
         except EmsidError:
-            return inf, inf, plant
+            return inf, inf, start
 
     likely = list(motions(commanded, channel, is_position, zone, drive.offset))
-    turned = driven.reversed_drive()
-    forward = [(motion, driven) for motion in likely if motion.gain / drive.gain > 0]
+    turned = plant.reversed_drive()
+    forward = [(motion, plant) for motion in likely if motion.gain / drive.gain > 0]
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
     with in_threads(first.threads) as in_turn:
         costs = list(in_turn(lambda pair: tried(*pair), [*forward, *backward]))
@@ -192,7 +192,7 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
     _refuse_signs(first, against)
     if not is_position:
         plausible = plausible_motions(commanded, channel)
-        straight += [tried(motion, driven) for motion in plausible if motion.gain / drive.gain > 0]
+        straight += [tried(motion, plant) for motion in plausible if motion.gain / drive.gain > 0]
     return [(cost, moved) for cost, _, moved in straight]
 
 

@@ -13,6 +13,7 @@ from math import inf, isfinite
 import numpy as np
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.catalogue import simplified
 from emsid.models.plants.search.refinements.cogging import FIRST
 from emsid.models.plants.search.refinements.contract import Refined
@@ -27,8 +28,8 @@ def unsupported(fit: GreyBoxFit, asked: tuple[str, ...], wanted: Collection[str]
         asked: what was free in it.
         wanted: the parameters that somebody asked for; they are no refinements.
     """
-    plant = fit.model.plant.driven
-    if plant is None:
+    plant = fit.model.plant
+    if not isinstance(plant, DrivenPlant):
         return []
     return [
         frozenset(asked) ^ frozenset(refined[1])

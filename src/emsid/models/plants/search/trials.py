@@ -33,9 +33,10 @@ from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant, Limits
+from emsid.models.plants.plant import Limits
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
@@ -312,6 +313,6 @@ class Trials:
     def _trial(self, problem: FreeRunError) -> Trial:
         residuals = problem.residuals(problem.start)
         cost = 0.5 * sum(float(residual @ residual) for residual in residuals)
-        plant = problem.plant.driven
-        assert plant is not None
+        plant = problem.plant
+        assert isinstance(plant, DrivenPlant)
         return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)

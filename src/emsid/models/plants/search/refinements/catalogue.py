@@ -11,8 +11,8 @@ from math import inf
 import numpy as np
 
 from emsid.errors import ModelError
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import parts
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.backlash import BACKLASH, backlash
 from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging, cogging_of_speed
 from emsid.models.plants.search.refinements.contract import Refined, Refinement

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search import speeds
 from emsid.record import Record
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.models.plants.search.refinements.stribeck_shape import with_usual_shape
 from emsid.record import Record

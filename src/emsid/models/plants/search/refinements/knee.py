@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import product
 from math import isfinite
 
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.record import Record
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import parts
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.models.plants.search.refinements.usual import stribeck
 from emsid.record import Record

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import TypeVar
 
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.models.plants.search.refinements.usual import stribeck
 from emsid.plant import Friction, FrictionLaw, GaussianStribeck

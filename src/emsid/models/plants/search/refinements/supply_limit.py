@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.record import Record
 

@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 
 from emsid.models.plants.drive import FULL
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.record import Record
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
+from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal, parts
-from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined, level_name, top_speed
 from emsid.record import Record
 

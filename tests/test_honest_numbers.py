@@ -24,7 +24,6 @@ from emsid.identification.observations import (
     observations,
 )
 from emsid.identification.requests import understood
-from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.plants.grey_box import GreyBox
@@ -32,7 +31,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record, concatenate
-from emsid.record.overlap import fingerprint, has_fingerprint
+from emsid.record.overlap import fingerprint, has_fingerprint, holds_some_of
 from emsid.report.identification_page import which_model
 from emsid.report.notebook import parameter_rows
 from emsid.report.views import parameter_table

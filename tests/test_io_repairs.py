@@ -107,6 +107,14 @@ def test_channels_in_files_with_header(tmp_path: Path) -> None:
         emsid.read(tmp_path / "b.csv", input="a.csv:value", output="value", time="t")
 
 
+def test_a_channel_has_the_unit_of_its_own_file(tmp_path: Path) -> None:
+    """Both files have units in a row under the header; the column has the same name in both."""
+    for name, units in (("a.csv", "s,V"), ("b.csv", "s,rad/s")):
+        (tmp_path / name).write_text(f"t,value\n{units}\n" + "".join(f"{k},{k}\n" for k in range(20)))
+    record = emsid.read(tmp_path / "b.csv", input="a.csv:value", output="value", time="t")
+    assert (record.input_units, record.output_units) == (("V",), ("rad/s",))
+
+
 def test_files_with_other_times_are_brought_to_those_of_the_output(tmp_path: Path) -> None:
     """The input is held and the output keeps its samples, whichever file is named first."""
     fast, slow = tmp_path / "u.csv", tmp_path / "y.csv"

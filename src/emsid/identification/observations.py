@@ -12,7 +12,6 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.options import Options
 from emsid.identification.plausibility import Plausibility
-from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.plants.datasheet import applicable
@@ -20,6 +19,7 @@ from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
+from emsid.record.overlap import holds_some_of
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests

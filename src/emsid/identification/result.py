@@ -15,7 +15,6 @@ from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
-from emsid.record.overlap import shared_stretch
 from emsid.validation.regions import RecordError, RegionError, by_region
 
 if TYPE_CHECKING:
@@ -119,7 +118,7 @@ class Identification(Presented):
     @cached_property
     def seen(self) -> bool:
         """Whether `unseen` contains data that the models were fitted to."""
-        return holds_some_of(self.unseen, self.record)
+        return any(finding.code == "data-not-unseen" for finding in self.findings)
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -181,8 +180,3 @@ class Identification(Presented):
         }
         data: dict[str, Any] = plain(content)
         return data
-
-
-def holds_some_of(record: Record, other: Record) -> bool:
-    """Whether a stretch of one record is also one of the other, in every input and output."""
-    return any(shared_stretch(one, two) for one in record.segments for two in other.segments)

@@ -46,7 +46,12 @@ def has_fingerprint(record: Record, known: bytes) -> bool:
     return any(bool(np.isin(sought, _stretches(segment, LONG)).any()) for segment in record.segments)
 
 
-def shared_stretch(one: Record, other: Record) -> bool:
+def holds_some_of(record: Record, other: Record) -> bool:
+    """Whether a stretch of one record is also one of the other, in every input and output."""
+    return any(_shared_stretch(one, two) for one in record.segments for two in other.segments)
+
+
+def _shared_stretch(one: Record, other: Record) -> bool:
     """Whether two segments are equal, or have a stretch in common."""
     if one.input.shape[1:] != other.input.shape[1:] or one.output.shape[1:] != other.output.shape[1:]:
         return False

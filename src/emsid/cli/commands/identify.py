@@ -226,7 +226,7 @@ def identify(
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
     """The records and the unseen ones. Those with data of the fit are named now, before searches of minutes."""
     from emsid.findings import Finding
-    from emsid.identification.result import holds_some_of
+    from emsid.record.overlap import holds_some_of
     from emsid.wording import sentence
 
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]

@@ -294,6 +294,3 @@ def paper_recursion(regression: ArrayLike, target: ArrayLike, forgetting: float,
         theta = theta + p @ phi * error
         history.append(theta)
     return np.array(history)
-
-
-# NumPy's error model: a division that may raise would prevent vectorisation of the inner loops.

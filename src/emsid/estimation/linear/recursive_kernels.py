@@ -1,6 +1,7 @@
 """The loops of recursive least squares, compiled: sample by sample for any rule of adaptation, and in tiles.
 
-The equations are in `emsid.estimation.linear.recursive`.
+The equations are in `emsid.estimation.linear.recursive`. Divisions follow NumPy's error model: one that may raise would
+prevent vectorisation of the inner loops.
 """
 
 from __future__ import annotations

@@ -173,7 +173,12 @@ def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(r
     best = result.on_unseen.best.row
     assert page.facts[0].value == best.model
     assert page.facts[1].value == f"{best.fit_percent:.1f} %"
-    assert {"Gain", "Time constant"} <= {fact.meaning.split(", by")[0] for fact in page.facts} or best.model != "arx"
+    shown = [fact.meaning for fact in page.facts[3:6]]
+    assert shown == [
+        "Static gain over the range of the input",
+        "Time constant",
+        "Coulomb friction in units of the input",
+    ]
     (figure,) = page.opening.figures
     assert [mark.label for mark in figure.plots[0].marks][-2] == "measured"
     assert page.advice == tuple(sentence(each) for each in (*result.recommendation, *result.next_steps))

@@ -11,6 +11,13 @@ if TYPE_CHECKING:
 
 ORDERS = {"na": 1, "nb": 1, "nk": 1, "degree": 2}
 """Orders that are not given: those of a motor whose speed has one time constant."""
+USES = {
+    "arx": ("na", "nb", "nk"),
+    "friction-narx": ("na", "nb", "nk", "knots"),
+    "wiener-hammerstein-regression": ("na", "nb", "nk", "degree"),
+    "polynomial-narx": ("na", "nb", "nk", "degree"),
+}
+"""The structures with a name, and the options that each of them uses."""
 
 
 def structure_of(text: str, orders: Mapping[str, int | None], knots: str | None, inputs: int = 1) -> "Structure":
@@ -25,49 +32,61 @@ def structure_of(text: str, orders: Mapping[str, int | None], knots: str | None,
     Raises:
         DataError: for a text that is none of them, or options that it does not use.
     """
-    from emsid.models.regression.narx import Narx, Structure
-    from emsid.models.regression.structures import arx, friction_narx, polynomial_narx, wiener_hammerstein_regression
-
     given = {name: value for name, value in orders.items() if value is not None}
-    chosen = ORDERS | given
-    uses = {
-        "arx": ("na", "nb", "nk"),
-        "friction-narx": ("na", "nb", "nk", "knots"),
-        "wiener-hammerstein-regression": ("na", "nb", "nk", "degree"),
-        "polynomial-narx": ("na", "nb", "nk", "degree"),
-    }
-    unused = [name for name in (*given, *(("knots",) if knots else ())) if name not in uses.get(text, ())]
+    unused = [name for name in (*given, *(("knots",) if knots else ())) if name not in USES.get(text, ())]
     if unused:
         raise DataError(f"the structure {text[:40]} does not use {', '.join(unused)}; leave them out", arguments=unused)
-    made: dict[str, Callable[[], Structure]] = {
-        "arx": lambda: arx(chosen["na"], chosen["nb"], chosen["nk"], inputs),
-        "friction-narx": lambda: friction_narx(chosen["na"], chosen["nb"], knots=_numbers(knots), nk=chosen["nk"]),
-        "wiener-hammerstein-regression": lambda: wiener_hammerstein_regression(
-            chosen["na"], chosen["nb"], chosen["degree"], nk=chosen["nk"]
-        ),
-        "polynomial-narx": lambda: polynomial_narx(chosen["na"], chosen["nb"], chosen["degree"], chosen["nk"], inputs),
-    }
-    if text in made:
-        structure = made[text]()
-        if inputs > structure.inputs:
-            raise DataError(
-                f"the structure {text} has one input and {inputs} are named; name one, or use arx or polynomial-narx",
-                arguments=("input", "structure"),
-            )
-        return structure
+    if text in USES:
+        return _by_name(text, ORDERS | given, knots, inputs)
     if "(t" in text or ";" in text:
+        from emsid.models.regression.narx import Structure
+
         return Structure.parse(*(part.strip() for part in text.split(";") if part.strip()), name="tracked")
     if Path(text).suffix == ".json":
-        from emsid.io import load
-
-        model = load(text)
-        if not isinstance(model, Narx):
-            raise DataError(f"{text}: a {model.name} is not linear in its parameters; name a regression")
-        return model.structure
+        return _in_file(text)
     raise DataError(
-        f"structure {text[:80]!r}: name {', '.join(uses)}, a model file, or regressors such as "
+        f"structure {text[:80]!r}: name {', '.join(USES)}, a model file, or regressors such as "
         "'y(t-1); u(t-1); sign(y(t-1))'"
     )
+
+
+def _by_name(name: str, orders: Mapping[str, int], knots: str | None, inputs: int) -> "Structure":
+    """One of the structures of `USES`.
+
+    Raises:
+        DataError: for several inputs where it has one.
+    """
+    from emsid.models.regression.structures import arx, friction_narx, polynomial_narx, wiener_hammerstein_regression
+
+    na, nb, nk, degree = (orders[each] for each in ("na", "nb", "nk", "degree"))
+    made: dict[str, Callable[[], Structure]] = {
+        "arx": lambda: arx(na, nb, nk, inputs),
+        "friction-narx": lambda: friction_narx(na, nb, knots=_numbers(knots), nk=nk),
+        "wiener-hammerstein-regression": lambda: wiener_hammerstein_regression(na, nb, degree, nk=nk),
+        "polynomial-narx": lambda: polynomial_narx(na, nb, degree, nk, inputs),
+    }
+    structure = made[name]()
+    if inputs > structure.inputs:
+        raise DataError(
+            f"the structure {name} has one input and {inputs} are named; name one, or use arx or polynomial-narx",
+            arguments=("input", "structure"),
+        )
+    return structure
+
+
+def _in_file(path: str) -> "Structure":
+    """The structure of a saved regression.
+
+    Raises:
+        DataError: for another kind of model.
+    """
+    from emsid.io import load
+    from emsid.models.regression.narx import Narx
+
+    model = load(path)
+    if not isinstance(model, Narx):
+        raise DataError(f"{path}: a {model.name} is not linear in its parameters; name a regression")
+    return model.structure
 
 
 def _numbers(text: str | None) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.io.columns import Columns
 from emsid.io.selection import Selection
-from emsid.record import Record, concatenate, time_axis
+from emsid.record import Record, TimeAxis, concatenate, time_axis
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,6 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
         starts = selection.rows[[0, *breaks]] * clock.dt
         return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=tuple(map(float, starts)))
 
-    column = f"time column {clock.time!r}"
     seconds = _time_unit(clock, selection.columns) * counted_on(selection.numbers(clock.time))
     resets = clock_resets(seconds)
     breaks = np.union1d(breaks, resets).astype(int)
@@ -93,7 +92,7 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
         )
     except DataError as problem:
-        raise DataError(f"{column}: {problem}", arguments=problem.arguments) from None
+        raise DataError(f"time column {clock.time!r}: {problem}", arguments=problem.arguments) from None
     axis = axis._replace(
         samples=len(seconds),
         gaps=tuple(selection.number(rows[k - 1]) for k in axis.gaps),
@@ -106,6 +105,24 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
         record = replace(record, findings=(*record.findings, Finding("clock-reset", record.name, data)))
     if clock.resample:
         return replace(_resampled(record, seconds, breaks, axis.dt, clock.dt), time_axis=axis)
+    _check_axis(axis, clock)
+    starts = seconds[[0, *breaks]]
+    return replace(
+        record,
+        dt=axis.dt if clock.dt is None else clock.dt,
+        breaks=tuple(map(int, breaks)),
+        times=tuple(map(float, starts)),
+        time_axis=axis,
+    )
+
+
+def _check_axis(axis: TimeAxis, clock: SampleTime) -> None:
+    """Refuse an irregular time column, and one that contradicts a given sample time.
+
+    Raises:
+        DataError: with what may be given in its place.
+    """
+    column = f"time column {clock.time!r}"
     if not axis.regular:
         raise DataError(
             f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
@@ -118,14 +135,6 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
             "give the unit of the column with time_unit",
             arguments=("time_unit",),
         )
-    starts = seconds[[0, *breaks]]
-    return replace(
-        record,
-        dt=axis.dt if clock.dt is None else clock.dt,
-        breaks=tuple(map(int, breaks)),
-        times=tuple(map(float, starts)),
-        time_axis=axis,
-    )
 
 
 def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: float, dt: float | None) -> Record:

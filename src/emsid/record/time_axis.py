@@ -71,26 +71,9 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     Raises:
         DataError: for fewer than two times, times that are not finite, or a constant time.
     """
-    t = np.asarray(time, dtype=float)
-    if t.ndim != 1 or len(t) < 2:
-        raise DataError(
-            f"the time column has {t.size} sample{'s' * (t.size != 1)}, and a sample time needs two; take more rows, "
-            "or give dt in its place",
-            arguments=("dt",),
-        )
-    if not np.isfinite(t).all():
-        raise DataError(
-            f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}; repair it or "
-            "mask that sample"
-        )
+    t = _checked(time)
     steps = np.diff(t)
     forward = steps[steps > 0]
-    if not len(forward):
-        raise DataError(
-            f"the time never advances, it is {t[0]:g} s at first and {t[-1]:g} s at last; name the column that holds "
-            "the time, or give dt in its place",
-            arguments=("time", "dt"),
-        )
     digits = rounding(t)
     dt = _simplest(float(np.median(forward)), digits)
     gap, back = steps > 1.5 * dt, steps <= 0
@@ -112,6 +95,33 @@ def time_axis(time: ArrayLike) -> TimeAxis:
         return axis
     dt = _simplest_step(t)
     return axis._replace(dt=dt, deviation=deviation(dt))
+
+
+def _checked(time: ArrayLike) -> Array:
+    """(N,) the times, as numbers that can be those of samples.
+
+    Raises:
+        DataError: see `time_axis`.
+    """
+    t = np.asarray(time, dtype=float)
+    if t.ndim != 1 or len(t) < 2:
+        raise DataError(
+            f"the time column has {t.size} sample{'s' * (t.size != 1)}, and a sample time needs two; take more rows, "
+            "or give dt in its place",
+            arguments=("dt",),
+        )
+    if not np.isfinite(t).all():
+        raise DataError(
+            f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}; repair it or "
+            "mask that sample"
+        )
+    if not np.any(np.diff(t) > 0):
+        raise DataError(
+            f"the time never advances, it is {t[0]:g} s at first and {t[-1]:g} s at last; name the column that holds "
+            "the time, or give dt in its place",
+            arguments=("time", "dt"),
+        )
+    return t
 
 
 def _duration(seconds: float, digits: int = 6) -> str:

@@ -17,6 +17,7 @@ from emsid.cli.writing import as_json, check_folder, draw, say_where
 if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.first_look import FirstLook, Group
+    from emsid.record import Record
 
 COLUMNS = 30
 """At most this many columns of a file are printed; the page and the JSON document have all."""
@@ -136,7 +137,6 @@ def _turned(group: "Group") -> dict[str, Any]:
 
 def as_document(look: "FirstLook") -> dict[str, Any]:
     """A look as JSON: the columns, the guesses, the record and the findings."""
-    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
     from emsid.findings import plain
 
     document: dict[str, Any] = {
@@ -164,30 +164,36 @@ def as_document(look: "FirstLook") -> dict[str, Any]:
         "response": {"delay": look.response.delay, "sign": look.response.sign},
         "findings": [finding.to_data() for finding in look.findings],
     }
-    record = look.record
-    if record is not None:
-        order, largest = persistent_excitation_order(record, tolerance=look.tolerance), largest_order(record)
-        names, units = record.input_names + record.output_names, record.input_units + record.output_units
-        described = [(name, unit, record.channel(name)) for name, unit in zip(names, units, strict=True)]
-        document |= {
-            "record": record.name,
-            "samples": len(record),
-            "segments": len(record.breaks) + 1,
-            "dt": record.dt,
-            "channels": [
-                {
-                    "name": name,
-                    "unit": unit,
-                    "min": float(x.min()),
-                    "max": float(x.max()),
-                    "mean": float(x.mean()),
-                    "deviation": float(x.std()),
-                }
-                for name, unit, x in described
-            ],
-            "crest_factor": float(crest_factor(record)) if record.input.any() else None,
-            "persistent_excitation_order": int(order),
-            "at_least": bool(order == largest),
-        }
+    if look.record is not None:
+        document |= _record_as_document(look.record, look.tolerance)
     result: dict[str, Any] = plain(document)
     return result
+
+
+def _record_as_document(record: "Record", tolerance: float) -> dict[str, Any]:
+    """The channels of a record, and how well its input excites."""
+    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
+
+    order, largest = persistent_excitation_order(record, tolerance=tolerance), largest_order(record)
+    names, units = record.input_names + record.output_names, record.input_units + record.output_units
+    described = [(name, unit, record.channel(name)) for name, unit in zip(names, units, strict=True)]
+    return {
+        "record": record.name,
+        "samples": len(record),
+        "segments": len(record.breaks) + 1,
+        "dt": record.dt,
+        "channels": [
+            {
+                "name": name,
+                "unit": unit,
+                "min": float(x.min()),
+                "max": float(x.max()),
+                "mean": float(x.mean()),
+                "deviation": float(x.std()),
+            }
+            for name, unit, x in described
+        ],
+        "crest_factor": float(crest_factor(record)) if record.input.any() else None,
+        "persistent_excitation_order": int(order),
+        "at_least": bool(order == largest),
+    }

@@ -155,7 +155,7 @@ def test_the_tolerance_of_a_fixed_value_widens_what_depends_on_it():
 
 
 def test_a_command_line_takes_the_tolerance_of_a_fixed_value():
-    typed = physical_values(["R=2 ohm +- 5 %", "rotor_viscous=0"], "--fix", [START])
+    typed = physical_values(["R=2 ohm +- 5 %", "rotor_viscous=0"], [START])
     options = understood(emsid.Options(fixed=typed), ["rigid-motor"])
     assert options.fixed == {"resistance": 2.0, "rotor_viscous": 0.0}
     assert options.datasheet["resistance"].tolerance == pytest.approx(0.05)

@@ -123,28 +123,27 @@ def counts(text: str | None, name: str) -> tuple[int, ...]:
         raise DataError(f"{name} {text!r}: write it as whole numbers with commas between") from None
 
 
-def physical_values(texts: Iterable[str], name: str, plants: Sequence[Any]) -> dict[str, float | str]:
-    """Parse ``PARAMETER=VALUE`` texts into SI units; the value may have a unit: ``resistance=2 ohm``.
+def physical_values(texts: Iterable[str], plants: Sequence[Any]) -> dict[str, float | str]:
+    """Parse ``PARAMETER=VALUE`` texts of ``--fix`` into SI units; the value may have a unit: ``resistance=2 ohm``.
 
     A value with a tolerance (``resistance=2 ohm ± 5 %``) remains a text in SI units with its tolerance.
 
     Args:
         texts: the texts of the option.
-        name: of the option, for messages.
         plants: those that may have the parameter; the first one that has it defines its unit.
     """
     from emsid.models.plants.datasheet import without_tolerances
     from emsid.plant.motor import read_number
 
     found: dict[str, float | str] = {}
-    typed, tolerances = without_tolerances(pairs(texts, name, "NAME=VALUE"))
+    typed, tolerances = without_tolerances(pairs(texts, "--fix", "NAME=VALUE"))
     for key, value in typed.items():
         parameter, handle = _known(key, plants)
-        number = read_number(f"{name} {parameter}", value, handle.parameter.unit)
+        number = read_number(f"--fix {parameter}", value, handle.parameter.unit)
         if not isfinite(number):
-            raise DataError(f"{name} {key}={value}: give a finite number")
+            raise DataError(f"--fix {key}={value}: give a finite number")
         if parameter in found:
-            raise DataError(f"{name} gives {parameter} twice; leave one of them out")
+            raise DataError(f"--fix gives {parameter} twice; leave one of them out")
         found[parameter] = f"{number!r} ± {100 * tolerances[key]!r} %" if key in tolerances else number
     return found
 

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _PARTS, _TRANSIENTS = 8, 2
 # Above this tolerance the covariance of the rows is accurate enough.
 _COARSE = 1e-6
+# Rows that are triangularised at a time.
+_BLOCK = 4096
 
 
 def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50, tolerance: float = 1e-10) -> int:
@@ -165,7 +167,7 @@ def _covariance(piece: Array, n: int) -> Array:
     return c.reshape(n * width, n * width)
 
 
-def _triangular_factor(pieces: Sequence[Array], n: int, block: int = 4096) -> Array:
+def _triangular_factor(pieces: Sequence[Array], n: int) -> Array:
     """R of the rows of n samples each of all pieces (N, nu), computed block by block."""
     width = n * pieces[0].shape[1]
     r: Array = np.zeros((0, width))
@@ -173,8 +175,8 @@ def _triangular_factor(pieces: Sequence[Array], n: int, block: int = 4096) -> Ar
         if len(piece) < n:
             continue
         windows = np.lib.stride_tricks.sliding_window_view(piece, n, axis=0).transpose(0, 2, 1)
-        for begin in range(0, len(windows), block):
-            rows = windows[begin : begin + block].reshape(-1, width)
+        for begin in range(0, len(windows), _BLOCK):
+            rows = windows[begin : begin + _BLOCK].reshape(-1, width)
             r = _triangularised(np.concatenate([r, rows]))
     return r
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import product
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
@@ -39,8 +40,6 @@ from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import STRETCHES, StretchErrors, better
 
-ROUNDS = 2
-"""The number of passes over all orders and delays when they are chosen."""
 LAST_STEPS, CLOSE = 8, 0.05
 """Steps from the estimates of a part of a record to those of all of it, and the standard errors where they end."""
 BEGUN_AGAIN = 20_000
@@ -266,13 +265,7 @@ def chosen_structure(build: Build, choices: Choices, record: Record, options: Op
             return StretchErrors.of(np.full(STRETCHES, np.inf))
         return judge.errors(structure, lambda each, records: options.estimate(each, records).model, exact)
 
-    total = ROUNDS * sum(map(len, tried.values()))
-    known[key] = coordinate_search(
-        errors,
-        tried,
-        ROUNDS,
-        progress=lambda fraction: control.doing("choosing orders", round(fraction * total), total),
-    )
+    known[key] = coordinate_search(errors, tried, partial(control.doing, "choosing orders"))
     return build(record, known[key])
 
 

@@ -12,20 +12,21 @@ from itertools import chain, repeat
 
 from emsid.selection.improvement import StretchErrors, better
 
+ROUNDS = 2
+"""Passes over all names."""
+
 
 def coordinate_search(
     error: Callable[[Mapping[str, int]], StretchErrors],
     choices: Mapping[str, Sequence[int]],
-    rounds: int = 2,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, int]:
     """Choose a value for every name, one name at a time, so that the free-run error is small.
 
     Args:
         error: of the free run of a model with these choices on unseen data; may be infinite.
         choices: the allowed values of every name, from simple to complex; the search starts in the middle.
-        rounds: the number of passes over all names.
-        progress: called with the fraction that is done.
+        progress: called with the number of errors that are known, and their number in all.
 
     Returns:
         The chosen value of every name.
@@ -39,14 +40,13 @@ def coordinate_search(
         return known[key]
 
     chosen = {name: values[len(values) // 2] for name, values in choices.items()}
-    total, done = rounds * sum(map(len, choices.values())), 0
-    for name in chain.from_iterable(repeat(choices, rounds)):
+    total, done = ROUNDS * sum(map(len, choices.values())), 0
+    for name in chain.from_iterable(repeat(choices, ROUNDS)):
         errors = []
         for value in choices[name]:
             errors.append(error_of({**chosen, name: value}))
             done += 1
-            if progress is not None:
-                progress(done / total)
+            progress(done, total)
         best = min(errors, key=lambda each: each.mean)
         chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if e is best or not better(best, e))
     return chosen

@@ -15,7 +15,7 @@ from emsid.study.load_friction import LoadFriction
 from emsid.study.models import FRICTION, LINEAR, ONE_MASS, PAPER, TWO_MASSES
 from emsid.study.motors import MODELS, MotorRow
 from emsid.study.readings import FREE_RUN, ONE_STEP, Largest
-from emsid.study.setup import IDENTIFICATION, SIMULATION, UNSEEN, Settings, paper_ratio
+from emsid.study.setup import IDENTIFICATION, PAPER_LOAD_FRICTION_MSE, SIMULATION, UNSEEN, Settings, paper_ratio
 from emsid.study.survey import Survey
 from emsid.study.two_masses import TwoMassRow
 from emsid.study.workflow import Part
@@ -120,14 +120,14 @@ def _two_masses(rows: tuple[TwoMassRow, ...]) -> Finding:
     return Finding("study-two-masses", TWO_MASSES, {"rows": listed, "fixed": sorted(rows[0].fixed)})
 
 
-def about_load_friction(found: LoadFriction | None, mse: float, share: float, published: float) -> Finding | None:
+def about_load_friction(found: LoadFriction | None, mse: float, share: float) -> Finding | None:
     """What friction on the load costs; None without the curve."""
     if found is None:
         return None
     data = {
         "mse": mse,
         "share": share,
-        "paper": published,
+        "paper": PAPER_LOAD_FRICTION_MSE,
         "at_most": found.shares[-1],
         "unfair_from": found.unfair_from,
         "visible_from": found.visible_from,

@@ -17,7 +17,6 @@ from emsid.study.priors import USUAL
 from emsid.study.setup import (
     EXPERIMENT,
     IDENTIFICATION,
-    PAPER_LOAD_FRICTION_MSE,
     SIMULATION,
     UNSEEN,
     paper_ratio,
@@ -115,7 +114,7 @@ def study_data(result: Study) -> dict[str, Any]:
 def findings(result: Study) -> list[Finding]:
     """Findings about each study, then about both."""
     share = result.load_friction_mse / result.output_variance
-    friction = about_load_friction(result.load_friction, result.load_friction_mse, share, PAPER_LOAD_FRICTION_MSE)
+    friction = about_load_friction(result.load_friction, result.load_friction_mse, share)
     return [
         *about_the_survey(result.survey, result.settings),
         *(finding for part in result.parts for finding in _of_part(result, part)),

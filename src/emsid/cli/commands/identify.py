@@ -209,7 +209,7 @@ def identify(
             na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
             orders=counts(orders, "--orders"), static=_family(static), period=period, ridge=ridge, recent=recent,
             hold=hold, datasheet=_sheet(datasheet),
-            fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
+            fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], plants),
             codes=_codes(brake, coast),
             free=physical_names(free, "--free", plants),
             per_record=physical_names(per_record, "--per-record", plants),

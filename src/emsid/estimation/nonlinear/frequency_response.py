@@ -44,8 +44,8 @@ INDEPENDENT = 0.95
 # Lines of a periodic input that are excited, by their power relative to the strongest; the most bands that they are
 # averaged in, and the fewest lines of a band.
 EXCITED, BANDS, LINES = 1e-4, 512, 8
-# The iterated linear problems keep their poles inside this radius.
-LARGEST_RADIUS = 0.9995
+# How many linear problems are iterated; they keep their poles inside this radius.
+ITERATIONS, LARGEST_RADIUS = 20, 0.9995
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
         2m − nb − na if the orders suffice.
     """
     problem = _Rational(response, nb, na, oversampling)
-    found = gauss_newton(problem, problem.iterated(20), max_iterations=30, covariances=False)
+    found = gauss_newton(problem, problem.iterated(), max_iterations=30, covariances=False)
     return read_only(found.estimate[:nb]), read_only(_inside(found.estimate[nb:])), 2 * found.cost
 
 
@@ -182,12 +182,12 @@ class _Rational:
         slope = np.column_stack([powers[:, : self.nb] / a[:, None], -(b / a**2)[:, None] * powers[:, 1 : self.na + 1]])
         return [(self._parts(b / a - self.response.value), self._parts(slope))]
 
-    def iterated(self, steps: int) -> Array:
-        """Sanathanan and Koerner's solution: the best of ``steps`` iterations."""
+    def iterated(self) -> Array:
+        """Sanathanan and Koerner's solution: the best of `ITERATIONS`."""
         powers, value = self._powers, self.response.value
         a = np.ones(len(value), dtype=complex)
         best, least = np.zeros(self.nb + self.na), np.inf
-        for _ in range(steps):
+        for _ in range(ITERATIONS):
             regression = np.column_stack([powers[:, : self.nb], -value[:, None] * powers[:, 1 : self.na + 1]])
             rows, target = self._parts(regression / a[:, None]), self._parts(value / a)
             theta = least_squares_step(Information.from_rows(rows, target))

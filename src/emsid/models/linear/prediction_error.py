@@ -315,7 +315,7 @@ def start_of(structure: PolynomialStructure, records: Sequence[Record]) -> Array
     """θ from regressions."""
     s, segments = structure, segments_of(structure, records)
     if not s.nf:
-        noise = [innovations(y, u, LONG) for y, u in segments]
+        noise = [innovations(y, u) for y, u in segments]
         information = _mixed(segments, noise, s.na, s.nk, s.nb, s.nc)
         theta = information.solve().estimate
         a, b, constant = theta[: s.na], theta[s.na : s.na + s.inputs * s.nb], theta[-1]
@@ -333,9 +333,9 @@ def start_of(structure: PolynomialStructure, records: Sequence[Record]) -> Array
     return quiet
 
 
-def innovations(y: Array, u: Array, lags: int) -> Array:
-    """(N,) the residual of a regression on this many past outputs and inputs; zero before."""
-    lags = max(1, min(lags, len(y) // (4 * (1 + u.shape[1])) - 1))
+def innovations(y: Array, u: Array) -> Array:
+    """(N,) the residual of a regression on `LONG` past outputs and inputs, fewer in a short record; zero before."""
+    lags = max(1, min(LONG, len(y) // (4 * (1 + u.shape[1])) - 1))
     columns = [y[lags - k : len(y) - k] for k in range(1, lags + 1)]
     columns += [u[lags - k : len(y) - k, i] for k in range(lags + 1) for i in range(u.shape[1])]
     phi = np.vstack([*columns, np.ones(len(y) - lags)])
@@ -363,7 +363,7 @@ def noise_polynomials(rest: Sequence[Array], nd: int, nc: int) -> tuple[Array, A
     if not nd and not nc:
         return np.zeros(0), np.zeros(0)
     segments = [(v, np.zeros((len(v), 0))) for v in rest]
-    noise = [innovations(v, u, LONG) for v, u in segments]
+    noise = [innovations(v, u) for v, u in segments]
     theta = _mixed(segments, noise, nd, 1, 0, nc).solve().estimate
     return theta[:nd], mirrored(np.concatenate([[1.0], theta[nd:-1]]))[1:]
 
@@ -383,7 +383,7 @@ def armax_orders(
     inputs = record.input.shape[1]
     last = max(nk) + max(nb)
     segments = segments_of(PolynomialStructure(max(na), last, max(nc), 0, 0, 0, inputs, name="armax"), [record])
-    noise = [innovations(y, u, LONG) for y, u in segments]
+    noise = [innovations(y, u) for y, u in segments]
     information = _mixed(segments, noise, max(na), 0, last, max(nc))
     samples = information.samples
 
@@ -403,7 +403,7 @@ def noise_orders(rest: Sequence[Array], most: int) -> tuple[int, int]:
     segments = [(v, np.zeros((len(v), 0))) for v in rest if len(v) > 4 * (LONG + most)]
     if not segments:
         return 0, 0
-    noise = [innovations(v, u, LONG) for v, u in segments]
+    noise = [innovations(v, u) for v, u in segments]
     information = _mixed(segments, noise, most, 1, 0, most)
     samples = information.samples
 

@@ -82,7 +82,7 @@ def _of_a_regression(model: Narx, record: Record) -> list[Figure]:
         denominator[0] = 1.0
         for lag, value in a.items():
             denominator[lag] = -value
-        figures += _time_constants(np.roots(denominator), record.dt, "")
+        figures += _time_constants(np.roots(denominator), record.dt)
     if coulomb < 0 and slope:  # a sign that pushes along is no friction
         figures.append(Figure("Coulomb friction in units of the input", -coulomb / abs(slope), record.input_units[0]))
     return figures
@@ -103,11 +103,11 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
     )
 
 
-def _time_constants(poles: NDArray[Any], dt: float, where: str) -> list[Figure]:
+def _time_constants(poles: NDArray[Any], dt: float) -> list[Figure]:
     """−dt/ln|p| of the slowest stable poles, if longer than a sample."""
     sizes = sorted({round(float(abs(pole)), 12) for pole in poles if 0.05 < abs(pole) < 1}, reverse=True)
     names = ("time constant", "second time constant")
-    return [Figure(f"{name}{where}", -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)]
+    return [Figure(name, -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)]
 
 
 def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> tuple[Figure, ...]:

@@ -29,15 +29,14 @@ WIDEST = 1.0
 OF_PARAMETERS = "The band is that of the estimated parameters; noise and what the structure lacks come on top."
 
 
-def banded(fit: Fit[Any], record: Record, *, name: str = "") -> tuple[Figure, ...]:
+def banded(fit: Fit[Any], record: Record) -> tuple[Figure, ...]:
     """The step response, frequency response, static map and friction of a model, as far as it has them, with bands.
 
     Args:
         fit: of a model with a covariance.
         record: with its sample time and ranges.
-        name: the beginning of the names of the figures, by default after the model.
     """
-    prefix = slug(name or fit.model.name)
+    prefix = slug(fit.model.name)
     inputs, outputs = record.input.shape[1], record.output.shape[1]
     views: list[Callable[[], Figure]] = []
     for k in range(inputs):

@@ -73,7 +73,7 @@ def friction(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     (forward, backward), (quantity, base) = declared.breakaway, declared.y
     speed = Axis(*declared.x)
     factor, unit = prefixed(max(float(np.max(np.abs(curve.y))), forward, backward), base)
-    marks = _characteristic(curve, factor, quantity.lower(), "in the records")
+    marks = _characteristic(curve, factor, quantity.lower())
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
@@ -99,7 +99,7 @@ def dead_zone(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
         return None
     what = zone.x[0].removeprefix("Applied ").lower()
     ends = curve.x[[0, -1]]
-    marks = _characteristic(curve, 1.0, "dead zone", "in the records")
+    marks = _characteristic(curve, 1.0, "dead zone")
     marks.insert(1, Line(ends, ends, "without", Stroke(Ink.GREY, Dash.DASHED, 0.8)))
     applied, effective = Axis(*zone.x), Axis(*zone.y)
     plots = [Plot(tuple(marks), _reaching(applied, curve), effective, height=1.6)]
@@ -212,7 +212,7 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
     )
 
 
-def _characteristic(curve: Curve, factor: float, label: str, backdrop: str) -> list[Mark]:
+def _characteristic(curve: Curve, factor: float, label: str) -> list[Mark]:
     """A curve with its band and a histogram of the data; dotted where there are no data nearby."""
     near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
     y = factor * curve.y
@@ -220,7 +220,7 @@ def _characteristic(curve: Curve, factor: float, label: str, backdrop: str) -> l
     step = curve.x[1] - curve.x[0]
     edges = np.linspace(curve.x[0] - step / 2, curve.x[-1] + step / 2, BARS + 1)
     heights = np.log1p(np.histogram(curve.x, edges, weights=curve.support)[0])
-    marks: list[Mark] = [Histogram(edges, heights, backdrop, backdrop=True)]
+    marks: list[Mark] = [Histogram(edges, heights, "in the records", backdrop=True)]
     if _has_band(curve):
         marks.append(Band(curve.x, factor * curve.low, factor * curve.high, BAND))
     if not near.all():

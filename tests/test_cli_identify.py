@@ -268,14 +268,11 @@ def test_every_unseen_record_is_named(run, log, tmp_path):
 
 
 def test_files_of_an_earlier_run_are_listed_separately(run, log, tmp_path, monkeypatch):
-    from emsid.report.page import write_report  # noqa: F401  (loads the module)
-
     out = tmp_path / "out"
     words = ("identify", log, *IDENTIFY, "--out", out, *FIRST_ORDER, "--models")
     assert "earlier run" not in run(*words, "arx,friction-narx")[1]
     assert run(*words, "arx")[1].endswith("from an earlier run, not from this one: friction-narx.json\n")
-    page = sys.modules["emsid.report.page"]
-    monkeypatch.setattr(page, "page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr("emsid.report.page.page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
     status, printed, _ = run(*words, "arx")
     assert status == 130
     assert printed.endswith("from an earlier run, not from this one: report.html, friction-narx.json\n")

@@ -361,9 +361,7 @@ __main__.main()
 
 
 def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_path, monkeypatch):
-    from emsid.report.page import write_report  # noqa: F401  (loads the module)
-
-    monkeypatch.setattr(sys.modules["emsid.report.page"], "page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr("emsid.report.page.page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
     monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {})  # regressions are enough to be drawn
     status, out, err = run("study", "--duration", "2", "--out", tmp_path / "out")
     assert status == 130

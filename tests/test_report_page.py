@@ -16,7 +16,7 @@ from emsid.report import document as content
 from emsid.report import views
 from emsid.report.document import Axis, Figure, Line, Plot, Report, Section, Table
 from emsid.report.figures import draw
-from emsid.report.page import page, write_report
+from emsid.report.page import page, report_files, write_files
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
 from emsid.report.views.conventions import MODELS
 from emsid.report.views.physical_parameters import units_taken
@@ -160,10 +160,10 @@ def test_a_report_without_figures_carries_no_library():
     assert len(page(Report("Words", ("Only words.",), (Section("One"),)))) < 20_000
 
 
-def test_write_report(tmp_path):
+def test_the_files_of_a_report(tmp_path):
     report = Report("A drive", (), (Section("Results", figures=(FIGURES["every mark"], FIGURES["ranking, whole"])),))
     heard = []
-    path = write_report(report, tmp_path / "new" / "folder", Control(report=heard.append))
+    path = write_files(report_files(report, Control(report=heard.append)), tmp_path / "new" / "folder")
     assert path == tmp_path / "new" / "folder" / "report.html"
     assert path.read_text(encoding="utf-8") == page(report)
     assert sorted(file.name for file in (path.parent / "figures").iterdir()) == ["marks.svg", "ranking.svg"]
@@ -174,16 +174,15 @@ def test_write_report(tmp_path):
 @pytest.mark.parametrize("formats", [(), ("pdf",), ("svg", "pdf")])
 def test_figures_are_written_in_the_formats_asked_for(tmp_path, formats):
     report = Report("A drive", (), (Section("Results", figures=(FIGURES["every mark"],)),))
-    write_report(report, tmp_path, formats=formats)
+    write_files(report_files(report, formats=formats), tmp_path)
     written = {path.name for path in tmp_path.rglob("marks.*")}
     assert written == {f"marks.{suffix}" for suffix in formats}
 
 
-def test_a_cancelled_report_writes_nothing(tmp_path):
+def test_a_cancelled_report_has_no_files():
     report = Report("A drive", (), (Section("Results", figures=(FIGURES["every mark"],)),))
     with pytest.raises(Stopped):
-        write_report(report, tmp_path, Control(cancelled=lambda: True))
-    assert not list(tmp_path.iterdir())
+        report_files(report, Control(cancelled=lambda: True))
 
 
 def test_empty_plots_double_names_and_ragged_tables_are_refused():

@@ -22,7 +22,7 @@ from emsid.estimation.threads import short_tasks
 from emsid.identification import Options
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.fitting import Searches
-from emsid.report import Report, Section
+from emsid.report.document import Report, Section
 from emsid.report.page import page, templates
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)

@@ -33,7 +33,9 @@ def load_identification() -> None:
 @cache
 def load_page() -> None:
     """Import what a page and its figures need, and compile the templates, by a page without content."""
-    import emsid.report.figures  # noqa: F401
-    from emsid.report import Report, page
+    import emsid.report.figures
+    import emsid.report.views  # noqa: F401
+    from emsid.report.document import Report
+    from emsid.report.page import page
 
     page(Report("", (), ()))

@@ -14,7 +14,7 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.record import Record
-    from emsid.report import Report
+    from emsid.report.document import Report
     from emsid.study import Study
 
 LEFT_OUT = "the report is left out"

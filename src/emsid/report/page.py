@@ -54,40 +54,20 @@ def _flowing(text: str) -> str:
     return Markup(whole.replace(" %", "\u00a0%"))
 
 
-def write_report(
-    report: Report, folder: str | os.PathLike[str], control: Control = FREE, formats: Collection[str] = ("svg",)
-) -> Path:
-    """Write ``report.html``, and every figure as ``figures/<name>.svg`` for print, into a folder.
-
-    Everything is drawn before anything is written.
-
-    Args:
-        report: what to write.
-        folder: where to; it is made where it is missing.
-        control: when to stop, and where to report progress.
-        formats: ``svg``, ``pdf`` or both, for the files of the figures; none for the page alone.
-
-    Returns:
-        The path of the page.
-
-    Raises:
-        FormatError: where the folder cannot be written to.
-        Stopped: if ``control`` ends it; nothing is written then.
-    """
-    return write_files(report_files(report, control, formats), folder)
-
-
 def report_files(
     report: Report,
     control: Control = FREE,
     formats: Collection[str] = ("svg",),
 ) -> dict[str, str | bytes]:
-    """The content of every file of a report, by its path in the folder; the page is the last.
+    """The content of every file of a report: every figure as ``figures/<name>.svg`` for print, and last the page.
 
     Args:
         report: what to draw.
         control: when to stop, and where to report progress.
-        formats: as for `write_report`.
+        formats: ``svg``, ``pdf`` or both, for the files of the figures; none for the page alone.
+
+    Returns:
+        By their paths in a folder.
 
     Raises:
         Stopped: if ``control`` ends it.

@@ -184,7 +184,7 @@ def test_a_position_on_one_side_of_its_zero_is_no_magnitude() -> None:
 def test_values_that_cannot_be_computed_with(factor: float) -> None:
     record = Record(factor * U, factor * motor(U), 0.01)
     assert response_of(record) is None
-    assert {each.code for each in advice(record, Response(None, 0, 0.0, 0.0))} == {"channel-out-of-scale"}
+    assert {each.code for each in advice(record, Response(None, 0, 0.0))} == {"channel-out-of-scale"}
     assert asked([record]) == []
 
 
@@ -332,7 +332,7 @@ def test_linear_systems_are_seldom_called_nonlinear() -> None:
 
     def seen(u: Array, y: Array) -> bool:
         record = Record(u, y, 0.01)
-        (found,) = nonlinearity(record, Response(1, 1, 10.0, 0.9), baseline(record, 1))
+        (found,) = nonlinearity(record, Response(1, 1, 0.9), baseline(record, 1))
         return found.code == "nonlinear-likely"
 
     wrong = right = 0
@@ -400,7 +400,7 @@ def test_repeated_values_of_a_slow_change_are_no_repeated_samples() -> None:
 
 def test_nothing_is_said_about_an_output_that_is_not_there() -> None:
     record = Record(U, dt=0.01)
-    assert advice(record, Response(None, 0, 0.0, 0.0)) == []
+    assert advice(record, Response(None, 0, 0.0)) == []
 
 
 def asked(records: list[Record]) -> list[Finding]:

@@ -72,7 +72,6 @@ class Column:
         distinct: the number of different values.
         step: the quantisation step; None where there is none.
         codes: isolated values.
-        at_low, at_high: the share of samples at a limit, where the values are cut off there; otherwise 0.
         stuck: stretches without change in which the value may be stuck: the longest one, if it is unusually long, and
             the longest ones at 0, where a drive rests too.
         period: after which a position starts again; None where it does not.
@@ -89,8 +88,6 @@ class Column:
     distinct: int = 0
     step: float | None = None
     codes: tuple[Code, ...] = ()
-    at_low: float = 0.0
-    at_high: float = 0.0
     stuck: tuple[Stretch, ...] = ()
     period: float | None = None
     values: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
@@ -120,9 +117,8 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         return Column(name, kind, meaning, len(values), missing, values=values)
     levels, counts = np.unique(finite, return_counts=True)
     codes, ordinary = _codes(levels, counts)
-    levels, counts = levels[ordinary], counts[ordinary]
+    levels = levels[ordinary]
     period = wrap_period(values) if meaning.quantity is ColumnQuantity.POSITION and not codes else None
-    at_low, at_high = (_share_at_limit(counts[::order]) for order in (1, -1))
     return Column(
         name=name,
         kind=kind,
@@ -134,8 +130,6 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         distinct=len(levels),
         step=quantisation(levels),
         codes=codes,
-        at_low=at_low,
-        at_high=at_high,
         stuck=_stuck(values, levels),
         period=period,
         values=values if period is None else unwrapped(values, period),
@@ -197,14 +191,6 @@ def _isolated(levels: Array, counts: NDArray[np.intp], side: int) -> int:
         if gap > 0.5 * rest and whole and times.min() >= 2 and 2 * times.sum() < number.sum():
             return side * k
     return 0
-
-
-def _share_at_limit(counts: NDArray[np.intp]) -> float:
-    """The share of samples at the first value, where that is much more frequent than its neighbours; else 0."""
-    if len(counts) < FEWEST_LEVELS:
-        return 0.0
-    share = float(counts[0] / counts.sum())
-    return share if share > 0.01 and counts[0] > 10 * np.median(counts[1:11]) else 0.0
 
 
 def _stuck(values: Array, levels: Array) -> tuple[Stretch, ...]:

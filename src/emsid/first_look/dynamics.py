@@ -54,13 +54,11 @@ class Response:
     Attributes:
         delay: samples from the input to the first effect; None where no effect is seen.
         sign: 1 or −1, that of the output for a positive input; 0 where it is not clear.
-        strength: of the correlation at the delay or soon after it, in standard deviations.
         correlation: of the output or of its change with the delayed input, whichever is larger.
     """
 
     delay: int | None
     sign: int
-    strength: float
     correlation: float
 
 
@@ -133,7 +131,7 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
         integrates: whether y is a position, whose change answers the input.
     """
     if not (np.ptp(u) > 0 and np.ptp(y) > 0) or len(u) < 4 * WHITENING:
-        return Response(None, 0, 0.0, 0.0)
+        return Response(None, 0, 0.0)
     change = np.concatenate([np.diff(piece, prepend=piece[:1]) for piece in np.split(y, list(breaks))])
     y = change if integrates else y
 
@@ -147,15 +145,15 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
         if scale == 1:
             found = found or _from_steps(u, y, breaks)
         if found is not None:
-            delay, sign, strength = found
+            delay, sign = found
             delay *= scale
             related = related_at(delay)
-            return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, strength, related)
+            return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, related)
         scale *= 2
     related = correlation(u, y, breaks, 0)
     if abs(related) < 0.5:
-        return Response(None, 0, 0.0, related)
-    return Response(_best_lag(u, y), int(np.sign(related)), 0.0, related)
+        return Response(None, 0, related)
+    return Response(_best_lag(u, y), int(np.sign(related)), related)
 
 
 def _best_lag(u: Array, y: Array) -> int:
@@ -168,8 +166,8 @@ def _best_lag(u: Array, y: Array) -> int:
     return int(np.argmin(errors))
 
 
-def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int, float] | None:
-    """Delay, sign and clarity of the responses to steps of an input that is held in between; None where it is not.
+def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int] | None:
+    """Delay and sign of the responses to steps of an input that is held in between; None where it is not.
 
     A response begins where the output leaves its range before the step for at least two samples. A step before which
     the output still moves is left out.
@@ -201,11 +199,11 @@ def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int, fl
     agreement = float(np.mean(signs))
     if abs(agreement) < 0.5:
         return None
-    return int(np.median(delays)), int(np.sign(agreement)), CLEAR * float(np.sqrt(len(delays))) * abs(agreement)
+    return int(np.median(delays)), int(np.sign(agreement))
 
 
-def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int, float] | None:
-    """Delay, sign and clarity by the prewhitened correlation; None where it is not clear."""
+def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int] | None:
+    """Delay and sign by the prewhitened correlation; None where it is not clear."""
     filter = _whitening(u)
     white, filtered = (
         np.concatenate([_filtered(filter, piece) for piece in np.split(x, list(breaks))]) for x in (u, y)
@@ -218,7 +216,7 @@ def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, i
     if peak < CLEAR:
         return None
     first = int(np.flatnonzero(np.abs(shares) > max(CLEAR, FIRST * peak))[0])
-    return first, int(np.sign(shares[first : first + 3].sum())), peak
+    return first, int(np.sign(shares[first : first + 3].sum()))
 
 
 def _means(u: Array, y: Array, breaks: Sequence[int], scale: int) -> tuple[Array, Array, list[int]]:

@@ -93,7 +93,7 @@ class FirstLook(Presented):
     roles: Roles
     reading: Mapping[str, Any]
     record: Record | None = None
-    response: Response = field(default_factory=lambda: Response(None, 0, 0.0, 0.0))
+    response: Response = field(default_factory=lambda: Response(None, 0, 0.0))
     findings: tuple[Finding, ...] = ()
     tolerance: float = TOLERANCE
     header: tuple[str, ...] = ()
@@ -234,7 +234,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
         look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
         return _with_record(look, parsed, noticed, given)
-    found = found or Response(None, 0, 0.0, 0.0)
+    found = found or Response(None, 0, 0.0)
     findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
     return replace(look, record=record, response=found, findings=findings)
 

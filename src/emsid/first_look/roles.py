@@ -53,7 +53,7 @@ class Roles:
     Attributes:
         input, output: names of columns; empty where there is none.
         input_confidence, output_confidence: from 0 to 1.
-        influence: of the input on the output, and ``feedback``, of the output on the input, from 0 to 1.
+        feedback: the influence of the output on the input, from 0 to 1.
         others: further pairs of input and output, which differ in the number at the end of their names.
     """
 
@@ -61,7 +61,6 @@ class Roles:
     output: str = ""
     input_confidence: float = 0.0
     output_confidence: float = 0.0
-    influence: float = 0.0
     feedback: float = 0.0
     others: tuple[tuple[str, str], ...] = ()
 
@@ -98,7 +97,6 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         output=y,
         input_confidence=_confidence(_as_input(columns_by_name[u]), scores, (u, y), 0) if not input else 1.0,
         output_confidence=_confidence(_as_output(columns_by_name[y]), scores, (u, y), 1) if not output else 1.0,
-        influence=shares[u, y][0],
         feedback=shares[u, y][1],
         others=_further_pairs(possible, experiments, columns_by_name[u], columns_by_name[y]),
     )

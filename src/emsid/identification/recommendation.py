@@ -164,5 +164,5 @@ def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
 
 def _first_look(record: Record) -> dict[str, Finding]:
     """What the first look finds in the record, by code."""
-    found = advice(record, response_of(record) or Response(None, 0, 0.0, 0.0))
+    found = advice(record, response_of(record) or Response(None, 0, 0.0))
     return {each.code: each for each in reversed(found)}

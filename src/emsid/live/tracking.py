@@ -67,7 +67,6 @@ class Tracking:
         state: of the recursion.
         detection: of the detector of changes.
         samples: the number of samples so far.
-        predicted: the number of samples with a prediction.
         lowest, highest: (nu,) the range of the inputs.
         last: the last sample, as a record; None before the first.
         prediction: ŷ of it by the estimate before it; NaN where there are too few samples before it.
@@ -80,7 +79,6 @@ class Tracking:
     state: RecursiveState
     detection: Array
     samples: int = 0
-    predicted: int = 0
     lowest: Array = field(default_factory=lambda: np.array([np.inf]))
     highest: Array = field(default_factory=lambda: np.array([-np.inf]))
     last: Record | None = None
@@ -205,7 +203,6 @@ class Tracker:
         return replace(
             tracking,
             samples=tracking.samples + len(piece),
-            predicted=tracking.predicted + len(errors),
             lowest=np.minimum(tracking.lowest, piece.input.min(axis=0)),
             highest=np.maximum(tracking.highest, piece.input.max(axis=0)),
             last=piece[len(piece) - 1 :],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from emsid.live.session import COUNTS, Session
-from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import (
     Axis,
@@ -45,13 +44,8 @@ ENDS = {
 }
 
 
-def tracking_report(session: Session, record: Record | None) -> Report:
-    """The page of a session.
-
-    Args:
-        session: what it has come to.
-        record: all samples, for the line below the title.
-    """
+def tracking_report(session: Session) -> Report:
+    """The page of a session."""
     fit = session.fit
     assert fit is not None
     seconds = session.counts["samples"] * (session.dt or 0.0)

@@ -126,11 +126,11 @@ def track(
         from emsid.io.state_file import load_state
 
         begun = load_state(state, made)
-    record, files = _followed(session, settings, reading, begun, baud, out, json)
-    if record is None:  # stopped before the first sample
+    files = _followed(session, settings, reading, begun, baud, out, json)
+    if not files:  # stopped before the first sample
         INTERRUPTION.end(True)
         return
-    drawn = _drawn(session, record, out, pdf)
+    drawn = _drawn(session, out, pdf)
     if not json:
         say_where(out, drawn, *files)
     INTERRUPTION.end(not drawn)
@@ -152,8 +152,8 @@ def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, mo
 
 def _followed(
     session: "Session", settings: "Settings", reading: dict[str, Any], begun: Any, baud: int, out: Path, json: bool
-) -> "tuple[Record | None, list[str]]":
-    """Track until the end, show it, and write everything but the report; the record, and the names of the files."""
+) -> list[str]:
+    """Track until the end, show it, and write everything but the report; the names of the files."""
     from emsid.live.log import Log
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
@@ -195,12 +195,12 @@ def _compile(session: "Session", settings: "Settings", inputs: int) -> None:
         control.check()
 
 
-def _drawn(session: "Session", record: "Record | None", out: Path, pdf: bool) -> bool:
+def _drawn(session: "Session", out: Path, pdf: bool) -> bool:
     """Draw the report; false if Ctrl-C was pressed meanwhile."""
     from emsid.report.tracking_page import tracking_report
 
     INTERRUPTION.words = "drawing the report was interrupted; everything else is written"
-    return draw(out, lambda: tracking_report(session, record), pdf)
+    return draw(out, lambda: tracking_report(session), pdf)
 
 
 def _control() -> "Control":
@@ -238,10 +238,8 @@ USUAL = 0.995
 """The forgetting factor that is not given."""
 
 
-def _written(
-    session: "Session", log: "Log | None", read: "Callable[..., Record]", out: Path
-) -> "tuple[Record | None, list[str]]":
-    """Close the log and write the record, the result, the model and the state; the record, and the names of the files.
+def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]", out: Path) -> list[str]:
+    """Close the log and write the record, the result, the model and the state; the names of the files.
 
     A session without a sample leaves its log only.
     """
@@ -252,7 +250,7 @@ def _written(
         log.close()
     fit, tracking = session.fit, session.tracking
     if fit is None or tracking is None:
-        return None, []
+        return []
     record = read(session.name if log is None else log.path, 0 if log is None else log.begin)
     if log is None:
         record = record[: session.counts["samples"]]
@@ -264,5 +262,4 @@ def _written(
     atomic_write(out / "track.json", as_json(session.to_data()))
     save_state(tracking.state, session.tracker.recursion.structure, out / "state.json")
     save(fit.model, out / f"{fit.model.name}.json", record)
-    names = ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]
-    return record, names
+    return ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]

@@ -24,6 +24,7 @@ from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
 from emsid.record.time_axis import time_axis
+from emsid.wording import sentence
 from independent.cases import motor as friction_motor
 from independent.nonlinear_systems import tanks
 
@@ -137,6 +138,69 @@ def test_each_finding_has_a_record_with_it(code: str) -> None:
     assert code in found
     assert code not in ordinary()
     assert 0 < found[code].data.get("confidence", 1) <= 1
+
+
+def test_a_measured_voltage_that_was_held_shows_no_feedback() -> None:
+    """The steps of a voltage with noise are new to a prediction from its past for many samples, not for one."""
+    rng, u = np.random.default_rng(6), steps(hold=40, samples=6000)
+    measured = u + 0.02 * rng.standard_normal(len(u))
+    found = findings(measured, np.tanh(lfilter([0.1], [1, -0.9], u) / 3) + 0.003 * rng.standard_normal(len(u)))
+    assert not {"feedback-likely", "input-may-be-continuous"} & set(found)
+
+
+def test_a_controller_between_the_steps_of_its_reference_is_seen() -> None:
+    rng = np.random.default_rng(3)
+    reference, u, y = steps(4, 400, 6000), np.zeros(6000), np.zeros(6000)
+    for k in range(1, len(u)):
+        y[k] = 0.95 * y[k - 1] + 0.25 * u[k - 1] + 0.3 * rng.standard_normal()
+        u[k] = 1.5 * (reference[k] - y[k - 1]) + 0.02 * rng.standard_normal()
+    assert "feedback-likely" in findings(u, y)
+
+
+def oscillator(u: Array, speed: bool = False, sign: int = 1) -> Record:
+    """A position that answers at 8 Hz with hardly any damping, or its speed, every millisecond."""
+    own = np.exp(2j * np.pi * 8e-3 * (1j * 0.02 + 1))
+    y = lfilter([0, 1 - 2 * own.real + abs(own) ** 2], np.poly([own, own.conjugate()]).real, u)
+    y = np.gradient(y) if speed else y
+    noise = 0.01 * y.std() * np.random.default_rng(7).standard_normal(len(u))
+    return Record(u, sign * (y + noise), 1e-3, "u", "speed" if speed else "position")
+
+
+def tones(low: float, high: float, count: int) -> Array:
+    """(6000,) sines between two frequencies in Hz."""
+    t, rng = np.arange(6000) * 1e-3, np.random.default_rng(8)
+    return sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in np.linspace(low, high, count))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("speed", [False, True])
+class TestSignOfOscillations:
+    """A correlation with an oscillation has both signs; a step response begins with one."""
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_it_is_that_of_a_step_response(self, speed: bool, sign: int) -> None:
+        for u in (tones(1, 60, 25), steps(hold=40, samples=6000)):
+            found = response_of(oscillator(u, speed, sign))
+            assert found is not None
+            assert (found.delay is not None, found.sign) == (True, sign)
+
+    @pytest.mark.parametrize("u", [tones(12, 60, 25), tones(20, 30, 5), tones(20, 20, 1)])
+    def test_above_a_resonance_it_is_open(self, speed: bool, u: Array) -> None:
+        record = oscillator(u, speed)
+        found = response_of(record)
+        assert found is not None
+        assert found.sign == 0
+        (said,) = (each for each in advice(record, found) if each.code == "response-delay")
+        assert "sign" not in sentence(said)
+
+
+def test_a_delay_of_a_slow_input_is_not_certain() -> None:
+    slow = np.sin(0.005 * np.arange(N)) + np.sin(0.02 * np.arange(N))
+    u = slow + 0.02 * smooth()
+    sure = {
+        name: findings(x, motor(x, delay=4))["response-delay"].data["confidence"]
+        for name, x in (("slow", u), ("steps", U))
+    }
+    assert sure["slow"] <= 0.6 < 0.9 < sure["steps"]
 
 
 def test_a_filter_hides_feedback() -> None:
@@ -323,6 +387,13 @@ class TestDistortion:
         assert data["noise"] == pytest.approx(0.05, rel=0.6)
         assert max(data["even"], data["odd"]) < 0.02
 
+    @pytest.mark.parametrize(("noise", "said"), [(0.0, "nonlinear"), (0.05, "nonlinear"), (0.5, "noise hides")])
+    def test_noise_hides_distortion_and_makes_nothing_linear(self, noise: float, said: str) -> None:
+        assert said in sentence(self.finding(lambda u: u + 0.05 * u**3, noise))
+
+    def test_a_linear_model_is_enough_where_distortion_would_be_seen(self) -> None:
+        assert "linear model is enough" in sentence(self.finding(lambda u: 2 * u, noise=0.05))
+
     def test_only_where_the_input_is_periodic(self) -> None:
         assert "distortion-levels" not in ordinary()
 
@@ -431,6 +502,10 @@ class TestQuestions:
     def test_one_record_of_opposite_sign(self) -> None:
         records = [Record(U, sign * motor(U), 0.01, name=f"{k}") for k, sign in enumerate((1, 1, -1))]
         assert [(found.code, found.subject) for found in asked(records)] == [("records-of-opposite-sign", "2")]
+
+    def test_a_saturated_sensor(self) -> None:
+        (found,) = asked([Record(*clipped(), 0.01, output_names="y")])
+        assert (found.code, found.subject) == ("values-cut-off", "y")
 
     def test_each_kind_is_given_once(self) -> None:
         records = [Record(U, spikes(motor(U)), 0.01, name=f"{k}") for k in range(3)]

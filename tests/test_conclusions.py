@@ -132,6 +132,18 @@ def test_a_residual_with_a_constant_input_is_not_tested(constant):
     assert (verdict.code == "residual-not-tested") == constant
 
 
+@pytest.mark.parametrize(("pace", "code"), [(2.0, "residual-not-tested"), (0.2, "residual-independent-of-input")])
+def test_a_residual_that_is_as_slow_as_the_input_is_not_independent_of_it(pace, code):
+    """In a short record nothing can be said about a slow load that the model misses."""
+    t = np.arange(2000) * DT
+    slow = np.sin(t / pace) + np.sin(1.7 * t / pace + 1)
+    load = np.cos(1.3 * t / pace) + np.cos(2.3 * t / pace)
+    fit = least_squares(arx(1, 1), drive(noise=0.0))
+    record = Record(slow, fit.model.simulate(Record(slow, np.zeros(2000), DT)).output[:, 0] + load, DT)
+    (verdict,) = verdicts(assess(fit, record))
+    assert verdict.code == code
+
+
 def steps(record, unseen):
     comparison = compare([least_squares(arx(1, 1), record)], unseen)
     return [finding.code for finding in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]

@@ -154,6 +154,7 @@ def test_bad_rows_are_skipped_and_said(write: Write) -> None:
         ("log.csv", "(dt=10)\n", 0.01, "time-unit-assumed"),
         ("log.csv", "Sample Interval,5.0e-03,s\n", 0.005, "sample-time-from-text"),
         ("log.csv", "Increment 2.000000e-03\n", 0.002, "sample-time-from-text"),
+        ("log.csv", "Abtastrate 2 kSa/s\n", 0.0005, "sample-time-from-text"),
         ("log.csv", "dt,OCR2A\n10,156\n", 0.01, "time-unit-assumed"),
         ("test_20ms.csv", "", 0.02, "sample-time-from-text"),
         ("test_dt2.csv", "", 0.002, "time-unit-assumed"),
@@ -165,6 +166,31 @@ def test_a_sample_time_without_time_column(write: Write, name: str, above: str, 
     look = describe(write(f"{above}Voltage,Speed\n{rows}", name))
     assert look.reading == {"input": "Voltage", "output": "Speed", "dt": dt}
     assert code in codes(look)
+
+
+@pytest.mark.parametrize(
+    ("entry", "number", "dt"),
+    [
+        ("fs", 500.0, 0.002),
+        ("run.Fs_kHz", 2.0, 0.0005),
+        ("Ts", 0.01, 0.01),
+        ("sampleTime", 0.02, 0.02),
+        ("dt_ms", 5, 0.005),
+    ],
+)
+def test_a_single_number_of_a_file_is_its_sample_time(tmp_path: Path, entry: str, number: float, dt: float) -> None:
+    path = tmp_path / "runs.npz"
+    np.savez(path, period=1024, u=U, y=Y, **{entry: number})
+    look = describe(path)
+    assert look.reading["dt"] == pytest.approx(dt)
+    assert data(look, "sample-time-from-text")["source"] == entry
+    assert data(describe(path, dt=1.0), "sample-time-contradicted")["said"] == pytest.approx(dt)
+
+
+def test_a_single_number_of_another_name_is_no_sample_time(tmp_path: Path) -> None:
+    path = tmp_path / "runs.npz"
+    np.savez(path, period=1024, offset=0.1, fs=0.0, u=U, y=Y)
+    assert "sample-time-unknown" in codes(describe(path))
 
 
 def test_another_sample_time_than_the_file_says(write: Write) -> None:
@@ -324,3 +350,23 @@ def test_the_statistic_of_two_halves_of_a_system_is_about_one() -> None:
     assert statistic(whole[:400], whole[400:]) < 3
     assert statistic(whole[:400], emsid.Record(U, drive(0.8, 0), 0.01)[400:]) > 30
     assert statistic(whole[:40], whole[400:]) == np.inf
+
+
+def test_a_frame_is_looked_at_as_a_file_is() -> None:
+    """The frame of a notebook, with its times as index and a column of texts."""
+    pd = pytest.importorskip("pandas")
+    frame = pd.DataFrame({"Voltage (V)": U, "Speed (rpm)": Y, "mode": ["auto"] * N})
+    frame.index = pd.Index(pd.to_datetime(T, unit="s"), name="when")
+    look = describe(frame)
+    assert look.reading == {
+        "input": "Voltage (V)",
+        "output": "Speed (rpm)",
+        "time": "when",
+        "units": {"Voltage (V)": "V", "Speed (rpm)": "rpm"},
+    }
+    assert look["mode"].kind == "text"
+    record = emsid.read(frame, **look.reading)
+    np.testing.assert_allclose(record.output[:, 0], Y * np.pi / 30)
+    assert describe({"t": T, "u": U, "y": Y}).reading == {"input": "u", "output": "y", "time": "t"}
+    with pytest.raises(emsid.DataError, match="a list has no columns"):
+        describe([1, 2])

@@ -120,6 +120,18 @@ def test_a_reference_that_the_output_follows_shows_a_controller(write: Write) ->
     assert "reference-column" not in codes(describe(write(columns | {"setpoint": rng.standard_normal(N)})))
 
 
+def test_a_reference_of_a_position_shows_a_controller_of_its_speed_too(write: Write) -> None:
+    position = np.cumsum(Y)
+    look = describe(write({"t": T, "current": U, "velocity": Y, "angle": position, "angle_ref": np.roll(position, -1)}))
+    assert (look.roles.input, look.roles.output) == ("current", "velocity")
+    assert data(look, "reference-column") == {"input": "current", "follows": "angle"}
+
+
+def test_a_tachometer_measures_a_speed_in_volts(write: Write) -> None:
+    look = describe(write({"t [s]": T, "Ankerspannung [V]": U, "Tacho [V]": Y, "Ankerstrom [A]": U - 0.1 * Y}))
+    assert look.roles.output == "Tacho [V]"
+
+
 # --- codes -----------------------------------------------------------------------------------------------------------
 
 
@@ -195,3 +207,33 @@ def test_an_output_is_stuck_where_a_single_step_of_the_input_should_move_it() ->
     assert np.ptp(dead[1210:1290]) < 0.5
     assert not is_stuck(u, dead, Stretch(1210, 80, 0.0))  # at rest in a wide dead zone
     assert not is_stuck(np.full(len(u), np.nan), held, rows)
+
+
+# --- the row of a command --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("measured", [False, True])
+@pytest.mark.parametrize("output", ["speed", "encoder"])
+def test_a_command_that_is_written_after_it_acts_is_moved(write: Write, output: str, measured: bool) -> None:
+    """A sketch that writes its row and then sets the next command; a measured one has noise."""
+    rng = np.random.default_rng(4)
+    u = U + 0.01 * rng.standard_normal(N) * measured
+    y = Y if output == "speed" else np.rint(100 * np.cumsum(Y))
+    assert "command-before-its-row" not in codes(describe(write({"t": T, "pwm": u, output: y})))
+    look = describe(write({"t": T, "pwm": np.append(u[0], u[:-1]), output: y}))
+    assert data(look, "command-before-its-row") == {"output": output}
+    assert look.reading["shift"] == {"pwm": -1}
+    assert "--shift pwm=-1" in " ".join(proposals([look])[0])
+    assert "command-before-its-row" not in codes(describe(look.path, shift={"pwm": 0}))
+
+
+def test_a_controller_and_a_sampled_sine_act_in_no_row_before_theirs(write: Write) -> None:
+    rng = np.random.default_rng(5)
+    u, y = np.zeros(N), np.zeros(N)
+    for k in range(1, N):
+        y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1] + 0.05 * rng.standard_normal()
+        u[k] = 3 * (U[k] - y[k])
+    sine = np.sin(T) + np.sin(2.2 * T)
+    answer = 0.5 * sine + 0.01 * rng.standard_normal(N)
+    for columns in ({"u": u, "y": y}, {"u": sine, "y": answer}):
+        assert "command-before-its-row" not in codes(describe(write({"t": T, **columns})))

@@ -119,6 +119,18 @@ def test_a_counter_that_starts_again_is_made_continuous_before_gain_and_offset(w
     assert "wrap of 'enc' is -1; give a positive" in failure(path, input="u", output="enc", dt=1, wrap={"enc": -1})
 
 
+def test_a_column_is_moved_by_rows_together_with_its_direction(write: Write) -> None:
+    path = write("u,y,dir\n1,1,0\n2,2,1\n3,3,1\n4,4,0\n")
+    given: dict[str, Any] = {"input": "u", "output": "y", "dt": 1, "direction": {"u": "dir"}}
+    for rows, u in ((-1, [2, 3, -4, -4]), (0, [-1, 2, 3, -4]), (2, [-1, -1, -1, 2])):
+        record = read(path, **given, shift={"u": rows})
+        np.testing.assert_array_equal(record.input[:, 0], u)
+        np.testing.assert_array_equal(record.output[:, 0], [1, 2, 3, 4])
+    assert "shift is given for 't', which is neither" in failure(path, **given, shift={"t": 1})
+    for wrong in (0.5, 4, -4):
+        assert f"shift of 'u' is {wrong:g}; give a whole number" in failure(path, **given, shift={"u": wrong})
+
+
 def test_a_direction_is_a_column_of_few_values(log: Path) -> None:
     kwargs = {"input": "u", "output": "y", "dt": 1}
     assert "column 't' has" in failure(log, **kwargs, direction={"u": "t"})

@@ -21,12 +21,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("output-without-sign", "y", {"input": "u", "confidence": 0.5}),
     Finding("no-response", "y", {"input": "u"}),
     *(
-        Finding(code, "y", {"input": "u", "delay": delay, "time": 0.01 * delay, "confidence": 0.95})
-        for code, delay in (
-            ("response-delay", 0),
-            ("response-delay", 1),
-            ("response-delay", 230),
-            ("response-negative", 2),
+        Finding(code, "y", {"input": "u", "delay": delay, "time": 0.01 * delay, "sign": sign, "confidence": 0.95})
+        for code, delay, sign in (
+            ("response-delay", 0, 1),
+            ("response-delay", 1, 1),
+            ("response-delay", 230, 0),
+            ("response-negative", 2, -1),
         )
     ),
     Finding(
@@ -65,9 +65,9 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding(
             "distortion-levels",
             "y",
-            {"periods": 5, "period": 1.0, "lines": 20, "noise": 0.01, "even": 0.002, "odd": odd},
+            {"periods": 5, "period": 1.0, "lines": 20, "noise": noise, "even": 0.002, "odd": odd, "least": noise / 4},
         )
-        for odd in (0.12, 0.003)
+        for noise, odd in ((0.01, 0.12), (0.01, 0.003), (0.8, 0.12))
     ),
     *(
         Finding(
@@ -88,7 +88,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     *(
         Finding("sample-time-from-text", "log.csv", {"dt": 0.01, "source": source})
-        for source in ("preamble", "file name")
+        for source in ("preamble", "file name", "fs")
     ),
     *(
         Finding("clock-irregular", "t", {"gaps": gaps, "longest": 0.5, "duplicates": 2, "jitter": 0.1, "dt": 0.01})
@@ -112,10 +112,14 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("position-differentiated", "y", {"input": "u"}),
     Finding("rows-of-messages", "can.csv", {"rows": 6030, "columns": ["voltage", "speed"]}),
     Finding("position-wraps", "enc", {"period": 65536.0}),
+    Finding("command-before-its-row", "motor pwm", {"output": "encoder"}),
     Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
     Finding("reference-column", "r", {"input": "u", "follows": "y"}),
     Finding("difference-of-position", "mVel", {"position": "mStep"}),
-    Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": "preamble"}),
+    *(
+        Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": source})
+        for source in ("preamble", "fs")
+    ),
     Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
     Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),
     *(

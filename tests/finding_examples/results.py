@@ -134,6 +134,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-independent-of-input", "arx", {"model": "arx", "output": "speed", "share": 0.004}),
     Finding("residual-depends-on-input", "arx", {"model": "arx", "output": "speed", "share": 0.42}),
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
+    Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed", "independent": 12.7}),
     Finding(
         "record-shifted",
         "late.csv",

@@ -32,14 +32,16 @@ class Reader:
 
     def __call__(self, path: Path) -> "Record":
         """Read a file; what it says about another sample time is a finding of the record."""
-        from emsid.first_look.clock import contradiction
+        from emsid.first_look.clock import contradiction, stated_clock
         from emsid.io import ParsedFile, read, read_columns
 
         parsed = ParsedFile(path, read_columns(path))
         record, dt = read(parsed, **self.given), self.given.get("dt")
         if dt is None or "time" in self.given:
             return record
-        return replace(record, findings=(*record.findings, *contradiction(parsed.columns.preamble, path.name, dt)))
+        return replace(
+            record, findings=(*record.findings, *contradiction(stated_clock(parsed.columns, path.name), path.name, dt))
+        )
 
     def files(self, files: Sequence[Path]) -> list[Path]:
         """The given files, or the one of the output where that is a column of a named file: ``y.csv:1``.
@@ -119,6 +121,10 @@ Mask = Annotated[str | None, typer.Option(metavar="EXPR", help='Samples to leave
 Wrap = Annotated[
     list[str], typer.Option(metavar="COL=N", help="Counter or angle that starts again after N, such as 65536 or 360.")
 ]
+Shift = Annotated[
+    list[str],
+    typer.Option(metavar="COL=N", help="Rows by which a column is moved; -1 if a row holds the command before it."),
+]
 Direction = Annotated[
     list[str],
     typer.Option(metavar="COL=DIR", help="Column with the sign of a column: negative where it is not above 0."),
@@ -168,6 +174,7 @@ def _reader(
     rows: Rows = None,
     mask: Mask = None,
     wrap: Wrap = [],  # noqa: B006
+    shift: Shift = [],  # noqa: B006
     direction: Direction = [],  # noqa: B006
     scale: Scale = [],  # noqa: B006
     offset: Offset = [],  # noqa: B006
@@ -191,6 +198,7 @@ def _reader(
         "rows": None if rows is None else _rows(rows),
         "mask": mask,
         "wrap": numbers(wrap, "--wrap"),
+        "shift": numbers(shift, "--shift"),
         "direction": pairs(direction, "--direction"),
         "scale": numbers(scale, "--scale"),
         "offset": numbers(offset, "--offset"),

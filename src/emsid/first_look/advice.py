@@ -9,15 +9,16 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from emsid.estimation.linear.least_squares import LARGEST
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
-from emsid.excitation.between_samples import may_be_continuous, repeats
+from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
 from emsid.findings import Finding
-from emsid.first_look.baseline import baseline
+from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
 from emsid.first_look.dynamics import Response, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.measurement import outliers, resolution, sampling
@@ -34,6 +35,12 @@ TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
+EXPLAINS, SUGGESTS = 0.5, 0.1
+"""A linear model whose free run has a better fit than the first shows that the output responds, and with which sign;
+with one between them, the sign is open where it contradicts the correlation."""
+COARSE, ALIKE = 0.6, 0.9
+"""The confidence of a delay that only means over several samples show, at most, or after which a smooth input has a
+higher autocorrelation than the second."""
 FEEDBACK = 0.15
 """An input that is correlated more than this with earlier errors of the output depends on it."""
 COLOURED = 1e-4
@@ -89,7 +96,7 @@ def excitation(data: Examined) -> Iterable[Finding]:
         at_least = order == largest_order(data.record)
         yield Finding("excitation-sufficient", data.input, numbers | {"at_least": bool(at_least)})
     pieces = [piece.input[:, 0] for piece in data.record.segments]
-    if may_be_continuous(pieces):
+    if may_be_continuous(pieces) and not any(map(jumps, pieces)):
         yield Finding("input-may-be-continuous", data.input)
     levels = len(np.unique(np.round(data.u / np.ptp(data.u), 3)))
     if levels <= 3:
@@ -110,10 +117,19 @@ def answer(data: Examined) -> Iterable[Finding]:
         if not without_sign:  # no linear relation is seen then
             yield Finding("no-response", data.output, {"input": data.input})
         return
-    sure = round(min(0.99, 0.5 + 0.5 * abs(response.correlation)), 2)
     delay = data.delay or 0
-    shared = {"input": data.input, "delay": delay, "time": delay * dt, "confidence": sure}
+    most = COARSE if response.resolution > 1 or _hardly_changes(data, delay) else 0.99
+    sure = round(min(most, 0.5 + 0.5 * abs(response.correlation)), 2)
+    shared = {"input": data.input, "delay": delay, "time": delay * dt, "sign": response.sign, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
+
+
+def _hardly_changes(data: Examined, delay: int) -> bool:
+    """Whether a smooth input is nearly the same after this delay, so that friction or a slow response look like it."""
+    pieces = [piece.input[:, 0] for piece in data.record.segments]
+    if not delay or not may_be_continuous(pieces) or any(map(jumps, pieces)):
+        return False
+    return correlation(data.u[:-delay], data.u[delay:], (), 0) > ALIKE
 
 
 def _looks_ahead(data: Examined) -> bool:
@@ -233,6 +249,7 @@ QUESTIONABLE = frozenset(
         "output-without-sign",
         "response-negative",
         "samples-repeated",
+        "values-cut-off",
     }
 )
 """What a user of a model must know about the data that it was identified from."""
@@ -250,7 +267,27 @@ def response_of(record: Record, *, integrates: bool = False) -> Response | None:
     if any(each.code == "channel-out-of-scale" for each in _useless(record)):
         return None
     clean = without_outliers(record)
-    return response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
+    found = response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
+    return _as_modelled(found, middle(clean, SAMPLES))
+
+
+def _as_modelled(found: Response, record: Record) -> Response:
+    """A response as a linear model shows it, where that explains the output.
+
+    A correlation shows the sign at the frequencies of the input, and none where oscillations decay slowly. Where the
+    two disagree and the model explains little, or the input does not tell one model from another, the sign is open.
+    A model that integrates shows a position, which answers by its change.
+    """
+    linear = baseline(record, found.delay) if np.ptp(record.input[:, 0]) else None
+    if linear is None or linear.fit < SUGGESTS or linear.time_constant > max(map(len, record.segments)):
+        return found
+    sure = linear.fit >= EXPLAINS and persistent_excitation_order(record) >= 2 * ORDER
+    sign = linear.sign if sure or linear.sign == found.sign else 0
+    if linear.fit < EXPLAINS and found.delay is None:
+        return found
+    sign = 0 if linear.oscillates_below(record.input[:, 0]) else sign
+    delay = linear.delay if found.delay is None else min(found.delay, linear.delay) if sure else found.delay
+    return replace(found, delay=delay, sign=sign, correlation=max(abs(found.correlation), linear.fit))
 
 
 def questions(records: Sequence[Record], responses: Sequence[Response | None]) -> list[Finding]:
@@ -265,7 +302,8 @@ def questions(records: Sequence[Record], responses: Sequence[Response | None]) -
         if answered is None:
             continue
         data = Examined(record, answered, TOLERANCE)
-        checks = (answer, motion, outliers, sampling, drift) if np.ptp(record.input[:, 0]) else (motion, outliers)
+        moved = (answer, motion, resolution, outliers, sampling, drift)
+        checks = moved if np.ptp(record.input[:, 0]) else (motion, outliers)
         for finding in (each for check in checks for each in check(data)):
             if finding.code in QUESTIONABLE:
                 found.setdefault(finding.code, finding)

@@ -22,12 +22,18 @@ ORDERS = (ORDER, 12)
 """The same for a baseline that other models are compared with: a filter in the record may be of a higher order."""
 CERTAIN = 1
 """Delays of up to this many samples are not tried again."""
-EQUAL = 1e-3
+EQUAL = 0.02
 """Of delays whose free runs differ by less than this, the longest is taken."""
 SAMPLES, SAMPLES_FOR_DELAY = 20_000, 4_000
 """At most this many samples, from the middle, estimate the model with instruments, and compare delays."""
 REPETITIONS = 6
 """Of the instruments."""
+EARLY, EARLY_SAMPLES = 0.1, 4_000
+"""The sign of a model is that of its step response, of so many samples, where this first exceeds that share of its
+largest value."""
+RESONANT, BELOW = 2.0, 0.01
+"""A model resonates where its gain is that many times the gain at rest; an input excites the frequencies below it with
+at least that share of its power."""
 MOST_DELAY = 0.25
 """A delay above this share of the longest segment is no delay of the system."""
 
@@ -58,6 +64,31 @@ class Baseline:
     def delay(self) -> int:
         """Samples from the input to its first effect in the model."""
         return int(np.flatnonzero(self.b)[0]) if self.b.any() else 0
+
+    @property
+    def sign(self) -> int:
+        """The sign of the response to a step: 1 or −1, or 0 where it begins with one sign and rests at the other.
+
+        A lightly damped system answers an oscillation above its resonance with the opposite sign, a step never.
+        """
+        step = filtered(self.b, self.a, np.ones(EARLY_SAMPLES))
+        least = EARLY * float(np.max(np.abs(step)))
+        if not 0 < least < np.inf:
+            return 0
+        early = int(np.sign(step[np.abs(step) >= least][0]))
+        return early if abs(self.gain) < least or early == np.sign(self.gain) else 0
+
+    def oscillates_below(self, u: Array) -> bool:
+        """Whether the resonance of the model is below the frequencies of an input u (N,).
+
+        The sign of the response there is that of its inertia, or of a mass behind a spring, and not that at rest.
+        """
+        power = np.abs(np.fft.rfft(u - u.mean())) ** 2
+        f = np.arange(len(power)) / len(u)
+        q = np.exp(-2j * np.pi * f[:, None] * np.arange(max(len(self.a), len(self.b))))
+        gain = np.abs(q[:, : len(self.b)] @ self.b / (q[:, : len(self.a)] @ self.a))
+        peak = int(np.argmax(gain))
+        return bool(gain[peak] > RESONANT * gain[0] and power[:peak].sum() < BELOW * power.sum())
 
     def answer(self, signal: Array, breaks: Sequence[int]) -> Array:
         """(N,) what the model makes of a signal (N,) in place of the input, from rest in every segment."""

@@ -1,9 +1,12 @@
-"""The sample time of a file: from a time column, from the lines above the header, or from the name of the file."""
+"""The sample time of a file: from a time column, from what the file states besides its columns, or from its name.
+
+It is stated in the lines above the header of a table, or as a single number of a MAT or NPZ file, such as ``fs``.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +15,7 @@ from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
+from emsid.io.columns import Columns
 from emsid.io.sampling import SECONDS, clock_resets, counted_on
 from emsid.record.time_axis import TimeAxis, time_axis
 
@@ -27,7 +31,13 @@ _DT = re.compile(
     r"(ns|us|µs|ms|s)?",
     re.IGNORECASE,
 )
-_RATE = re.compile(r"(\d+(?:\.\d+)?)\s*(k?Hz)\b", re.I)
+_RATE = re.compile(r"(\d+(?:\.\d+)?)\s*(k?)(?:Hz|Sa/s|S/s)\b", re.I)
+_ENTRY = re.compile(
+    r"(?:.*\.)?(?:(?P<rate>f_?s|f_?sample|sampl\w*?_?(?:rate|freq|frequency))|"
+    r"(?P<time>dt|t_?s|delta_?t|sampl\w*?_?(?:time|interval|period)))(?:_?(?P<unit>k?hz|ns|us|ms|s))?",
+    re.IGNORECASE,
+)
+"""The name of an entry with the sampling frequency in Hz, or the sample time, perhaps with its unit."""
 _IN_NAME = re.compile(
     r"(?:^|[^A-Za-z0-9])(?:dt)?_?(\d+(?:\.\d+)?)(ns|us|ms|Hz|kHz)(?![A-Za-z])|(?<![A-Za-z])dt_?(\d+)()"
 )
@@ -39,7 +49,7 @@ class Clock:
 
     Attributes:
         dt: sample time in seconds.
-        source: ``column``, ``preamble``, ``file name``, or ``nothing``, where it is assumed.
+        source: ``column``, ``preamble``, the name of an entry, ``file name``, or ``nothing``, where it is assumed.
         confidence: of the sample time, from 0 to 1.
         column: the time column; empty where there is none.
         unit: of the time column or of the number found; empty for dates and times.
@@ -56,13 +66,12 @@ class Clock:
     axis: TimeAxis | None = None
 
 
-def find_clock(columns: Sequence[Column], preamble: Sequence[str], file: str, wanted: str = "") -> Clock:
+def find_clock(columns: Sequence[Column], stated: Clock | None, wanted: str = "") -> Clock:
     """The clock of a file.
 
     Args:
         columns: of the file.
-        preamble: the lines above its header.
-        file: its name.
+        stated: the clock that the file states besides its columns.
         wanted: the time column, where the user gives it.
     """
     scored = sorted(((_like_time(column), -k) for k, column in enumerate(columns)), reverse=True)
@@ -72,20 +81,19 @@ def find_clock(columns: Sequence[Column], preamble: Sequence[str], file: str, wa
             clock = _of_column(column, 1.0 if wanted else score)
             if clock is not None:
                 return clock
-    return _of_text(preamble, file) or Clock(ASSUMED, "nothing", 0.0)
+    return stated or Clock(ASSUMED, "nothing", 0.0)
 
 
-def contradiction(preamble: Sequence[str], file: str, dt: float) -> Iterable[Finding]:
-    """A finding where the lines above the header of a file, or its name, give another sample time.
+def contradiction(stated: Clock | None, file: str, dt: float) -> Iterable[Finding]:
+    """A finding where a file states another sample time.
 
     Args:
-        preamble: the lines above its header.
+        stated: the clock that the file states besides its columns.
         file: its name.
         dt: the sample time in s with which it is read.
     """
-    found = _of_text(preamble, file)
-    if found is not None and abs(found.dt - dt) > SAME * dt:
-        yield Finding("sample-time-contradicted", file, {"dt": dt, "said": found.dt, "source": found.source})
+    if stated is not None and abs(stated.dt - dt) > SAME * dt:
+        yield Finding("sample-time-contradicted", file, {"dt": dt, "said": stated.dt, "source": stated.source})
 
 
 def _like_time(column: Column) -> float:
@@ -149,11 +157,29 @@ def plausible_unit(step: float) -> tuple[str, float]:
     return "s", 0.3
 
 
-def _of_text(preamble: Sequence[str], file: str) -> Clock | None:
-    """The sample time in the lines above the header, or in the name of the file."""
-    written = _in_lines(preamble)
-    if written:
-        return _of_number(*written[0], "preamble")
+def stated_clock(raw: Columns, file: str) -> Clock | None:
+    """The sample time in a single number of the file, in the lines above the header, or in the name of the file."""
+    written = _in_lines(raw.preamble)
+    found = _of_entries(raw.numbers) or (_of_number(*written[0], "preamble") if written else None)
+    return found or _of_name(file)
+
+
+def _of_entries(numbers: Mapping[str, float]) -> Clock | None:
+    """The sample time of the first single number that is named as one, or as a sampling frequency."""
+    for name, number in numbers.items():
+        said = _ENTRY.fullmatch(name)
+        if said is None or not 0 < number < np.inf:
+            continue
+        unit = (said["unit"] or "").lower()
+        if said["rate"] and unit in ("", "hz", "khz"):
+            return _of_number(1 / (number * (1e3 if unit == "khz" else 1.0)), "s", name)
+        if said["time"] and unit in ("", *SECONDS):
+            return _of_number(number, unit, name)
+    return None
+
+
+def _of_name(file: str) -> Clock | None:
+    """The sample time in the name of a file."""
     found = _IN_NAME.search(file)
     if not found:
         return None
@@ -181,7 +207,7 @@ def _in_lines(lines: Sequence[str]) -> list[tuple[float, str]]:
             continue
         rate = _RATE.search(line)
         if rate and float(rate[1]):
-            found.append((1 / (float(rate[1]) * (1e3 if rate[2].lower() == "khz" else 1.0)), "s"))
+            found.append((1 / (float(rate[1]) * (1e3 if rate[2] else 1.0)), "s"))
             continue
         words = line.split()
         below = lines[k + 1].split() if k + 1 < len(lines) else []

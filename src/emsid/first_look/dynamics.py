@@ -43,6 +43,8 @@ UNSETTLED = 0.25
 """The output still moves where the means of two halves differ by more than this share of its range."""
 HELD_INPUT = 0.1
 """An input that stays the same in more of its samples does not answer a measured output."""
+UNDONE = 0.5
+"""Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
 CLEAR = 6.0
 """A correlation of this many standard deviations shows the delay."""
 
@@ -55,11 +57,13 @@ class Response:
         delay: samples from the input to the first effect; None where no effect is seen.
         sign: 1 or −1, that of the output for a positive input; 0 where it is not clear.
         correlation: of the output or of its change with the delayed input, whichever is larger.
+        resolution: samples over which means were taken to see the delay.
     """
 
     delay: int | None
     sign: int
     correlation: float
+    resolution: int = 1
 
 
 def influence(u: Array, y: Array) -> float:
@@ -69,8 +73,7 @@ def influence(u: Array, y: Array) -> float:
     """
     u, y = _middle(u), _middle(y)
     rows = np.arange(LAGS, len(y))
-    own = np.column_stack([y[rows - lag] for lag in range(1, LAGS + 1)])
-    other = np.column_stack([u[rows - lag] for lag in range(1, LAGS + 1)])
+    own, other = (_past(x, rows, LAGS) for x in (y, u))
     table = np.column_stack([np.ones(len(rows)), own, other, y[rows]])
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 4 * table.shape[1] or not np.ptp(table[:, -1]):
@@ -84,6 +87,30 @@ def influence(u: Array, y: Array) -> float:
     gain = 1 - both / alone
     chance = LAGS / (len(table) - 2 * LAGS)
     return float(np.clip((gain - 3 * chance) / (1 - 3 * chance), 0.0, 1.0))
+
+
+def at_once(u: Array, y: Array, sign: int) -> float:
+    """The share of the one-step prediction error of y (N,), from the past of both, that u (N,) of the same row removes.
+
+    It is zero where the coefficient of that value has another sign than the response, as that of a controller has, or
+    where later inputs undo most of its effect, as those of an interference do.
+
+    Args:
+        u, y: the signals; rows with a missing value (NaN) are left out.
+        sign: of the response of y to u.
+    """
+    u, y = _middle(u), _middle(y)
+    rows = np.arange(LAGS, len(y))
+    table = np.column_stack([u[rows], _past(u, rows, LAGS), _past(y, rows, LAGS), np.ones(len(rows)), y[rows]])
+    table = table[np.isfinite(table).all(axis=1)]
+    if len(table) < 4 * table.shape[1] or not np.ptp(table[:, 0]) or not np.ptp(table[:, -1]):
+        return 0.0
+    estimate = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
+    effects = estimate[:2]
+    if effects[0] * sign <= 0 or abs(effects.sum()) < UNDONE * np.abs(effects).sum():
+        return 0.0
+    without = _unexplained(table[:, 1:-1], table[:, -1])
+    return 1 - float(np.mean((table[:, -1] - table[:, :-1] @ estimate) ** 2)) / without if without > 0 else 0.0
 
 
 def feedback(u: Array, y: Array, sign: int | None) -> float:
@@ -100,20 +127,29 @@ def feedback(u: Array, y: Array, sign: int | None) -> float:
     rows = np.arange(LONG_PAST, len(y))
     if len(rows) < 6 * LONG_PAST:
         return 0.0
-    past_u, past_y = (np.column_stack([x[rows - lag] for lag in range(1, LONG_PAST + 1)]) for x in (u, y))
-    one = np.ones((len(rows), 1))
-    new = _residual(np.hstack([one, past_u]), u[rows])
-    error = _residual(np.hstack([one, past_u[:, : LONG_PAST // 2], past_y[:, : LONG_PAST // 2]]), y[rows])
+    past_u, past_y = (_past(x, rows, LONG_PAST // 2) for x in (u, y))
+    new, error = _new(u), _residual(np.hstack([np.ones((len(rows), 1)), past_u, past_y]), y[rows])
     if new.std() < 1e-6 * u.std() or error.std() < 1e-9 * y.std():
         return 0.0
     if np.mean(np.diff(u) == 0) < HELD_INPUT:  # steps of a reference hide what answers the output in between
-        new, error = _clipped(new), _clipped(error)
+        new, error = _new(_clipped(new)), _clipped(error)[LONG_PAST:]  # a clipped step lasts, so it is predicted again
     lags = range(LONG_PAST // 2)
     found = [float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1]) for lag in lags]
     if sign is not None and found[0] * sign >= 0:
         found[0] = 0.0
     largest = float(np.max(np.abs(found)))
     return largest if largest > CLEAR / np.sqrt(len(rows)) else 0.0
+
+
+def _past(x: Array, rows: NDArray[np.int64], lags: int) -> Array:
+    """(rows, lags) the values of a signal before these samples."""
+    return np.column_stack([x[rows - lag] for lag in range(1, lags + 1)])
+
+
+def _new(x: Array) -> Array:
+    """(N − `LONG_PAST`,) what the past of a signal (N,) does not predict."""
+    rows = np.arange(LONG_PAST, len(x))
+    return _residual(np.hstack([np.ones((len(rows), 1)), _past(x, rows, LONG_PAST)]), x[rows])
 
 
 def _clipped(x: Array) -> Array:
@@ -133,11 +169,11 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
     if not (np.ptp(u) > 0 and np.ptp(y) > 0) or len(u) < 4 * WHITENING:
         return Response(None, 0, 0.0)
     change = np.concatenate([np.diff(piece, prepend=piece[:1]) for piece in np.split(y, list(breaks))])
-    y = change if integrates else y
+    measured, y = y, change if integrates else y
 
     def related_at(delay: int) -> float:
         """A position lags behind its input by a quarter of a period, so that only its change has a sign."""
-        return max((correlation(u, x, breaks, delay) for x in (y, change)), key=abs)
+        return max((correlation(u, x, breaks, delay) for x in (measured, change)), key=abs)
 
     scale = 1
     while scale <= MOST_SCALE and len(u) >= 8 * WHITENING * scale:
@@ -148,7 +184,7 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
             delay, sign = found
             delay *= scale
             related = related_at(delay)
-            return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, related)
+            return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, related, scale)
         scale *= 2
     related = correlation(u, y, breaks, 0)
     if abs(related) < 0.5:

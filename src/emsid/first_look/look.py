@@ -6,7 +6,6 @@ Everything that is not given is guessed, and every guess has a confidence. `Firs
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,9 +20,9 @@ from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
 from emsid.first_look.advice import TOLERANCE, advice, response_of
-from emsid.first_look.clock import Clock, contradiction, find_clock
+from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
-from emsid.first_look.dynamics import Response
+from emsid.first_look.dynamics import Response, at_once
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
@@ -32,7 +31,7 @@ from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
-from emsid.io.reading import ParsedFile, read, read_columns
+from emsid.io.reading import ParsedFile, parsed_file, read, read_columns
 from emsid.io.sampling import SECONDS
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
@@ -56,6 +55,12 @@ USELESS = frozenset(
     }
 )
 """Findings with which there is nothing to identify."""
+HELD = 20.0
+"""An input is held, with noise or without, where its largest step is larger than the median by this factor."""
+AT_ONCE = 0.1
+"""An input whose value in the same row removes more of the error of a prediction acts before this row."""
+JUMP = 10.0
+"""A position jumps where its change is larger than 95 % of the others by this factor."""
 FOLLOWS = 0.9
 """An output with a higher correlation with a reference follows it."""
 MOSTLY = 0.9
@@ -63,6 +68,7 @@ MOSTLY = 0.9
 
 
 _TIME = ColumnQuantity.TIME
+_MOTIONS = (ColumnQuantity.POSITION, ColumnQuantity.SPEED)
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,7 @@ class FirstLook(Presented):
         findings: what was noticed.
         tolerance: singular values of the lagged input below this share of the largest are no excitation.
         header: the lines above the header of the table.
+        stated: the clock that the file states besides its columns.
         system: number of the system that it is of, among files that are looked at together.
     """
 
@@ -97,6 +104,7 @@ class FirstLook(Presented):
     findings: tuple[Finding, ...] = ()
     tolerance: float = TOLERANCE
     header: tuple[str, ...] = ()
+    stated: Clock | None = None
     system: int = 0
 
     @property
@@ -119,11 +127,11 @@ class FirstLook(Presented):
         return next(column for column in self.columns if column.name == name)
 
 
-def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **reading: Any) -> FirstLook:
+def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> FirstLook:
     """Look at a file: its columns, the likely input, output and time, and the quality of the data.
 
     Args:
-        path: the file, of any format that `emsid.read` reads.
+        path: the file, of any format that `emsid.read` reads; or a data frame.
         tolerance: singular values of the lagged input below this share of the largest are no excitation.
         reading: arguments of `emsid.read` that are known, such as ``output`` or ``dt``; the others are guessed.
 
@@ -134,8 +142,8 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         FormatError: where the file cannot be read at all.
         DataError: where an argument that is given cannot be used.
     """
-    file = Path(path)
-    parsed = ParsedFile(file, read_columns(file))
+    parsed = parsed_file(path)
+    file = parsed.path
     given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
     named = [name for names in given.values() for name in names]
     raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
@@ -144,7 +152,8 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = {name: _column(name, raw) for name in raw.series}
     table = [column for column in columns.values() if column.rows == rows]
-    clock = find_clock(table, raw.preamble, file.name, reading.get("time") or "")
+    stated = stated_clock(raw, file.name)
+    clock = find_clock(table, stated, reading.get("time") or "")
     known = (_bare([called.get(name, name) for name in names]) for names in given.values())
     roles = find_roles(table, clock.column, *known)
     columns = _with_responses_to_codes(columns, roles)
@@ -159,7 +168,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         proposal["direction"] = {roles.input: direction}
         noticed.append(Finding("direction-column", roles.input, {"column": direction, "output": roles.output}))
     look = FirstLook(
-        str(path),
+        str(file),
         rows,
         tuple(columns.values()),
         raw.others,
@@ -168,6 +177,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         _completed(reading, proposal),
         tolerance=tolerance,
         header=tuple(raw.preamble),
+        stated=stated,
     )
     noticed += _about_columns(look, set(reading))
     return _with_record(look, parsed, noticed, set(reading))
@@ -206,7 +216,7 @@ def _by_messages(raw: Columns, name: str, time: str) -> Columns:
     if not any(series.null_count() > MOST_SKIPPED * rows for series in raw.series.values()):
         return raw
     table = [_column(each, raw) for each, series in raw.series.items() if len(series) == rows]
-    time = time or find_clock(table, raw.preamble, name, "").column
+    time = time or find_clock(table, stated_clock(raw, name)).column
     if time not in raw.series:
         return raw
     apart = with_clocks_of_messages(raw, time, numeric_columns(raw, time))
@@ -223,7 +233,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     except EmsidError as problem:
         if not isinstance(problem, DataError) or {"input", "output"} <= given:
             raise
-        if given and describe(look.path).record is not None:  # what is given is the cause
+        if given and describe(parsed).record is not None:  # what is given is the cause
             raise
         reason = str(problem).removeprefix(f"{look.path}: ")
         failed = Finding("not-readable", look.name, {"reason": reason, "arguments": list(problem.arguments)})
@@ -235,8 +245,31 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
         return _with_record(look, parsed, noticed, given)
     found = found or Response(None, 0, 0.0)
+    if not {"shift", "direction"} & set(look.reading) and _acts_in_its_own_row(look, found):
+        noticed.append(Finding("command-before-its-row", look.roles.input, {"output": look.roles.output}))
+        look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})
+        return _with_record(look, parsed, noticed, given | {"shift"})
     findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
     return replace(look, record=record, response=found, findings=findings)
+
+
+def _acts_in_its_own_row(look: FirstLook, response: Response) -> bool:
+    """Whether a held input moves the output in its own row already: it acts before the row that it is written into."""
+    named = {column.name: column for column in look.columns}
+    u, y = named.get(look.roles.input), named.get(look.roles.output)
+    if u is None or y is None or len(u.values) != len(y.values) or not response.sign:
+        return False
+    steps = np.abs(np.diff(u.signal[np.isfinite(u.signal)]))
+    if not np.max(steps, initial=0.0) > HELD * np.median(steps):
+        return False
+    answer = _steps(y.signal) if look.reading["output"] == f"d({y.name})" else y.signal
+    return at_once(u.signal, answer, response.sign) > AT_ONCE
+
+
+def _steps(position: Array) -> Array:
+    """(N,) the change of a position since the row before; NaN where it jumps, as at a reset."""
+    change = np.diff(position, prepend=np.nan)
+    return np.where(np.abs(change) > JUMP * np.nanpercentile(np.abs(change), 95), np.nan, change)
 
 
 def _answers_by_its_change(record: Record) -> bool:
@@ -320,17 +353,26 @@ def _about_columns(look: FirstLook, given: set[str]) -> list[Finding]:
 
 
 def _about_references(look: FirstLook) -> list[Finding]:
-    """Columns that are named as references, and that the output follows."""
+    """Columns that are named as references, and that the output follows, or another measured motion."""
     roles, findings = look.roles, []
-    output = next((column for column in look.columns if column.name == roles.output), None)
+    motions = sorted(
+        (each for each in look.columns if each.name == roles.output or each.meaning.quantity in _MOTIONS),
+        key=lambda each: each.name != roles.output,
+    )
     for column in look.columns:
         named = column.meaning.quantity is ColumnQuantity.REFERENCE and column.name not in (roles.input, roles.output)
-        if not named or output is None or len(column.values) != len(output.values) or column.constant:
-            continue
-        both = np.stack([column.signal, output.signal])
-        if np.corrcoef(both[:, np.isfinite(both).all(axis=0)])[0, 1] > FOLLOWS:
-            findings.append(Finding("reference-column", column.name, {"input": roles.input, "follows": output.name}))
+        follows = next((each.name for each in motions if named and _follows(each, column)), "")
+        if follows:
+            findings.append(Finding("reference-column", column.name, {"input": roles.input, "follows": follows}))
     return findings
+
+
+def _follows(column: Column, reference: Column) -> bool:
+    """Whether one column has nearly the course of another."""
+    if len(column.values) != len(reference.values) or column.constant or reference.constant:
+        return False
+    both = np.stack([reference.signal, column.signal])
+    return bool(np.corrcoef(both[:, np.isfinite(both).all(axis=0)])[0, 1] > FOLLOWS)
 
 
 def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Finding]:
@@ -370,7 +412,7 @@ def _is_stuck(look: FirstLook, output: Column, stretch: Stretch) -> bool:
 def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:
     given, dt = {"dt", "time_unit"} & set(look.reading), look.reading.get("dt")
     if dt is not None and dt != clock.dt:
-        return list(contradiction(look.header, look.name, dt))
+        return list(contradiction(look.stated, look.name, dt))
     if clock.source == "nothing" and dt == clock.dt:
         texts = [each.name for each in look.columns if each.kind == "text" and each.meaning.quantity is _TIME]
         return [Finding("sample-time-unknown", look.name, {"assumed": clock.dt, "texts": texts})]
@@ -378,7 +420,7 @@ def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:
     if clock.unit_confidence < 1 and clock.unit != "s" and given:
         data = {"unit": clock.unit, "dt": clock.dt, "confidence": clock.unit_confidence, "source": clock.source}
         findings.append(Finding("time-unit-assumed", clock.column or look.name, data))
-    elif clock.source in ("preamble", "file name") and "dt" in look.reading:
+    elif clock.source not in ("column", "nothing") and "dt" in look.reading:
         findings.append(Finding("sample-time-from-text", look.name, {"dt": clock.dt, "source": clock.source}))
     if clock.axis is not None and not clock.axis.regular and look.reading.get("resample"):
         axis = clock.axis

@@ -76,7 +76,7 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
         ColumnQuantity.SPEED,
         0.95,
         "speed vel velocity rpm omega geschwindigkeit drehzahl winkelgeschwindigkeit vitesse velocidad velocità gyro "
-        "spd qdot dq qd rate",
+        "spd qdot dq qd rate tacho tachometer tachogenerator",
     ),
     (ColumnQuantity.DUTY, 0.95, "pwm duty dutycycle throttle"),
     (

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 FEWEST_PERIODS = 2
 MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
+STANDS_OUT = 4.0
+"""Distortion stands out from noise by so many standard deviations of the power of the noise."""
 LEVEL = 0.001
 """The probability of a nonlinear relation in noise: a margin to 5 %, since the colour of the noise is estimated."""
 CLEAR, LEAST = 0.05, 1e-4
@@ -98,18 +100,24 @@ class Distortion:
         return self.band & ~self.excited & ~self.even
 
     def levels(self) -> dict[str, float | int]:
-        """Noise of a period, even and odd distortion as shares of the amplitude at the frequencies of the input."""
+        """Noise of a period, even and odd distortion as shares of the amplitude at the frequencies of the input.
+
+        ``least`` is the smallest distortion that stands out from the noise: the power of one line of noise has as large
+        a standard deviation as its mean.
+        """
         signal = float(np.sum(self.amplitude[self.excited] ** 2))
 
         def level(where: NDArray[np.bool_]) -> float:
             power = float(np.sum(self.amplitude[where] ** 2) - np.sum(self.noise[where] ** 2))
             return float(np.sqrt(max(power, 0.0) / signal))
 
+        deviation = max(float(np.linalg.norm(self.noise[where] ** 2)) for where in (self.even, self.odd))
         return {
             "periods": self.periods,
             "noise": float(np.sqrt(np.sum(self.noise[self.band] ** 2) * self.periods / signal)),
             "even": level(self.even),
             "odd": level(self.odd),
+            "least": float(np.sqrt(STANDS_OUT * deviation / signal)),
             "lines": int(np.count_nonzero(self.excited)),
         }
 

@@ -14,11 +14,14 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.comparison import Assessment
+from emsid.validation.correlation import autocorrelation
 
 Array = NDArray[np.float64]
 
 # A residual of which the input predicts more than this share of the variance depends on the input.
 PREDICTABLE = 0.05
+# Of fewer independent values, chance explains half as large a share, and such a share does not stand out from it.
+FEWEST_INDEPENDENT = 2 / PREDICTABLE
 # Penalties of the regressions that predict a residual.
 RIDGES = (0.0, 0.01, 0.1, 1.0)
 # A fit in percent below which a model is called poor, and above which it is called good.
@@ -39,6 +42,9 @@ def _verdict(best: Assessment, channel: int) -> Finding:
     share = predictable_share(error, record)
     if share is None:
         return Finding("residual-not-tested", best.row.model, data)
+    independent = max(independent_values(error, u, record.breaks) for u in record.input.T)
+    if share <= PREDICTABLE and independent < FEWEST_INDEPENDENT:
+        return Finding("residual-not-tested", best.row.model, data | {"independent": independent})
     code = "residual-depends-on-input" if share > PREDICTABLE else "residual-independent-of-input"
     return Finding(code, best.row.model, data | {"share": share})
 
@@ -52,6 +58,25 @@ def predictable_share(error: Array, record: Record) -> float | None:
     known = np.isfinite(error)
     found = _past_inputs(record, known)
     return None if found is None or not np.ptp(error[known]) > 0 else float(_shares(error[:, None], *found)[0])
+
+
+def independent_values(error: Array, u: Array, breaks: Sequence[int]) -> float:
+    r"""How many independent values a correlation of two signals (N,) comes from, ``N/(1 + 2·Σ w(k)·r_e(k)·r_u(k))``.
+
+    Two slow signals are alike by chance (Bartlett, 1946). r are their autocorrelations up to a quarter of the samples,
+    w falls from 1 to 0 there.
+
+    Args:
+        error: NaN where it does not count.
+        u: an input.
+        breaks: the first sample of every segment but the first.
+    """
+    count = int(np.count_nonzero(np.isfinite(error)))
+    known = np.where(np.isfinite(error), u, np.nan)
+    alike = [np.asarray(autocorrelation(each, breaks, count // 4))[1:] for each in (error, known)]
+    lags = min(map(len, alike))
+    weights = 1 - np.arange(1, lags + 1) / (lags + 1)
+    return count / max(1 + 2 * float(np.sum(weights * alike[0][:lags] * alike[1][:lags])), 1.0)
 
 
 def predictable_shares(errors: Array, record: Record) -> Array:

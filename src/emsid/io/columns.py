@@ -23,6 +23,9 @@ MOST_SHOWN = 60
 HALF_A_DAY = 12 * 3600 * 10**9
 """In nanoseconds, in which times of day are counted."""
 
+ONE_NUMBER = "a single number"
+"""Why such an entry is no column."""
+
 UNITS = "emsid.units"
 """Under this name, formats without a header line hold the units of their columns, a JSON table by name."""
 
@@ -78,6 +81,7 @@ class Columns:
         series: every column by name, one value per sample; they need not be equally long (a MAT file may hold
             two experiments). Numbers are numeric series; a column holding any text stays text.
         others: the other entries of the file by name, and why each is not a column (``"a single number"``).
+        numbers: those of them that are single numbers, such as ``fs``.
         units: the unit of a column, from a row under the header or from `UNITS`, if the file has one.
         preamble: the lines above the header, for hints.
         lines: the line of the file that each row was read from, 1-based; None for formats without lines.
@@ -88,6 +92,7 @@ class Columns:
 
     series: Mapping[str, pl.Series]
     others: Mapping[str, str] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     preamble: tuple[str, ...] = ()
     lines: Sequence[int] | None = None
@@ -167,12 +172,15 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
 
     series: dict[str, pl.Series] = {}
     others: dict[str, str] = {}
+    numbers: dict[str, float] = {}
     for name, value in variables:
         if isinstance(value, np.ndarray) and value.ndim > 2:  # (1, 1, N), as Simulink logs a signal
             value = value.squeeze()
         reason = reason_against(value)
         if reason:
             others[name] = reason
+            if reason == ONE_NUMBER and isinstance(value, np.ndarray):
+                numbers[name] = float(value.item())
             continue
         assert isinstance(value, np.ndarray)
         values = _plain(value)
@@ -181,7 +189,7 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
         else:
             for k in range(values.shape[1]):
                 series[f"{name}_{k + 1}"] = pl.Series(f"{name}_{k + 1}", np.ascontiguousarray(values[:, k]))
-    return Columns(series, others)
+    return Columns(series, others, numbers)
 
 
 def reason_against(value: object) -> str:
@@ -197,7 +205,7 @@ def reason_against(value: object) -> str:
     if value.size == 0:
         return "empty"
     if value.size == 1:
-        return "a single number"
+        return ONE_NUMBER
     if value.ndim > 2:
         return f"a {value.ndim}-dimensional array"
     if value.ndim == 2 and value.shape[0] != 1 and value.shape[1] > value.shape[0]:

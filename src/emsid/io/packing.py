@@ -68,6 +68,7 @@ class Packed:
             "clocks": {name: clock for name, clock in self.clocks.items() if name in lengths and clock in lengths},
             "lengths": lengths,
             "others": dict(columns.others),
+            "numbers": dict(columns.numbers),
         }
         body = BytesIO()
         pl.DataFrame(padded).write_ipc(body)
@@ -84,6 +85,7 @@ def unpacked(content: bytes) -> Columns:
     return Columns(
         series={name: frame[name][:length] for name, length in head["lengths"].items()},
         others=head["others"],
+        numbers=head["numbers"],
         units=head["units"],
         clocks=head["clocks"],
     )

@@ -1,9 +1,9 @@
 """Reading of a file to a `Record`: selection of columns and samples, sample time, units.
 
-The steps have a fixed order. Columns with a ``wrap`` are made continuous. ``rows`` are selected. ``mask`` is evaluated
-on the columns of the file. A column takes the sign of its ``direction`` and becomes ``scale·x + offset``. Masked
-samples are removed; the others are checked and divided into segments. Derivatives are computed within each segment.
-Units are converted to SI.
+The steps have a fixed order. Columns with a ``wrap`` are made continuous, and those with a ``shift`` are moved.
+``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column takes the sign of its ``direction``
+and becomes ``scale·x + offset``. Masked samples are removed; the others are checked and divided into segments.
+Derivatives are computed within each segment. Units are converted to SI.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import gunzipped, read_bytes
+from emsid.io.frames import columns_of_frame
 from emsid.io.long_form import one_column_per_signal
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
@@ -34,6 +36,7 @@ from emsid.io.parquet import read_parquet
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
 from emsid.io.selection import check_column, select
+from emsid.io.shifting import shifted
 from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import read_table
 from emsid.io.tdms import read_tdms
@@ -119,8 +122,25 @@ class ParsedFile:
         return str(self.path)
 
 
+def parsed_file(source: Any) -> ParsedFile:
+    """The columns of a file; a data frame is taken as a file of the name ``frame``.
+
+    Args:
+        source: a path, a file that is parsed already, a pandas or Polars frame, or a dictionary of arrays.
+
+    Raises:
+        FormatError: where a file cannot be read.
+        DataError: for something else.
+    """
+    if isinstance(source, ParsedFile):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return ParsedFile(Path(source), read_columns(source))
+    return ParsedFile(Path("frame"), columns_of_frame(source))
+
+
 def read(
-    path: str | os.PathLike[str],
+    path: Any,
     *,
     input: str | Sequence[str],
     output: str | Sequence[str],
@@ -130,6 +150,7 @@ def read(
     rows: slice | None = None,
     mask: str | None = None,
     wrap: Mapping[str, float] | None = None,
+    shift: Mapping[str, float] | None = None,
     direction: Mapping[str, str] | None = None,
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
@@ -149,7 +170,8 @@ def read(
     Args:
         path: a table (CSV, TSV, ``.dat``, ``.txt``, ``.log`` or ``.jsonl``), a MAT file (version 5 to 7.3), Parquet,
             Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS,
-            MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); or a file that is parsed already.
+            MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); a file that is parsed already; or a pandas or Polars
+            frame, or a dictionary of arrays.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.
@@ -166,6 +188,8 @@ def read(
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
         wrap: by column of a counter or an angle that starts again, the period after which it does, such as 65536 or
             360; whole periods are added so that it is continuous.
+        shift: by column, the rows by which it is moved to later ones; −1 for a command that is written into the row
+            after the one where it acts.
         direction: by column without sign, such as the duty of a bridge, the column that says its direction: the sign is
             negative where that is not above 0 (0 and 1, or −1 and 1).
         scale, offset: by column; ``scale·x + offset`` replaces x.
@@ -187,7 +211,7 @@ def read(
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
-    parsed = path if isinstance(path, ParsedFile) else ParsedFile(Path(path), read_columns(path))
+    parsed = parsed_file(path)
     file = parsed.path
     names = [*_as_tuple(input), *_as_tuple(output)]
     columns, rename = with_other_files(parsed.columns, file, names, time, read_columns)
@@ -203,6 +227,7 @@ def read(
             mask=mask,
             skip_bad_rows=skip_bad_rows,
             wrap=wrap or {},
+            shift=shift or {},
             direction=direction or {},
             scale=scale or {},
             offset=offset or {},
@@ -214,13 +239,11 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        if not parsed.columns.clocks:
-            clocks = about_clocks(columns, (*inputs, *outputs), file.name)
-            record = replace(record, findings=(*clocks, *record.findings))
+        clocks = () if parsed.columns.clocks else about_clocks(columns, (*inputs, *outputs), file.name)
+        record = replace(record, findings=(*clocks, *record.findings))
         return _detrended(_filtered(record, filter, decimate), detrend)
     except DataError as problem:
-        message = str(problem)
-        message = message.removeprefix(f"{file.name}: ")
+        message = str(problem).removeprefix(f"{file.name}: ")
         raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
 
 
@@ -254,6 +277,7 @@ def _record(
     mask: str | None,
     skip_bad_rows: bool,
     wrap: Mapping[str, float],
+    shift: Mapping[str, float],
     direction: Mapping[str, str],
     scale: Mapping[str, float],
     offset: Mapping[str, float],
@@ -264,8 +288,9 @@ def _record(
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
     used = [s.column for s in signals]
-    _check_options({"wrap": wrap, "direction": direction, "scale": scale, "offset": offset, "units": units}, signals)
-    columns = continuous(columns, wrap)
+    by_column = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
+    _check_options({**by_column, "units": units}, signals)
+    columns = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(columns, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)

@@ -44,7 +44,7 @@ def seconds(frame: Any, time: str | None) -> Array | None:
         index = None
     if time is None:
         return None if index is None or type(index).__name__ == "RangeIndex" else _as_seconds(index, "the index")
-    if time not in _names(frame) and index is not None and getattr(index, "name", None) == time:
+    if time not in column_names(frame) and index is not None and getattr(index, "name", None) == time:
         return _as_seconds(index, f"index {time!r}")
     return _as_seconds(_column(frame, time), f"column {time!r}")
 
@@ -82,13 +82,18 @@ def _as_floats(values: Any, what: str) -> Array:
 
 
 def _column(frame: Any, name: str) -> Any:
-    names = _names(frame)
+    names = column_names(frame)
     if name not in names:
         raise DataError(f"there is no column {name!r}; there are {', '.join(map(str, names))}")
     return frame[name]
 
 
-def _names(frame: Any) -> list[Any]:
+def column_names(frame: Any) -> list[Any]:
+    """The names of the columns of a frame.
+
+    Raises:
+        DataError: for something without columns.
+    """
     found = getattr(frame, "columns", None)
     if found is None:
         found = frame.keys() if hasattr(frame, "keys") else getattr(getattr(frame, "dtype", None), "names", None)
@@ -98,4 +103,4 @@ def _names(frame: Any) -> list[Any]:
 
 
 def _length(frame: Any) -> int:
-    return len(frame[next(iter(_names(frame)))])
+    return len(frame[next(iter(column_names(frame)))])

@@ -26,7 +26,12 @@ def residual_independent(f: Finding, argument: Spelling) -> str:
 
 @words("residual-not-tested")
 def residual_not_tested(f: Finding, argument: Spelling) -> str:
-    """Data: output."""
+    """Data: output, independent (values of the residual, where these are too few)."""
+    if "independent" in f.data:
+        return (
+            f"the residual of {f.data['output']} could not be tested against the input: both change so slowly that "
+            f"these data have only {f.data['independent']:.0f} independent values; record longer"
+        )
     return (
         f"the residual of {f.data['output']} could not be tested against the input: one of them is constant, or there "
         "are too few samples"

@@ -10,8 +10,11 @@ from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.durations import duration
-from emsid.wording.lists import shortened
+from emsid.wording.lists import assigned, shortened
 from emsid.wording.sureness import how_sure
+
+NOTABLE_DISTORTION, HIDDEN_DISTORTION = 0.02, 0.05
+"""A linear model is enough up to the first share of the amplitude; less than the second cannot be seen in the noise."""
 
 
 def _in_unit(value: float, unit: str) -> str:
@@ -35,7 +38,7 @@ def channel_out_of_scale(f: Finding, argument: Spelling) -> str:
     """Subject: the channel. Data: largest."""
     return (
         f"{f.subject} reaches {f.data['largest']:.3g}, which cannot be computed with; scale it to an ordinary size "
-        f"({argument('scale')} {f.subject}=…)"
+        f"({argument('scale')} {assigned(f.subject, '…')})"
     )
 
 
@@ -141,9 +144,10 @@ def output_noise_only(f: Finding, argument: Spelling) -> str:
 
 @words("response-delay")
 def response_delay(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input, delay (samples), time (s), confidence."""
+    """Subject: the output. Data: input, delay (samples), time (s), sign (0 where it is open), confidence."""
     d = f.data
-    return f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} {_after(d)}, with the same sign"
+    sign = ", with the same sign" if d["sign"] else ""
+    return f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} {_after(d)}{sign}"
 
 
 def _after(data: Mapping[str, Any]) -> str:
@@ -169,7 +173,7 @@ def response_negative(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, {_after(d)}: the "
-        f"leads or the sensor are reversed; turn the sign with {argument('scale')} {d['input']}=-1"
+        f"leads or the sensor are reversed; turn the sign with {argument('scale')} {assigned(d['input'], '-1')}"
     )
 
 
@@ -339,7 +343,7 @@ def output_integrates(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input."""
     return (
         f"{f.subject} goes on as long as {f.data['input']} lasts, as a position does that integrates a speed; if it is "
-        f"one, give its unit ({argument('units')} {f.subject}=deg), or take its derivative as the output, "
+        f"one, give its unit ({argument('units')} {assigned(f.subject, 'deg')}), or take its derivative as the output, "
         f"d({f.subject})"
     )
 
@@ -382,11 +386,14 @@ def output_drifts(f: Finding, argument: Spelling) -> str:
 
 @words("distortion-levels")
 def distortion_levels(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: periods, period (s), lines, noise, even, odd (shares of the amplitude)."""
+    """Subject: the output. Data: periods, period (s), lines, noise, even, odd, least (shares of the amplitude)."""
     d = f.data
-    largest = max(d["even"], d["odd"])
-    nonlinear = largest > max(0.02, 2 * d["noise"])
-    then = "a nonlinear model is needed" if nonlinear else "a linear model is enough at this amplitude"
+    if max(d["even"], d["odd"]) > max(NOTABLE_DISTORTION, d["least"]):
+        then = "a nonlinear model is needed"
+    elif d["least"] <= HIDDEN_DISTORTION:
+        then = "a linear model is enough at this amplitude"
+    else:
+        then = f"noise hides distortion of up to {100 * d['least']:.2g} %, so record more periods or a larger input"
     return (
         f"over {d['periods']} periods of {duration(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
         f"{100 * d['even']:.2g} % even distortion (unsymmetric) and {100 * d['odd']:.2g} % odd distortion (dead zone, "

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from shlex import quote
+
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.durations import duration, sample_time
-from emsid.wording.lists import listed, shortened
+from emsid.wording.lists import assigned, listed, shortened
 from emsid.wording.sureness import how_sure
 
 # --- how a file was read ---------------------------------------------------------------------------------------------
@@ -25,9 +27,9 @@ def sample_time_implausible(f: Finding, argument: Spelling) -> str:
 
 @words("sample-time-contradicted", Severity.WARNING)
 def sample_time_contradicted(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: dt (s), said (s), source (``preamble`` or ``file name``)."""
+    """Subject: the file. Data: dt (s), said (s), source (``preamble``, ``file name`` or the name of an entry)."""
     d = f.data
-    where = "the header" if d["source"] == "preamble" else "the name"
+    where = {"preamble": "the header", "file name": "the name"}.get(d["source"], f"the entry {d['source']}")
     return (
         f"{f.subject}: {where} of the file gives a sample time of {duration(d['said'])}, and {duration(d['dt'])} is "
         f"used; if the file is right, give {argument('dt')} {d['said']:g}"
@@ -163,8 +165,9 @@ def time_unit_assumed(f: Finding, argument: Spelling) -> str:
     """Subject: the time column or the file. Data: unit, dt (s), confidence, source."""
     what = {"preamble": "of the sample time above the header of", "file name": "of the sample time in the name"}
     of_column = f.data["source"] == "column"
+    which = "of" if of_column else what.get(f.data["source"], f"of the entry {f.data['source']} of")
     return (
-        f"the unit {what.get(f.data['source'], 'of')} {f.subject} is not given; it is {how_sure(f.data['confidence'])} "
+        f"the unit {which} {f.subject} is not given; it is {how_sure(f.data['confidence'])} "
         f"{f.data['unit']}, which makes the sample time {sample_time(f.data['dt'])}. Check "
         f"{argument('time_unit' if of_column else 'dt')}"
     )
@@ -172,8 +175,9 @@ def time_unit_assumed(f: Finding, argument: Spelling) -> str:
 
 @words("sample-time-from-text")
 def sample_time_from_text(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: dt (s), source."""
-    where = "the lines above the header" if f.data["source"] == "preamble" else "its name"
+    """Subject: the file. Data: dt (s), source (``preamble``, ``file name`` or the name of an entry)."""
+    source = f.data["source"]
+    where = {"preamble": "the lines above the header", "file name": "its name"}.get(source, f"its entry {source}")
     time = sample_time(f.data["dt"])
     return f"{f.subject}: the sample time {time} comes from {where}; check it with {argument('dt')}"
 
@@ -231,8 +235,8 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     why = f"seems to be a position, because its change responds to {u} and it does not" if u else "is a position"
     return (
         f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify. For "
-        f"a model of the position, give {argument('output')} {f.subject}, and for a machine axis {argument('models')} "
-        "linear-axis"
+        f"a model of the position, give {argument('output')} {quote(f.subject)}, and for a machine axis "
+        f"{argument('models')} linear-axis"
     )
 
 
@@ -253,6 +257,16 @@ def reference_column(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("command-before-its-row")
+def command_before_its_row(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: output."""
+    return (
+        f"{f.subject} moves {f.data['output']} in the row that it is written into, as where a logger writes a row and "
+        f"then sets the next command; {argument('shift')} {assigned(f.subject, '-1')} moves it to the row where it "
+        "begins to act, as physical models expect"
+    )
+
+
 @words("direction-column")
 def direction_column(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: column (with its sign), output."""
@@ -267,6 +281,6 @@ def difference_of_position(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: position."""
     return (
         f"{f.subject} is the change of {f.data['position']} from row to row; its unit is that of {f.data['position']} "
-        f"per sample: with an encoder, give {argument('units')} {f.subject}=count/sample and "
+        f"per sample: with an encoder, give {argument('units')} {assigned(f.subject, 'count/sample')} and "
         f"{argument('counts_per_revolution')}"
     )

@@ -1,8 +1,9 @@
-"""Lists of names in a sentence."""
+"""Names in a sentence: lists of them, and names in an argument."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from shlex import quote
 
 from emsid.errors import listed
 
@@ -22,3 +23,13 @@ def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") ->
 
 
 __all__ = ["listed", "shortened"]
+
+
+def assigned(name: str, value: str) -> str:
+    """The value of an argument for a column, as it is typed on a command line.
+
+    >>> assigned("u", "-1"), assigned("Voltage (V)", "-1")
+    ('u=-1', "'Voltage (V)=-1'")
+    """
+    text = f"{name}={value}"
+    return text if quote(name) == name else quote(text)

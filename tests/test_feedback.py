@@ -17,6 +17,7 @@ from emsid.models.feedback.coordinates import Visited, coordinates, directions, 
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import as_feedback
+from emsid.validation.feedback_curves import feedback_at_rest
 from feedback_models import Array, U, X, loop, multiplied
 from model_examples import DT, LOOP, MAPS, TWO_LOOPS
 
@@ -46,6 +47,24 @@ def test_the_derivative_is_that_of_differences(model: FeedbackModel) -> None:
         move = step * np.eye(1, 2, k)[0]
         expected[:, count + k] = (model.output(u, X + move) - model.output(u, X - move)) / (2 * step)
     np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def sticking() -> FeedbackModel:
+    """Friction as a steep saturation of the speed: at small inputs the speed changes its sign with every step."""
+    return FeedbackModel([[0.9, 0.1, -0.3], [20, 0, 0], [1, 0, 0]], (Saturation(),), dt=DT)
+
+
+@pytest.mark.parametrize("level", [-5.0, -1.0, 0.0, 0.5, 2.5, 5.0])
+def test_it_rests_where_a_run_ends(level: float) -> None:
+    """Newton steps from one side of the saturation lead to the other, and from there back."""
+    model = sticking()
+    (x,) = model.resting(level)
+    if abs(level) > 3:
+        assert x == pytest.approx(level - 3 * np.sign(level))
+    else:
+        assert abs(x) <= 0.4
+    moved = feedback_at_rest(model, np.array([level]))(model)
+    assert moved == pytest.approx(level - np.clip(level, -3, 3), abs=0.1)
 
 
 # --- cases -----------------------------------------------------------------------------------------------------------

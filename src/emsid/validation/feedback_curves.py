@@ -28,6 +28,12 @@ Array = NDArray[np.float64]
 # At most this many inputs of a map, between these quantiles, show a line in it; beyond them a curve may be unknown.
 COMPARED, MIDDLE = 2_000, (0.1, 0.9)
 
+OSCILLATION = 400
+"""Steps over which the output of a model that oscillates at a constant input is averaged."""
+STILL, GROWS = 1e-6, 1.5
+"""An output that changes by less than the first share is at rest; an oscillation that grows faster than by the second
+from one half of these steps to the other is unstable."""
+
 SHOWN = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
 
@@ -35,7 +41,8 @@ SHOWN = 1e-2
 def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:
     """A function from a feedback model, or one with parameters close to it, to its outputs (m,) at rest.
 
-    One step from the rests of the model, with its linear part there, leads to those of the other, to first order.
+    One step from the rests of the model, with its linear part there, leads to those of the other, to first order. Where
+    a model oscillates, as in stiff friction, it is the mean of the oscillation.
 
     Args:
         model: with the rests.
@@ -44,20 +51,33 @@ def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackM
     Raises:
         ModelError: where it does not come to rest.
     """
-    n, found = model.states, []
+    n, found = model.states, list[tuple[Array, Array, Array]]()
     for level in levels:
-        output_at_rest(model, float(level))
         rest, whole = about_rest(model, float(level))
-        found.append((np.full(1, level), rest, np.linalg.solve((np.eye(n) - whole[:n, :n]).T, whole[n, :n])))
+        if _oscillates(model, float(level), rest):
+            found.append((np.full(OSCILLATION, level), rest, np.zeros(n)))
+            continue
+        output_at_rest(model, float(level))
+        back = np.linalg.solve((np.eye(n) - whole[:n, :n]).T, whole[n, :n])
+        found.append((np.full(1, level), rest, np.asarray(back, dtype=np.float64)))
 
     def outputs(other: FeedbackModel) -> Array:
         values = []
         for level, rest, back in found:
             out, after = other.stepped(level, rest)
-            values.append(out.y[0] + back @ (after - rest))
+            values.append(float(out.y.mean()) + back @ (after - rest))
         return np.array(values)
 
     return outputs
+
+
+def _oscillates(model: FeedbackModel, level: float, state: Array) -> bool:
+    """Whether the output neither rests nor grows from a state where a run for a constant input ended."""
+    y = model.stepped(np.full(OSCILLATION, level), state)[0].y
+    if not np.isfinite(y).all():
+        return False
+    early, late = (float(np.ptp(half)) for half in np.array_split(y, 2))
+    return bool(early > STILL * np.abs(y).max() and late < GROWS * early)
 
 
 def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> Array:

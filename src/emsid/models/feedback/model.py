@@ -59,7 +59,7 @@ Array = NDArray[np.float64]
 SAMPLES_PER_STATE = 8
 # Steps in which a state comes close to rest, and Newton steps that complete it.
 SETTLING, NEWTON = 2_000, 50
-# Newton steps below this share of the state end when they no longer shrink.
+# Newton steps below this share of the state end when they no longer shrink, and at rest a step changes less of it.
 ROUNDING = 1e-9
 # Samples of a block of a derivative.
 BLOCK = 8192
@@ -314,10 +314,22 @@ class FeedbackModel(OneChannelMethods):
         return after, self.linearised(step.z[0], self.factor(step.x, np.full(1, u))[0])
 
     def resting(self, level: float) -> Array:
-        """(n,) the steady state for a constant input: where a run ends, completed by Newton steps."""
-        n, start = self.states, np.zeros(self.states)
-        out, end = self.stepped(np.full(SETTLING, level), start)
-        x, before = end if np.isfinite(out.y).all() else start, np.inf
+        """(n,) the steady state for a constant input: where a run ends, completed by Newton steps.
+
+        Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
+        """
+        out, end = self.stepped(np.full(SETTLING, level), np.zeros(self.states))
+        if not np.isfinite(out.y).all():
+            return self._completed(np.zeros(self.states), level)
+        rest = self._completed(end, level)
+        after, whole = self.linearised_at(rest, level)
+        found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
+        poles = np.linalg.eigvals(whole[: self.states, : self.states]) if found else np.array([np.inf])
+        return rest if np.abs(poles).max(initial=0.0) <= 1 else end
+
+    def _completed(self, x: Array, level: float) -> Array:
+        """(n,) the steady state that Newton steps from a state x (n,) lead to."""
+        n, before = self.states, np.inf
         for _ in range(NEWTON):
             after, whole = self.linearised_at(x, level)
             with np.errstate(all="ignore"):

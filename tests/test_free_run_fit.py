@@ -277,6 +277,18 @@ def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
     assert judge.errors(structure, lambda *_: model).mean == np.inf
 
 
+def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() -> None:
+    structure = Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3")
+    model = Narx(structure, np.array([0.5, 0.5, 0.1]), 0.1)
+    u = np.tile([0.9, -0.9], 100)  # with no steady state for u = 0.9
+    record = Record(u, model.simulate(u).output, 0.1)
+    assert not diverges(model, enlarged(record, 1.2))
+    judge = Judge.of(record, 0.25, 1)
+    assert judge.errors(structure, lambda *_: model).mean == np.inf
+    stable = Narx(structure, np.array([0.5, 0.5, 0.05]), 0.1)
+    assert np.isfinite(judge.errors(structure, lambda *_: stable).mean)
+
+
 # --- candidates ------------------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,7 @@
 
 Of two models the richer one is chosen if it is better by more than noise (`emsid.selection.improvement`). A model whose
 free run leaves the measured range by far on an input a little larger than that of the record, forward or backward in
-time, is not chosen.
+time, or while the largest or the smallest input is held, is not chosen.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
-from emsid.models.free_run import squared_errors
+from emsid.models.free_run import RUNAWAY, squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.regression.search.judge import BEYOND, FAR
+from emsid.models.regression.search.judge import BEYOND, FAR, HELD
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import FOLDS, folded, validation_splits
@@ -267,7 +267,9 @@ class Bench:
 def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:
     """Whether the free run leaves the range of the measured output by far on an input that no fit has seen.
 
-    It is that of every segment, larger by the factor `BEYOND` about its middle, and then the same backward in time.
+    It is that of every segment, larger by the factor `BEYOND` about its middle, and then the same backward in time. In
+    the end the largest and the smallest input are held. The output of a plant that integrates leaves the range there,
+    so a run has to leave it much farther.
 
     Args:
         model: with its parameters.
@@ -277,11 +279,12 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
     (least, most), (low, high) = (
         (min(float(each[k].min()) for each in segments), max(float(each[k].max()) for each in segments)) for k in (0, 1)
     )
-    for (u, _), x in zip(segments, states, strict=True):
+    held = [(np.full(HELD, end), RUNAWAY) for end in (most, least)]
+    for number, ((u, _), x) in enumerate(zip(segments, states, strict=True), start=1):
         larger, now = u + (BEYOND - 1) * (u - 0.5 * (least + most)), x
-        for v in (larger, larger[::-1]):
+        for v, times in [(larger, FAR), (larger[::-1], FAR), *(held if number == len(segments) else [])]:
             run, now = model.stepped(model.entering(v), now)
             far = np.abs(run.y[:: model.oversampling] - 0.5 * (low + high))
-            if not far.max() <= FAR * 0.5 * (high - low):  # also where it is not a number
+            if not far.max() <= times * 0.5 * (high - low):  # also where it is not a number
                 return True
     return False

@@ -2,14 +2,13 @@
 
 A short record is cross-validated: each of several parts, which together cover the whole record, is unseen once, and
 the structure is fitted anew to the rest. Of a long record a part is held back. A model whose free run diverges on an
-input a little larger than that of the record is never chosen.
+input a little larger than that of the record, or while its largest or smallest input is held, is never chosen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -79,11 +78,6 @@ class Judge:
         """Whether every split has its own data to fit."""
         return len(self.splits) > 1
 
-    @cached_property
-    def beyond(self) -> tuple[Record, ...]:
-        """The records that a search sees, with a larger input."""
-        return tuple(enlarged(record, BEYOND) for record in self.fitted)
-
     def refitted(self, fit: Fit[Narx]) -> StretchErrors:
         """The errors of a structure, fitted to the free run of each split's own data from a known fit."""
 
@@ -108,7 +102,7 @@ class Judge:
         for train, unseen in self.splits:
             try:
                 model = model_for(structure, train)
-                far = any(diverges(model, record) for record in self.beyond)
+                far = any(runs_away(model, record) for record in self.fitted)
                 squares = np.full(1, np.inf) if far else squared_errors(model, unseen, self.transient)
             except (EmsidError, ValueError, ArithmeticError):  # what cannot be fitted to a part is not chosen
                 squares = np.full(1, np.inf)

@@ -81,7 +81,7 @@ def bootstrap(
         rng: draws the pieces.
         pieces: how many; by default 30, or three for each parameter if that is more, as far as the data last. Where the
             data have at least as many segments of their own, these are drawn.
-        control: when to stop, and who is told of the progress.
+        control: when to stop, and where to report progress.
 
     Raises:
         ModelError: for a model that cannot be fitted again, data that are too short, or numbers out of range.

@@ -239,7 +239,7 @@ def from_rest(segment: Record, samples: int) -> Record:
     """A segment whose first ``samples`` samples start a model and enter no error.
 
     A segment in motion is that itself. Before one that begins at rest or in a steady state, its first sample is
-    repeated so many times.
+    repeated ``samples`` times.
     """
     if not (samples and (begins_at_rest(segment) or begins_steady(segment, samples))):
         return segment

@@ -1,8 +1,8 @@
 """An excerpt of a long record: fewer samples that show what the whole record does.
 
-Structures are compared, and searches begun, on an excerpt where a record has more samples than that takes. An estimate
-from N samples has errors of a size 1/√N, so many samples more change little but the time. What an excerpt must not lose
-is the range of the record: a model is not asked about inputs that it has not seen.
+Of a long record, structures are compared, and searches begun, on an excerpt. An estimate from N samples has errors in
+proportion to 1/√N, so in a long record more samples cost time and change little. An excerpt has to keep the range of
+the record, because a model extrapolates beyond the range that it was fitted to.
 """
 
 from __future__ import annotations

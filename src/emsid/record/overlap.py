@@ -25,7 +25,7 @@ COMMON = 2 * STRETCH
 LONG = 64
 """Samples of a stretch in a fingerprint."""
 APART, FEWEST, MOST = 1_000, 32, 256
-"""A fingerprint has a stretch in about so many samples, and of these numbers at least and at most."""
+"""A fingerprint has one stretch for about this many samples; the fewest and the most stretches."""
 
 
 def fingerprint(record: Record) -> bytes:

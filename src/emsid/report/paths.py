@@ -226,7 +226,7 @@ class Frame:
     Attributes:
         x, y: its axes.
         width, height: its size, in units of the coordinates.
-        points: lines are reduced to so many points.
+        points: of a line at most; longer ones are thinned.
     """
 
     x: Scale

@@ -93,7 +93,7 @@ def select_terms(
         dictionary: for instance ``emsid.polynomial_narx(na=2, nb=2, degree=3)``.
         records: a record, or several experiments.
         most: how many terms to choose; fewer are chosen where all others are combinations of them.
-        control: when to stop, and who is told of the progress.
+        control: when to stop, and where to report progress.
 
     Raises:
         ModelError, DataError: for records that the dictionary cannot be computed on, or no term to choose.

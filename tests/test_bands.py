@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -392,6 +393,19 @@ def test_the_maps_of_a_feedback_model_have_a_band_where_the_fit_has_intervals(va
     assert drawn == fit.has_intervals == np.isfinite(variance)
     assert ("with 95 % band" in figure.caption) == drawn
     assert ("no band, as this fit has no intervals" in figure.caption) != drawn
+
+
+def test_equal_poles_of_a_feedback_model_are_all_seen():
+    """Points that are drawn later are smaller, so that they do not cover the others."""
+    from emsid.report.document import Points
+    from emsid.report.views.feedback import poles_by_level
+
+    count = len(LOOP.parameters)
+    fit = Fit(LOOP, LOOP.names, LOOP.parameters, np.eye(count), 1.0, 600.0, 1.0, count)
+    drawn = [mark for mark in poles_by_level(fit, record(3), "feedback").plots[0].marks if isinstance(mark, Points)]
+    sizes = [mark.size for mark in drawn]
+    assert len(sizes) == 3
+    assert all(later <= 0.7 * earlier for earlier, later in itertools.pairwise(sizes))
 
 
 # --- linear models with a noise model --------------------------------------------------------------------------------

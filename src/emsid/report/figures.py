@@ -344,7 +344,7 @@ def _(mark: Line, axes: Axes) -> Artist | BarContainer:
 def _(mark: Points, axes: Axes) -> Artist | BarContainer:
     for x, y, name in zip(mark.x, mark.y, mark.names, strict=False):
         axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=SMALL)
-    return axes.plot(mark.x, mark.y, "o", color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)[0]
+    return axes.plot(mark.x, mark.y, "o", color=mark.ink.value, markersize=3.5 * mark.size, clip_on=False, zorder=4)[0]
 
 
 @_draw.register(Band)

@@ -294,7 +294,7 @@ def _(mark: Line, frame: Frame) -> list[Shape]:
 @shapes.register(Points)
 def _(mark: Points, frame: Frame) -> list[Shape]:
     places = zip(frame.across(mark.x), frame.down(mark.y), strict=True)
-    return [Shape("".join(frame.path([a], [b]) for a, b in places), mark.ink.value, 6.0, round=True)]
+    return [Shape("".join(frame.path([a], [b]) for a, b in places), mark.ink.value, 6.0 * mark.size, round=True)]
 
 
 @shapes.register(Band)
@@ -377,7 +377,7 @@ def legend(marks: Sequence[Mark]) -> Iterable[Entry]:
         elif isinstance(mark, Histogram) and not mark.backdrop:
             look = _line("M0 9v-5h8v-3h8v4h8v4", mark.stroke)
         elif isinstance(mark, Points):
-            look = Shape("M12 5h0", mark.ink.value, 6.0, round=True)
+            look = Shape("M12 5h0", mark.ink.value, 6.0 * mark.size, round=True)
         else:
             ink = mark.stroke.ink if isinstance(mark, Histogram) else mark.ink
             look = Shape("M0 0h24v10h-24z", fill=ink.value, opacity=0.75 if isinstance(mark, Bars) else 0.25)

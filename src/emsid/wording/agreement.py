@@ -41,10 +41,11 @@ def record_shifted(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: output, delay (s), samples, rmse, shifted (the RMSE after a shift), unit."""
     d, way = f.data, "late" if f.data["samples"] > 0 else "early"
     before, after = f"{d['rmse']:.3g}", with_unit(f"{d['shifted']:.3g}", d["unit"])
+    written = f", and in which row a command is written ({argument('shift')})" if d["samples"] < 0 else ""
     return (
         f"{f.subject} is {way} by {duration(abs(d['delay']))} ({abs(d['samples']):.2g} samples) against the model: "
         f"shifted by that, the RMSE of {d['output']} falls from {before} to {after}. Check the time stamps of input "
-        "and output; if they are right, the delay or a lag differs from that of the model"
+        f"and output{written}; if they are right, the delay or a lag differs from that of the model"
     )
 
 

@@ -145,7 +145,8 @@ def several_experiments(f: Finding, argument: Spelling) -> str:
     pairs = shortened([" and ".join(pair) for pair in f.data["pairs"]], between="; ")
     return (
         f"{f.subject}: the columns look like several inputs and outputs or several experiments; "
-        f"{' and '.join(f.data['chosen'])} are taken, other pairs are {pairs}"
+        f"{' and '.join(f.data['chosen'])} are taken, other pairs are {pairs}. A model that is saved of one pair "
+        f"can be run on another, with its {argument('input')} and {argument('output')}"
     )
 
 

@@ -78,6 +78,7 @@ class Points:
         label: for the legend, empty for none.
         ink: their colour.
         names: short texts beside them, one each; empty for none.
+        size: of one, as a multiple of the usual.
     """
 
     x: Array
@@ -85,6 +86,7 @@ class Points:
     label: str = ""
     ink: Ink = Ink.BLUE
     names: tuple[str, ...] = ()
+    size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 
-# Levels at which the poles are computed: quantiles of the input of the map, in three groups.
+# Levels at which the poles are computed: quantiles of the input of the map, in three groups, and the size of points:
+# later ones are smaller, so that equal poles show as rings.
 LEVELS = {
-    "small z": (np.linspace(0.01, 0.25, 9), Ink.BLUE),
-    "middle": (np.array([0.5]), Ink.NAVY),
-    "large z": (np.linspace(0.75, 0.99, 9), Ink.RED),
+    "small z": (np.linspace(0.01, 0.25, 9), Ink.BLUE, 1.6),
+    "middle": (np.array([0.5]), Ink.NAVY, 1.1),
+    "large z": (np.linspace(0.75, 0.99, 9), Ink.RED, 0.6),
 }
 
 
@@ -77,10 +78,10 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     turn = np.linspace(0, 2 * np.pi, 200)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
     reach = 1.1
-    for label, (quantiles, ink) in LEVELS.items():
+    for label, (quantiles, ink, size) in LEVELS.items():
         at = [np.append(each, z[1:]) for each in np.quantile(seen.z[:, 0], quantiles)]
         found = np.concatenate([np.linalg.eigvals(model.linearised(each, g)[:n, :n]) for each in at])
-        marks.append(Points(found.real.copy(), found.imag.copy(), label, ink))
+        marks.append(Points(found.real.copy(), found.imag.copy(), label, ink, size=size))
         reach = max(reach, 1.05 * float(np.abs(found).max()))
     real, imaginary = (Axis(part, "1", range=(-reach, reach)) for part in ("Real part", "Imaginary part"))
     step = "step" if model.oversampling > 1 else "sample"

@@ -185,6 +185,8 @@ def test_a_single_number_of_a_file_is_its_sample_time(tmp_path: Path, entry: str
     assert look.reading["dt"] == pytest.approx(dt)
     assert data(look, "sample-time-from-text")["source"] == entry
     assert data(describe(path, dt=1.0), "sample-time-contradicted")["said"] == pytest.approx(dt)
+    with pytest.raises(DataError, match=f"no sample time; .*the entry '{entry}' of the file gives"):
+        emsid.read(path, input="u", output="y")
 
 
 def test_a_single_number_of_another_name_is_no_sample_time(tmp_path: Path) -> None:

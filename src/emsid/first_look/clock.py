@@ -6,7 +6,7 @@ It is stated in the lines above the header of a table, or as a single number of 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.io.columns import Columns
-from emsid.io.sampling import SECONDS, clock_resets, counted_on
+from emsid.io.sampling import SECONDS, clock_resets, counted_on, entry_with_sample_time
 from emsid.record.time_axis import TimeAxis, time_axis
 
 PLAUSIBLE = (20e-6, 0.3)
@@ -32,12 +32,6 @@ _DT = re.compile(
     re.IGNORECASE,
 )
 _RATE = re.compile(r"(\d+(?:\.\d+)?)\s*(k?)(?:Hz|Sa/s|S/s)\b", re.I)
-_ENTRY = re.compile(
-    r"(?:.*\.)?(?:(?P<rate>f_?s|f_?sample|sampl\w*?_?(?:rate|freq|frequency))|"
-    r"(?P<time>dt|t_?s|delta_?t|sampl\w*?_?(?:time|interval|period)))(?:_?(?P<unit>k?hz|ns|us|ms|s))?",
-    re.IGNORECASE,
-)
-"""The name of an entry with the sampling frequency in Hz, or the sample time, perhaps with its unit."""
 _IN_NAME = re.compile(
     r"(?:^|[^A-Za-z0-9])(?:dt)?_?(\d+(?:\.\d+)?)(ns|us|ms|Hz|kHz)(?![A-Za-z])|(?<![A-Za-z])dt_?(\d+)()"
 )
@@ -160,22 +154,10 @@ def plausible_unit(step: float) -> tuple[str, float]:
 def stated_clock(raw: Columns, file: str) -> Clock | None:
     """The sample time in a single number of the file, in the lines above the header, or in the name of the file."""
     written = _in_lines(raw.preamble)
-    found = _of_entries(raw.numbers) or (_of_number(*written[0], "preamble") if written else None)
-    return found or _of_name(file)
-
-
-def _of_entries(numbers: Mapping[str, float]) -> Clock | None:
-    """The sample time of the first single number that is named as one, or as a sampling frequency."""
-    for name, number in numbers.items():
-        said = _ENTRY.fullmatch(name)
-        if said is None or not 0 < number < np.inf:
-            continue
-        unit = (said["unit"] or "").lower()
-        if said["rate"] and unit in ("", "hz", "khz"):
-            return _of_number(1 / (number * (1e3 if unit == "khz" else 1.0)), "s", name)
-        if said["time"] and unit in ("", *SECONDS):
-            return _of_number(number, unit, name)
-    return None
+    entry = entry_with_sample_time(raw.numbers)
+    if entry is not None:
+        return _of_number(entry.number, entry.unit, entry.name)
+    return (_of_number(*written[0], "preamble") if written else None) or _of_name(file)
 
 
 def _of_name(file: str) -> Clock | None:

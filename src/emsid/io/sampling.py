@@ -7,8 +7,10 @@ used up: such a counter goes on from zero, and so does the segment.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +36,13 @@ COUNTERS = (2.0**16, 2.0**32)
 """Where counters of 16 and 32 bits, such as the milliseconds or microseconds of a board, begin at zero again."""
 
 _AGREEMENT = 0.01  # allowed relative difference between a given sample time and that of the time column
+
+_ENTRY = re.compile(
+    r"(?:.*\.)?(?:(?P<rate>f_?s|f_?sample|sampl\w*?_?(?:rate|freq|frequency))|"
+    r"(?P<time>dt|t_?s|delta_?t|sampl\w*?_?(?:time|interval|period)))(?:_?(?P<unit>k?hz|ns|us|ms|s))?",
+    re.IGNORECASE,
+)
+"""The name of an entry with the sampling frequency in Hz, or the sample time, perhaps with its unit."""
 
 SECONDS = {
     "ns": 1e-9,
@@ -196,10 +205,48 @@ def _time_unit(clock: SampleTime, columns: Columns) -> float:
     return SECONDS.get(unit, 1.0)
 
 
+class EntryWithSampleTime(NamedTuple):
+    """A single number of a file that is its sample time.
+
+    Attributes:
+        name: of the entry.
+        number: the sample time.
+        unit: of the number; empty where the name does not say it.
+    """
+
+    name: str
+    number: float
+    unit: str
+
+
+def entry_with_sample_time(numbers: Mapping[str, float]) -> EntryWithSampleTime | None:
+    """The first single number that is named as a sample time, or as a sampling frequency, whose inverse it is then.
+
+    >>> entry_with_sample_time({"period": 1024, "fs_kHz": 2})
+    EntryWithSampleTime(name='fs_kHz', number=0.0005, unit='s')
+
+    Args:
+        numbers: single numbers of a file by name.
+    """
+    for name, number in numbers.items():
+        said = _ENTRY.fullmatch(name)
+        if said is None or not 0 < number < np.inf:
+            continue
+        unit = (said["unit"] or "").lower()
+        if said["rate"] and unit in ("", "hz", "khz"):
+            return EntryWithSampleTime(name, 1 / (number * (1e3 if unit == "khz" else 1.0)), "s")
+        if said["time"] and unit in ("", *SECONDS):
+            return EntryWithSampleTime(name, number, unit)
+    return None
+
+
 def _no_sample_time(columns: Columns) -> str:
     """The error for a missing sample time, with a hint from the file."""
     candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(_UNIT_IN_NAME.sub("", name))]
     hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
+    entry = entry_with_sample_time(columns.numbers)
+    if entry is not None:
+        hint += f"; the entry {entry.name!r} of the file gives {entry.number:g} {entry.unit or '(mind the unit)'}"
     for k, line in enumerate(columns.preamble):
         if re.search(r"\bdt\b", line):
             says = line if re.search(r"\bdt\W*\d", line) else " / ".join(columns.preamble[k : k + 2])

@@ -3,18 +3,17 @@
 From simple to complex, each choice must be better by more than noise (`emsid.selection.improvement`):
 
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
-   most: a polynomial, or else a spline or a dead zone;
+   most: a polynomial and a dead zone, or else a spline;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for a continuous input;
 3. other families of maps with few numbers;
-4. further maps, one after the other, beside those of the best model and of the one with the least prediction error;
+4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
 
-If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
-best one with a map, the search ends after the first step with a map at this linear model, unless that, or a map that is
-multiplied by a signal, is better than the linear one. A model whose free run diverges on an input a little larger than
-that of the record, forward or backward in time, is not chosen.
+If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear
+model, unless that, or a map that is multiplied by a signal, is better than the linear one. A model whose free run
+diverges on an input a little larger than that of the record, forward or backward in time, is not chosen.
 """
 
 from __future__ import annotations
@@ -54,7 +53,9 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 HOPELESS = 2.0
 # A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# Families and sizes that every order is tried with, the first two always and the others until one is better than none.
+# Models with equally many maps that a further one is added to.
+EXTENDED = 4
+# Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 MOST_MAPS = max(ORDINALS)
@@ -96,7 +97,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         if best is None or bench.prefers(trial, best):
             best = trial
     if best is None or not bench.prefers(best, straight):
-        beside = _beside_linear(bench, straight, best, settings)
+        beside = _beside_linear(straight, tried)
         best = _better_than_linear(Contest(bench, tried, straight), beside, settings)
         if best is None:
             yield beside
@@ -112,22 +113,17 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     yield from contest.entered(_sooner(bench, contest.best, settings))
 
 
-def _beside_linear(bench: Bench, straight: Trial, best: Trial | None, settings: FeedbackSearch) -> Trial:
-    """The best linear model with a map; where it diverges with one, the best trial so far.
-
-    Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
-    more than noise to first order, although the map explains far more once it is fitted.
+def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:
+    """The first trial of the order and delay of the best linear model; where it diverges with a map, of any.
 
     Raises:
-        EmsidError: if it diverges and there is no trial.
+        ModelError: if there is no trial.
     """
-    family, size = _families(settings)[0]
-    try:
-        return _with_map(bench, straight.found, family, size)
-    except EmsidError:
-        if best is None:
-            raise
-        return best
+    if not tried:
+        raise ModelError(f"{straight.found.model.name}: with a map in its feedback the model diverges")
+    model = straight.found.model
+    same = [each for each in tried if (each.found.model.states, each.found.model.delay) == (model.states, model.delay)]
+    return (same or tried)[0]
 
 
 def _better_than_linear(contest: Contest, beside: Trial, settings: FeedbackSearch) -> Trial | None:
@@ -204,17 +200,19 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
 
 
 def _that_explain_most(tried: Sequence[Trial], maps: int) -> list[Trial]:
-    """Of the models with so many maps that do not run away, the one with the least final prediction error, if any."""
+    """Of the models with so many maps that do not run away, those with the least final prediction errors."""
     equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
-    return sorted(equal, key=lambda each: each.prediction_error)[:1]
+    return sorted(equal, key=lambda each: each.prediction_error)[:EXTENDED]
 
 
 def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
-    """The models that a map more is added to: of those with so many maps the one that explains most, and the best of
+    """The models that a map more is added to: of those with so many maps the ones that explain most, and the best of
     all where it has so many.
 
     Where a map is missing, the residual is a slow signal with few independent errors. The rule that compares models
-    then prefers those with few parameters, but the next map may only find its place beside one that explains more.
+    then prefers those with few parameters, but the next map may only find its place beside one that explains more. The
+    first maps of a model stand for several of the true ones, and further maps only mend what they lack; which of them
+    can become the true ones shows when these are complete.
     """
     if best.family is MAGNITUDE:
         return [best, *_runner_up(tried, best)]
@@ -243,7 +241,7 @@ def _hopeless(trial: Trial, best: Trial) -> bool:
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
-    """The best linear model over the orders, and those with a map; none where no map explains more than noise.
+    """The best linear model over the orders, and those with a map.
 
     Orders above those of `ORDERS` are tried as long as the highest one was the best. Of two delays, the second is tried
     with the order that is the best with the first, and one less.
@@ -317,15 +315,16 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
 
 
 def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> list[Trial]:
-    """A linear model with one map of the families that are always tried, and of others until one makes it better.
+    """A linear model with one map of the families that are always tried, and with one in reserve.
 
-    None where no direction explains more than noise, or the model diverges with each map.
+    Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
+    more than noise to first order, although the map explains far more once it is fitted. The reserve is tried where a
+    direction explains more, but no other map makes the model better. None where the model diverges with each map.
     """
     found, trials = linear.found, list[Trial]()
-    if not bench.more_than_noise(found):
-        return []
     for family, size in families:
-        if family.name == RESERVE and any(bench.prefers(trial, linear) for trial in trials):
+        better = any(bench.prefers(trial, linear) for trial in trials)
+        if family.name == RESERVE and (better or not bench.more_than_noise(found)):
             break
         with suppress(EmsidError):
             trials.append(_with_map(bench, found, family, size))

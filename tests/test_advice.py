@@ -119,6 +119,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "amplitude-near-dead-zone": lambda: (SLOW, dead(SLOW, 7)),
     "coarse-values": lambda: (U, 10 * np.rint(motor(U) / 10)),
     "values-cut-off": clipped,
+    "command-may-be-duty": lambda: (np.clip(np.round(20 * U), -100, 100), motor(U)),
     "command-limited": lambda: (np.clip(2 * smooth(), -4, 4), motor(np.clip(2 * smooth(), -4, 4))),
     "outliers": lambda: (U, spikes(motor(U))),
     "samples-repeated": lambda: (steps(1, 60)[:N], held_output()[:N]),

@@ -121,6 +121,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
     Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 255.0}),
+    Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 1023.0}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
     Finding("no-shaft-seen", "motor", {"model": "motor", "simpler": "rigid-motor"}),
     Finding("no-shaft-needed", "motor", {"model": "motor", "simpler": "rigid-motor", "ratio": 0.0834}),

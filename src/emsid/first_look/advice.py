@@ -17,6 +17,7 @@ from emsid.estimation.linear.least_squares import LARGEST
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
+from emsid.excitation.duty import full_duty
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
 from emsid.first_look.dynamics import Response, correlation, feedback, response
@@ -101,6 +102,12 @@ def excitation(data: Examined) -> Iterable[Finding]:
     levels = len(np.unique(np.round(data.u / np.ptp(data.u), 3)))
     if levels <= 3:
         yield Finding("few-input-levels", data.input, {"levels": levels})
+
+
+def duty(data: Examined) -> Iterable[Finding]:
+    """Whether a command without a unit may be the duty of a PWM."""
+    if not data.record.input_units[0] and (full := full_duty(data.u)):
+        yield Finding("command-may-be-duty", data.input, {"channel": data.input, "full": full})
 
 
 def answer(data: Examined) -> Iterable[Finding]:
@@ -226,6 +233,7 @@ def straightness(data: Examined) -> Iterable[Finding]:
 
 CHECKS: tuple[Callable[[Examined], Iterable[Finding]], ...] = (
     excitation,
+    duty,
     answer,
     motion,
     resolution,

@@ -31,10 +31,11 @@ def command_unit_assumed(f: Finding, argument: Spelling) -> str:
 @words("command-may-be-duty", Severity.INFO)
 def command_may_be_duty(f: Finding, argument: Spelling) -> str:
     d = f.data
+    scale = "" if d["full"] == 255 else f", its full scale ({argument('pwm_full_scale')})"
     return (
         f"{d['channel']} is in whole numbers and ends at {d['full']:g}, like the duty of a PWM; if it is one, give its "
-        f"unit pwm ({argument('units')}) and the supply voltage ({argument('supply_voltage')}) to see volts. The free "
-        "run is the same"
+        f"unit pwm ({argument('units')}){scale} and the supply voltage ({argument('supply_voltage')}) to see volts. "
+        "The free run is the same"
     )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
+from emsid.excitation.duty import full_duty
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
@@ -252,16 +253,10 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
     return findings
 
 
-FULL_DUTY = (100.0, 127.0, 255.0, 256.0, 400.0, 500.0, 511.0, 512.0, 999.0, 1000.0, 1023.0, 1024.0, 2047.0, 4095.0)
-"""Where commands of microcontrollers end: percent, and counts of timers."""
-
-
 def _full_duty(record: Record, channels: Channels) -> float:
-    """The limit at which a command of whole numbers ends, as the duty of a PWM does; 0 where it is no such command."""
-    values = np.unique(np.concatenate([segment.input[:, 0] for segment in record.segments]))
-    values = values[~np.isin(values, [code for code, _ in channels.codes])]
-    limit = float(np.max(np.abs(values), initial=0.0))
-    return limit if limit in FULL_DUTY and not np.any(values % 1.0) else 0.0
+    """The limit at which a command ends as a duty does, codes apart; 0 where it is no such command."""
+    values = record.input[:, 0]
+    return full_duty(values[~np.isin(values, [code for code, _ in channels.codes])])
 
 
 def _has_bridge(channels: Channels, record: Record) -> bool:

@@ -198,3 +198,11 @@ def test_bounds_or_a_datasheet_of_the_inductance_replace_that_bound(how):
     )
     assert fit.limits["inductance"][0] == pytest.approx(1e-4)
     assert fit.estimate[-1] == pytest.approx(2e-4, rel=0.3)
+
+
+def test_an_inductance_may_be_known_to_be_zero():
+    """With an inductance a motor has a quantity more, its electrical time constant."""
+    fit = simulation_error(MOTOR, GOOD, free=FREE, fixed={"inductance": 0.0})
+    plain = simulation_error(MOTOR, GOOD, free=FREE)
+    assert [each.quantity.name for each in fit.combinations] == [each.quantity.name for each in plain.combinations]
+    assert fit.cost == plain.cost

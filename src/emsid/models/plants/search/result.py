@@ -334,7 +334,7 @@ def combinations(
     A quantity may also depend on what the data do not determine by less than `TOLERABLE` of its standard error, as the
     mechanical time constant does on the viscous friction of a motor with an inductance.
     """
-
+    quantities, asked = plant.quantities(), identifiability.names
     sizes = dict(zip(conditions.names, conditions.sizes.tolist(), strict=True))
     sizes |= dict(zip(identifiability.names, identifiability.sizes.tolist(), strict=True))
 
@@ -343,11 +343,11 @@ def combinations(
         for name in which:
             value = plant.value(name)
             step = 1e-6 * max(abs(value), 1e-12, sizes[name]) * (1 if value < plant.handles[name].upper else -1)
-            above = plant.with_values({name: value + step}).quantities()
-            columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
-        return np.array(columns).T.reshape(len(plant.quantities()), len(which))
+            moved = plant.with_values({name: value + step}).quantities()  # an inductance has one more
+            beside = {each.name: each.value for each in moved}
+            columns.append([(beside[each.name] - each.value) / step for each in quantities])
+        return np.array(columns).T.reshape(len(quantities), len(which))
 
-    quantities, asked = plant.quantities(), identifiability.names
     if not quantities:
         return ()
     relative = gradients(asked) * identifiability.sizes

@@ -77,6 +77,16 @@ def test_a_record_may_begin_with_a_step(unit, step, noise, delay):
     assert alike[0] < 1.5 * alike[1] + 0.1 * (noise + step)
 
 
+@pytest.mark.parametrize("delay", [2, 4])
+def test_a_record_may_begin_where_the_command_before_it_begins_to_act(delay):
+    """Its first speed is that of a record from rest, which the command moves only after the delay."""
+    u = np.repeat([9.0, -5.0, 0.0, 12.0], [80, 50, 40, 80])
+    record, exact = (recorded(u, delay, "rad/s", 0.0, noise, -delay) for noise in (1.0, 0.0))
+    fit = simulation_error(RIGID, record, free=FREE, fixed={"voltage_dead_zone.half_width": 0.0}, hold="zero")
+    assert fit.model.plant.drive.delay == pytest.approx(delay * DT, abs=0.1 * DT)
+    assert fit.cost < 0.5 * np.sum((record.output - exact.output) ** 2)
+
+
 PLANTS = {
     "motor": RIGID.with_values({"load_torque": 0.05}),
     "dead zone": replace(RIGID, motor=replace(RIGID.motor, voltage_dead_zone=DeadZoneLaw(-1.0, 2.0)), load_torque=0.05),

@@ -225,9 +225,10 @@ def test_a_fit_says_how_many_searches_ended_at_its_minimum():
     [
         ((0.3, 0.0, 1e4), ("friction.stribeck", "friction.stribeck_rate")),
         ((0.15, 0.15, 0.01), ("friction.stribeck", "friction.stribeck_rate")),
+        ((0.15, 0.15, 0.6), ("friction.stribeck", "friction.stribeck_rate")),
         ((0.0, 0.8, 40.0), ("friction.coulomb", "friction.stribeck")),
     ],
-    ids=["excess zero", "excess that does not fade", "exchanged"],
+    ids=["excess zero", "excess that does not fade", "excess that hardly fades", "exchanged"],
 )
 def test_a_search_of_friction_comes_back_to_both_its_parts(values, stopped):
     truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.2, 0.2), stribeck=(0.2, 0.2), stribeck_speed=0.1)

@@ -87,7 +87,7 @@ class Reached(NamedTuple):
         return self._replace(minimum=replace(self.minimum, ending=ending, findings=(finding,)))
 
 
-def search(task: Task, start: Plant, max_iterations: int) -> Reached:
+def search(task: Task, start: Plant, max_iterations: int, states: Sequence[Array] | None = None) -> Reached:
     """The parameters that minimise the error of the free run, from a plant to begin with.
 
     Args:
@@ -95,13 +95,14 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
         start: the plant to begin with.
         max_iterations: of all rounds together; a parameter that is kept only in the end adds a few. Zero only evaluates
             the start.
+        states: initial states to begin with, by default what the first samples show.
     """
     if not max_iterations and task.control.ending is Ending.INTERRUPTED:
         return _interrupted_at(task, start)
-    problem = task.problem(start, task.asked)
+    problem = task.problem(start, task.asked, states)
     names = keep_identifiable(identified_by(problem, task.asked, None), task.asked, task.preference)
     if len(names) < len(task.asked):
-        problem = task.problem(_put_back(start, task.asked, names, task.known), names)
+        problem = task.problem(_put_back(start, task.asked, names, task.known), names, states)
     so_far: Reached | None = None
     coarse = [name for name in names if name not in start.secondary] if max_iterations else []
     if 0 < len(coarse) < len(names):

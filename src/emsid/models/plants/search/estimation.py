@@ -30,10 +30,11 @@ from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
+from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
-from emsid.models.plants.plant import Plant
+from emsid.models.plants.plant import BEGINNING, Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import as_hold, is_open, straight_if_better
 from emsid.models.plants.search.by_record import asked_together, experiments, own_names, separated
@@ -145,6 +146,8 @@ def searched(
         reached = from_rest(task, reached, max_iterations)
     if find_start and reached.unended:
         reached = beside_kinks(task, reached, max_iterations)
+    if max_iterations and reached.unended:
+        reached = held_as_seen(task, reached, max_iterations)
     first = reached = begun_again(task, reached, max_iterations)
     if starts_from_samples(task.plant, task.signals) and reached.unended:
         with suppress(Stopped):
@@ -247,6 +250,30 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
             elif trial is not None:
                 reached = reached._replace(ends=(*reached.ends, trial.cost))
     return reached
+
+
+def held_as_seen(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """A search of a speed, or a better one with other initial states; see `GreyBox.beginning`.
+
+    A first speed in noise does not show whether the first command acts before the record, and where it does not, the
+    search has bent speed and delay. So some more samples show it, with the plant that was found.
+    """
+    plant = reached.problem.plant
+    if not isinstance(plant, DrivenPlant) or plant.secondary or starts_from_samples(plant, task.signals):
+        return reached
+    model, states = GreyBox(plant, task.signals), reached.states
+    with suppress(EmsidError, Stopped):
+        others = [model.beginning(segment, BEGINNING) for segment in task.segments]
+        here, there = (_squares(task.problem(plant, (), each)) for each in (states, others))
+        if np.sum(np.maximum(here - there, 0.0)) > 2 * SLOW * reached.cost:
+            begin = [other if less else state for state, other, less in zip(states, others, there < here, strict=True)]
+            return reached.or_better(continuation.search(task, plant, max_iterations, begin))
+    return reached
+
+
+def _squares(problem: FreeRunError) -> Array:
+    """(segments,) the sum of squares of the weighted error of every segment."""
+    return np.array([float(error @ error) for error in problem.residuals(problem.start)])
 
 
 def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:

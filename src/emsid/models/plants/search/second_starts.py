@@ -16,7 +16,7 @@ the same have changed places:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import isfinite, log
 
 import numpy as np
 
@@ -31,8 +31,8 @@ INSIDE = (0.1, 0.5)
 """Where a parameter that ended at zero begins again, as a part of what is plausible."""
 SLOWER = (0.2, 1.0)
 """Rates of Stribeck friction with which an excess begins again, as parts of usual ones."""
-FADES = 0.1
-"""An excess that falls by a smaller part up to the top speed is a part of the Coulomb level."""
+FADES = log(2.0)
+"""An excess whose rate times the top speed is smaller keeps more than half of itself: it is rather a Coulomb level."""
 ASIDE = (-0.5, 0.5)
 """By how many samples a delay is moved where a search begins again."""
 KNEES = ((0.9, 1.1), (0.5, 2.0))

@@ -528,6 +528,12 @@ def test_a_position_starts_at_rest_at_zero_where_the_record_allows_it(speed, pos
     assert errors.max() < 4
 
 
+def test_a_choice_says_how_many_searches_agree_where_its_last_step_removed_something():
+    record = replace(KINDS["motor"](3, samples=600).fitted, output_units=("rad/s",))
+    found = next(each.data for each in choose(RIGID, record).findings if each.code == "searches-agreeing")
+    assert found["searches"] == 1 + choice.RESTARTS
+
+
 def test_a_choice_settles_the_start_once_the_plant_fits():
     """The four parameters to begin with fit worse than the samples show the start; the chosen plant does not."""
     case = KINDS["axis"](609, samples=4000)

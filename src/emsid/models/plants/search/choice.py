@@ -299,6 +299,7 @@ class _Choice:
                 self._remove()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
                     break
+            self.trial = self._trials.around(self.trial, self._rng, RESTARTS)
         except Stopped as stop:
             return stop.ending
         return None
@@ -427,12 +428,11 @@ class _Choice:
         names = frozenset(self.trial.names)
         groups = [[each] for each in simplified(self.trial.plant, self.trial.names) if names ^ set(each[1]) in changes]
         try:
-            tried = [trial for trial in self._tried(groups) if trial is not None]
+            enough = [trial for trial in self._tried(groups) if trial is not None and not self._needed(trial)]
+            if enough:
+                self._take(self._trials.around(min(enough, key=lambda each: each.cost), self._rng, RESTARTS))
         except Stopped:
             return False
-        enough = [trial for trial in tried if not self._needed(trial)]
-        if enough:
-            self._take(min(enough, key=lambda trial: trial.cost))
         return bool(enough)
 
     def _needed(self, without: Trial) -> bool:

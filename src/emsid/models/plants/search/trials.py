@@ -187,7 +187,7 @@ class Trials:
         return sorted(each for each in found if isfinite(each[0]))
 
     def around(self, trial: Trial, rng: np.random.Generator, tries: int, stalled: bool = False) -> Trial:
-        """The best of a trial and of some more that begin around it, with where these ended.
+        """The best of a trial and of some more that begin around it, with where these ended; the same if it has them.
 
         Args:
             trial: to begin around.
@@ -196,6 +196,8 @@ class Trials:
             stalled: whether the trial is no minimum, so that its covariance means little: no parameter is moved further
                 than is plausible then, and not to where the cost is hopeless.
         """
+        if trial.ends:
+            return trial
         ends = []
         for _ in range(tries):
             problem = self._problem(trial.plant, trial.names, trial.states)

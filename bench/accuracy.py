@@ -4,8 +4,8 @@ Simulated plants come from a simulator that is not the program's own (``tests/in
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
 ``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``cascades`` take several CPU minutes,
-``steps`` eight, ``rules`` ten, ``starts`` twelve; name parts to print only these: ``python bench/accuracy.py emps``.
-The last table has the targets of all parts that were run.
+``windows`` one, ``steps`` eight, ``rules`` ten, ``starts`` twelve; name parts to print only these:
+``python bench/accuracy.py emps``. The last table has the targets of all parts that were run.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ sys.path.insert(0, str(HOME / "tests"))
 import cascades  # noqa: E402
 import rules  # noqa: E402  (after the path of the tests)
 import starts  # noqa: E402
+import windows  # noqa: E402
 from independent.cases import Case, named  # noqa: E402
 from targets import Target, show  # noqa: E402
 
@@ -232,6 +233,7 @@ PARTS: dict[str, Callable[[str], list[Target] | None]] = {
     "cascades": lambda seeds: cascades.main(seeds, console),
     "rules": lambda begins: rules.main(begins, console),
     "starts": searches,
+    "windows": lambda which: windows.main(which, console),
 }
 
 

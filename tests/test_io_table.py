@@ -317,3 +317,5 @@ def test_a_first_row_with_a_text_and_a_value_that_others_lack_is_data() -> None:
     columns = columns_of("t,u,note,gain\n0,1.5,start,5\n1,1.25,,\n2,1.0,,\n")
     assert columns.series["u"].to_list() == [1.5, 1.25, 1.0]
     assert columns.preamble == ()
+    columns = columns_of("t,u,y\n0.0\n0.0,,1_0\n,0.0,0.0\n")  # without names above it
+    assert columns.series["c1"].to_list() == [0.0, None]

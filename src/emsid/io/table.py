@@ -253,12 +253,12 @@ def _after_preamble(texts: Sequence[str], start: int, width: int) -> int:
 
 
 def _constants(texts: Sequence[str], k: int, width: int) -> list[tuple[int, str]]:
-    """The columns with a number in line ``k``, which has texts too, and with nothing in the lines below it.
+    """The columns with a number in line ``k``, which has texts too and names above it, and with nothing below it.
 
     An oscilloscope writes such a line between names and data: ``Sequence,Volt,-2.0,1e-3``, under
     ``X,CH1,Start,Increment``.
     """
-    row = cells_of(texts[k]) if k > 0 else []
+    row = cells_of(texts[k]) if k > 0 and _are_names(_shortened(texts[k - 1], width), width) else []
     below = [cells for cells in map(cells_of, texts[k + 1 : k + 1 + LAST_LINES]) if len(cells) == width]
     if len(row) != width or not below or all(is_number(cell) or is_missing(cell) for cell in row):
         return []
@@ -271,9 +271,7 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
 
     def names(k: int) -> list[str]:
         """Line ``k`` as ``width`` names; one extra separator there or in the data is accepted."""
-        cells = cells_of(texts[k]) if k >= 0 else []
-        while len(cells) > width and not cells[-1]:
-            cells.pop()
+        cells = _shortened(texts[k], width) if k >= 0 else []
         if len(cells) == width - 1 and not cells_of(texts[start])[-1]:
             cells.append("")
         return cells if _are_names(cells, width) else []
@@ -296,6 +294,14 @@ def _commented_header(comments: Sequence[_Line], first: int, separator: str, wid
     (text,) = _with_marks([above.number], [above.text.strip().lstrip("#% ")], separator)
     cells = cells_of(text)
     return _Header(None, cells, [""] * width) if _are_names(cells, width) else None
+
+
+def _shortened(text: str, width: int) -> list[str]:
+    """The cells of a line without empty ones beyond ``width``."""
+    cells = cells_of(text)
+    while len(cells) > width and not cells[-1]:
+        cells.pop()
+    return cells
 
 
 def _are_names(cells: Sequence[str], width: int) -> bool:

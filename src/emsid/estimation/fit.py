@@ -91,6 +91,14 @@ class Fit(Presented, Generic[M]):
         return not self.biased and bool(not np.isinf(spread).any() or (np.isfinite(spread) & (spread > 0)).any())
 
     @property
+    def has_bands(self) -> bool:
+        """Whether its curves have bands: with intervals, of a search that ended at a minimum.
+
+        Elsewhere the covariance says how flat the cost is there, and not how far away the minimum is.
+        """
+        return self.has_intervals and self.ending not in (Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED)
+
+    @property
     def status(self) -> str:
         """Whether its estimates are those of the system, or only of the best one-step predictor."""
         return "of the one-step predictor" if self.biased else "estimated"

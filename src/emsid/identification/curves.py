@@ -33,7 +33,8 @@ from emsid.validation.bands import (
     step_response_band,
     usual_step,
 )
-from emsid.validation.feedback_curves import map_error, visited
+from emsid.validation.feedback_curves import visited
+from emsid.validation.map_bands import map_band
 
 Array = NDArray[np.float64]
 Quantity = tuple[str, str]
@@ -141,11 +142,9 @@ def _in_feedback(fit: Fit[FeedbackModel], record: Record) -> list[BandedCurve]:
     """The maps of a feedback model over their inputs in the record, in the coordinates of the model."""
     model, found = fit.model, []
     seen = visited(model, record).z
-    for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.names_of_outputs, strict=True)):
+    for k, (z, w) in enumerate(zip(model.numbered("z"), model.names_of_outputs, strict=True)):
         x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
-        error = map_error(fit, k, x, seen[:, k])
-        band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), LEVEL)
-        found.append(_banded(fit, record, "map in feedback", band, (z, ""), (w, "")))
+        found.append(_banded(fit, record, "map in feedback", map_band(fit, record, k, x), (z, ""), (w, "")))
     return found
 
 

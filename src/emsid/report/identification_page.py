@@ -84,7 +84,7 @@ def _band(result: Identification) -> Band | None:
 
     best = result.on_unseen.best
     large = len(best.record) * max(len(best.fit.estimate), 1) > MOST
-    if result.interrupted or large or not best.fit.has_intervals:
+    if result.interrupted or large or not best.fit.has_bands:
         return None
     try:
         return free_run_band(best.fit, best.record, transient=best.transient)

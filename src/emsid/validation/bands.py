@@ -4,11 +4,12 @@ The estimate has the covariance P of its fit, which allows for coloured residual
 curve c(θ) changes by δⱼ = ½[c(θ + Lⱼ) − c(θ − Lⱼ)] over a standard error in the direction of column Lⱼ, and its
 variance is Σ δⱼ². For a curve that is linear in θ this is the delta method; otherwise the finite steps average its
 slope over the interval (the sigma points of Julier and Uhlmann). Where one side cannot be run, the other one counts;
-where neither can, the step is shortened.
+where neither can, the step is shortened. Of feedback models the steps are small (`FIRST_ORDER`).
 
 The bands are about the parameters: with another record of the same length, the curve would lie there. Noise, and what
 the structure lacks, come on top. Parameters that the data do not determine are kept. A fit without intervals, of a
-biased regression or of a search that stalled, has curves without a band: their standard errors are NaN.
+biased regression or of a search that did not end at a minimum, has curves without a band: their standard errors are
+NaN.
 
 References:
     Julier, Uhlmann, *Unscented filtering and nonlinear estimation*, Proceedings of the IEEE 92 (2004). Ljung, *System
@@ -46,6 +47,9 @@ NEGLIGIBLE = 1e-12
 """Directions of the scaled covariance with a smaller share of the largest variance are rounding."""
 SHORTER = (1.0, 0.125, 0.015625)
 """Steps that are tried, in standard errors."""
+FIRST_ORDER = (0.01, 0.001)
+"""The same for feedback models. Elements of their matrices may be known badly where what the model does is known well,
+so that it is bent over a step of one standard error."""
 POINTS, FREQUENCIES, DECADES = 201, 300, 3.0
 """Points of a map, points of a frequency response, and the decades that it covers."""
 AT_REST = 41
@@ -71,6 +75,11 @@ class Band:
     value: Array
     standard_error: Array
     level: float
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a band, or only a curve."""
+        return bool(np.isfinite(self.standard_error).any())
 
     @property
     def half(self) -> Array:
@@ -122,7 +131,7 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
 
     time = np.concatenate([segment.time for segment in record.segments])
     # The derivatives of a feedback model are exact, and its start takes a search.
-    if isinstance(fit.model, FeedbackModel) and fit.has_intervals:
+    if isinstance(fit.model, FeedbackModel) and fit.has_bands:
         return Band(time, curve(fit.model), feedback_run_error(fit, record, transient), level)
     return _band(fit, curve, time, level)
 
@@ -211,7 +220,7 @@ def frequency_response_band(
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(frequency_response(model, f, dt, output=output, input=input, around=around)))
 
-    value, spread = _with_error(fit, lambda model: _log_parts(logarithm(model)))
+    value, spread = with_error(fit, lambda model: _log_parts(logarithm(model)))
     to_db, to_degrees = 20 / np.log(10), 180 / np.pi
     return FrequencyResponse(
         Band(f, to_db * value[:, 0], to_db * spread[:, 0], level),
@@ -245,7 +254,7 @@ def static_map_band(fit: Fit[Any], record: Record, *, map: int = 0, level: float
         entering = np.concatenate([model.signals(each, model.resting(float(each[0])))[k] for each in u])
         x = np.linspace(float(entering.min()), float(entering.max()), POINTS)
         value, error = static_band(fit, k, x).T
-        return Band(x, value, error if fit.has_intervals else np.full(len(x), np.nan), level)
+        return Band(x, value, error if fit.has_bands else np.full(len(x), np.nan), level)
     low, high = float(record.input.min()), float(record.input.max())
     if isinstance(model, GreyBox):
         raise ModelError(f"{model.name} is a plant; it has curves of its drive and of its friction")
@@ -303,20 +312,21 @@ def _until_settled(response: Array) -> int:
 
 
 def _band(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
-    value, error = _with_error(fit, curve)
+    value, error = with_error(fit, curve)
     return Band(x, value, error, level)
 
 
-def _with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
+def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error."""
     here = np.asarray(curve(fit.model), dtype=float)
-    if not fit.has_intervals:
+    if not fit.has_bands:
         return here, np.full_like(here, np.nan)
     variance, directions = np.zeros_like(here), _directions(fit.covariance)
     if directions:
         _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
+    steps = FIRST_ORDER if isinstance(fit.model, FeedbackModel) else SHORTER
     for direction in directions:
-        for step in SHORTER:
+        for step in steps:
             change = _change(fit, curve, here, step * direction)
             if change is not None:
                 variance += (change / step) ** 2

@@ -25,9 +25,6 @@ from emsid.validation.frequency_responses import about_rest, output_at_rest
 
 Array = NDArray[np.float64]
 
-# At most this many inputs of a map, between these quantiles, show a line in it; beyond them a curve may be unknown.
-COMPARED, MIDDLE = 2_000, (0.1, 0.9)
-
 OSCILLATION = 400
 """Steps over which the output of a model that oscillates at a constant input is averaged."""
 STILL, GROWS = 1e-6, 1.5
@@ -121,32 +118,3 @@ def visited(model: FeedbackModel, record: Record) -> Visited:
     return Visited.of(
         [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
     )
-
-
-def map_error(fit: Fit[Any], k: int, x: Array, seen: Array) -> Array:
-    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out.
-
-    A line beside a map is a part of the linear system, so the data may determine the sum of both only, as where the
-    linear part alone hardly comes to rest. Of a map that contains lines the error of its shape is given: of what
-    differs from a line over most of the inputs that the map has seen, or from a level, if it is multiplied by a signal.
-
-    Args:
-        fit: of the model.
-        k: the map.
-        x: (m,) inputs.
-        seen: (K,) inputs of the map in a record.
-    """
-    model = fit.model
-    names = list(model.names[model.spans[k]])
-    columns = [j for j, name in enumerate(fit.names) if name in names]
-    kept = [names.index(fit.names[j]) for j in columns]
-    rows = model.maps[k].parameter_gradient(x)[kept]
-    if model.maps[k].owns_level:
-        low, high = np.quantile(seen, MIDDLE)
-        at = seen[(low <= seen) & (seen <= high)][:: max(1, len(seen) // COMPARED)]
-        count = 1 if k in model.multiplied else 2
-        lines = [np.stack([np.ones_like(each), each - at.mean()][:count]) for each in (x, at)]
-        rows = rows - model.maps[k].parameter_gradient(at)[kept] @ np.linalg.pinv(lines[1]) @ lines[0]
-    part = fit.covariance[np.ix_(columns, columns)]
-    variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

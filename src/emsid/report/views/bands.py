@@ -61,9 +61,12 @@ def banded(fit: Fit[Any], record: Record) -> tuple[Figure, ...]:
     return tuple(figures)
 
 
-def with_band(*, known: bool) -> str:
+def with_band(fit: Fit[Any]) -> str:
     """The part of a caption about the band."""
-    return f" with {BAND}" if known else " (no band, as this fit has no intervals)"
+    if fit.has_bands:
+        return f" with {BAND}"
+    why = "the search ended before a minimum" if fit.has_intervals else "this fit has no intervals"
+    return f" (no band, as {why})"
 
 
 def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = "step") -> Figure:
@@ -84,8 +87,8 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = 
     before, after = usual_step(record.input[:, input])
     height = with_unit(f"{before:.3g} to {after:.3g}", record.input_units[input])
     of_input = f" to a step of {record.input_names[input]} from {height}"
-    about = f" {OF_PARAMETERS}" if _known(band) else ""
-    caption = f"Step response of {fit.model.name}{of_input}{_banded(band)}.{about}"
+    about = f" {OF_PARAMETERS}" if band.known else ""
+    caption = f"Step response of {fit.model.name}{of_input}{with_band(fit)}.{about}"
     return Figure(name, caption, tuple(plots))
 
 
@@ -115,9 +118,7 @@ def frequency_response(
     if not getattr(fit.model, "is_linear", not hasattr(fit.model, "maps")):
         at = with_unit(f"{around:.4g}", record.input_units[input])
         rest = f", linearised at rest at {record.input_names[input]} = {at}"
-    caption = (
-        f"Frequency response of {fit.model.name}{path}{_banded(found.magnitude)}, up to half the sampling rate{rest}."
-    )
+    caption = f"Frequency response of {fit.model.name}{path}{with_band(fit)}, up to half the sampling rate{rest}."
     return Figure(name, caption, plots, shared_x=True)
 
 
@@ -132,7 +133,7 @@ def static_map(fit: Fit[Any], record: Record, *, name: str = "static-map") -> Fi
     band = static_map_band(fit, record)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
     without = ", without friction" if hasattr(fit.model, "structure") else ""
-    caption = f"Output of {fit.model.name} at rest over a constant input{without}{_banded(band)}."
+    caption = f"Output of {fit.model.name} at rest over a constant input{without}{with_band(fit)}."
     return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
 
 
@@ -146,7 +147,7 @@ def regression_friction(fit: Fit[Any], record: Record, *, name: str = "friction"
 
     band = friction_band(fit, record)
     taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
-    caption = f"Friction of {fit.model.name}{_banded(band)}: what its terms in past outputs take of the input."
+    caption = f"Friction of {fit.model.name}{with_band(fit)}: what its terms in past outputs take of the input."
     return Figure(
         name, caption, (Plot(_marks(band, fit.model.name), _output(record), _limited(band, taken), height=1.4),)
     )
@@ -156,21 +157,12 @@ def _output(record: Record) -> Axis:
     return channel_axis(record.output_names[0], record.output_units[0])
 
 
-def _known(band: Computed) -> bool:
-    """Whether there is a band, or only a curve."""
-    return bool(np.isfinite(band.standard_error).any())
-
-
-def _banded(band: Computed) -> str:
-    return with_band(known=_known(band))
-
-
 def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
     """The curve over its band, which is cut off where it is much wider than the curve."""
     line = Line(band.x, band.value, label, Stroke(Ink.BLUE, width=1.4))
-    if not _known(band):
+    if not band.known:
         return (line,)
-    low, high = _reach(band)
+    low, high = reach(band)
     known = np.isfinite(band.value)
     below, above = (np.clip(edge[known], low, high) for edge in (band.low, band.high))
     return Band(band.x[known], below, above, BAND if label else ""), line
@@ -178,15 +170,15 @@ def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
 
 def _limited(band: Computed, axis: Axis) -> Axis:
     """The axis with a range, where a band is cut off."""
-    if not _known(band):
+    if not band.known:
         return axis
-    low, high = _reach(band)
+    low, high = reach(band)
     wide = np.nanmin(band.low) < low or np.nanmax(band.high) > high
     return replace(axis, range=(low, high)) if wide else axis
 
 
-def _reach(band: Computed) -> tuple[float, float]:
-    """The largest range that is drawn."""
+def reach(band: Computed) -> tuple[float, float]:
+    """The largest range of the second axis that is drawn."""
     low, high = float(np.nanmin(band.value)), float(np.nanmax(band.value))
     room = WIDEST * (high - low or abs(high) or 1.0)
     return low - room, high + room

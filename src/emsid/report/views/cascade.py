@@ -68,7 +68,7 @@ def static_maps(fit: Fit[Cascade], record: Record, *, name: str = "") -> Figure 
     unknown = f" The band excludes {listed(lost)}, which the data do not determine." if lost else ""
     return Figure(
         name or f"{slug(model.name)}-static-maps",
-        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name}{with_band(known=fit.has_intervals)}; grey: "
+        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name}{with_band(fit)}; grey: "
         f"histogram of the input signal of the map in {record.name}.{unknown}",
         tuple(plots),
         columns=min(len(at), 2),
@@ -105,7 +105,7 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, name: str = "") -> Figu
     return Figure(
         name or f"{slug(model.name)}-filters",
         f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name}"
-        f"{with_band(known=fit.has_intervals)}, up to half the sampling rate.{late}",
+        f"{with_band(fit)}, up to half the sampling rate.{late}",
         (
             _response_plot(f, [each.magnitude for each in shown], frequency, Axis("Magnitude", "dB"), 20.0),
             _response_plot(f, [each.phase for each in shown], frequency, Axis("Phase", "deg"), 45.0),
@@ -136,8 +136,8 @@ def _filter_response(fit: Fit[Cascade], k: int, f: Array, inside: float) -> _Fil
     assert isinstance(block, Rational)
     response = block.response(f, inside)
     relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
-    undetermined = fit.has_intervals and bool(np.all(relative[0] > TOO_WIDE))  # the rest is only rounding
-    if undetermined or not fit.has_intervals:
+    undetermined = fit.has_bands and bool(np.all(relative[0] > TOO_WIDE))  # the rest is only rounding
+    if undetermined or not fit.has_bands:
         relative = np.full_like(relative, np.nan)
     with np.errstate(divide="ignore"):
         size = 20 * np.log10(np.abs(response))
@@ -226,7 +226,7 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
     x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
     half = HALF_WIDTH * error
-    band = [Band(x, value - half, value + half, BAND)] if fit.has_intervals else []
+    band = [Band(x, value - half, value + half, BAND)] if fit.has_bands else []
     reach = _reach(band, [value], 0.0)
     if reach is not None:  # a very wide band would leave the plot
         band = [

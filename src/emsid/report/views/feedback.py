@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
-from emsid.report.views.bands import with_band
+from emsid.report.views.bands import reach, with_band
 from emsid.report.views.conventions import BAND
 from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
-from emsid.validation.feedback_curves import map_error, visited
+from emsid.validation.feedback_curves import visited
+from emsid.validation.map_bands import free_lines, map_band
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -44,18 +44,15 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
         x = np.unique(np.concatenate([np.linspace(low - room, high + room, POINTS), each.breaks(low, high)]))
-        value, half = each.value(x), HALF_WIDTH * map_error(fit, k, x, seen.z[:, k])
-        span = float(np.ptp(value)) or 1.0
-        lowest, highest = float(value.min()) - 0.4 * span, float(value.max()) + 0.4 * span
-        bands = []
-        if fit.has_intervals:
-            bands.append(Band(x, np.maximum(value - half, lowest), np.minimum(value + half, highest), BAND))
-        marks = map_marks(each, map_curve(x, value, each.kind), bands, seen.z[:, k])
+        band = map_band(fit, record, k, x)
+        below, above = (np.clip(edge, *reach(band)) for edge in (band.low, band.high))
+        bands = [Band(x, below, above, BAND)] if band.known else []
+        marks = map_marks(each, map_curve(x, band.value, each.kind), bands, seen.z[:, k])
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
         plots.append(Plot(marks, *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
     of = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name}"
-    text = of + with_band(known=fit.has_intervals)
-    if fit.has_intervals and any(each.owns_level for each in model.maps):
+    text = of + with_band(fit)
+    if fit.has_bands and any(free_lines(model, k, seen.z[:, k]).size for k in range(len(z))):
         text += " of the shape: a line beside a map is a part of the linear system"
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
 

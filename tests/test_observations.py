@@ -292,7 +292,7 @@ def test_a_fit_to_a_part_continues_to_that_of_the_whole(name):
 def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkeypatch):
     record, options = driven(0, 2000), Options()
     fit = emsid.fit(emsid.arx(1, 1), record[:1000])
-    judged = Compared.of([fit], record[:1000], driven(1), options, Control(), transient=None, divide=True)
+    judged = Compared.of([fit], record[:1000], driven(1), options, Control(), transient=None, whole=record)
     for structure, better in ((emsid.arx(1, 1, 5), False), (emsid.arx(1, 1), True)):
         monkeypatch.setitem(CANDIDATES, "arx", Later(structure))
         found = long_records.on_all_samples(judged, record, options)

@@ -21,7 +21,7 @@ from emsid.identification.options import Options
 from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked
 from emsid.identification.recommendation import recommended
 from emsid.models.free_run import free_run_error
-from emsid.models.refitting import REFITTED, refitted
+from emsid.models.refitting import REFITTED, better_refit, refitted
 from emsid.record.holding_back import left_out_once
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure
@@ -164,6 +164,20 @@ def test_a_cancelled_refit_is_stopped(fits):
         refitted(fits[0], drive(0), control=Control(cancelled=lambda: True))
     with pytest.raises(emsid.ModelError, match="cannot be fitted again"):
         refitted(replace(fits[0], model=object()), drive(0))
+
+
+@pytest.mark.parametrize(("cubed", "taken"), [(-0.4, True), (0.4, False)])
+def test_a_refit_is_taken_where_it_is_better_and_does_not_run_away(cubed, taken):
+    """The output of short pulses stays small; while the largest input is held, a positive cube makes it diverge."""
+    u, y, slow = np.repeat(np.random.default_rng(3).uniform(-1, 1, 500), 4), np.zeros(2000), 0.99
+    for t in range(1, len(u)):
+        y[t] = slow * y[t - 1] + (1 - slow) * (u[t - 1] + cubed * y[t - 1] ** 3)
+    cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
+    whole, known = emsid.Record(u, y, DT), as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, 0.0]), DT))
+    assert free_run_error(refitted(known, whole), [whole]) < 0.1 * free_run_error(known.model, [whole])
+    found = better_refit(known, whole)
+    assert (found is not None) is taken
+    assert found is None or better_refit(as_fit(found), whole) is None  # no better than itself
 
 
 # --- the choice ------------------------------------------------------------------------------------------------------
@@ -402,6 +416,15 @@ def test_a_model_from_all_data_was_fitted_to_those_that_chose_it_too():
     assert result.on_all_data is not None
     assert result.on_choice is not None
     np.testing.assert_array_equal(result.fitted_by_recommended.output, whole.output)
+
+
+def test_a_model_that_the_ranking_fitted_to_all_data_is_not_fitted_to_them_again(monkeypatch):
+    monkeypatch.delattr(all_data, "better_refit")
+    whole = drive(1)
+    result = emsid.identify(whole, models=("arx", "friction-narx"))
+    assert result.on_all_data is next(each.refit for each in result.ranking if each.fit is result.chosen)
+    structure = result.chosen.model.structure
+    np.testing.assert_allclose(result.recommended.parameters, least_squares(structure, whole).estimate, rtol=1e-9)
 
 
 def test_another_fit_is_assessed_on_the_same_samples():

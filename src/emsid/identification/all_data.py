@@ -10,9 +10,9 @@ gain nothing by that. The errors that are reported stay those of the fit that ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, fit_or_problem
@@ -24,9 +24,7 @@ from emsid.identification.ranking import MANY
 from emsid.identification.verdict import larger_on_unseen
 from emsid.models.free_run import free_run_error
 from emsid.models.model import Model
-from emsid.models.plants.grey_box import GreyBox
-from emsid.models.refitting import refitted
-from emsid.models.regression.search.judge import runs_away
+from emsid.models.refitting import better_refit, is_safe
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
@@ -64,17 +62,23 @@ def from_all_data(
     few, doubtful = len(held_back) < MANY, len(whole) < MOST and _structure_is_doubtful(judged)
     if not (few or doubtful):
         return None
-    fit = judged.best
-    error, found = free_run_error(fit.model, (whole,)), None
-    if few:
-        again = _sound(partial(refitted, fit, whole, linear=options.estimate, control=control), whole)
-        if again is not None and again[1] < error:
-            error, found = again[1], FromAllData(again[0], False)
+    refit = _refit(judged, whole, options, control) if few else None
     if doubtful:
-        anew = _sound(partial(_searched, fit.model.name, whole, options, control), whole)
-        if anew is not None and not matters(error, anew[1]):
-            return FromAllData(anew[0], True)
-    return found
+        model = judged.best.model if refit is None else refit
+        anew = _searched(model.name, whole, options, control)
+        if anew is not None and not matters(free_run_error(model, (whole,)), free_run_error(anew, (whole,))):
+            return FromAllData(anew, True)
+    return None if refit is None else FromAllData(refit, False)
+
+
+def _refit(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:
+    """The refit of the recommended model, which the ranking knows where it has seen all data."""
+    known = next(each for each in judged.ranking if each.fit is judged.best)
+    if known.included and judged.on_choice is None:
+        return known.refit
+    with suppress(Stopped):
+        return better_refit(judged.best, whole, linear=options.estimate, control=control)
+    return None
 
 
 def _structure_is_doubtful(judged: Compared) -> bool:
@@ -85,22 +89,12 @@ def _structure_is_doubtful(judged: Compared) -> bool:
     return isinstance(CANDIDATES.get(name), (Feedback, Physical)) and larger_on_unseen(unseen, fitted) is not None
 
 
-def _searched(name: str, whole: Record, options: Options, control: Control) -> Model:
-    control.doing(f"{name} from all data")
-    fit = fit_or_problem(partial(CANDIDATES[name], whole, options, control))
-    if fit.ending is Ending.INTERRUPTED:
-        raise Stopped(Ending.INTERRUPTED)
-    model: Model = fit.model
-    return model
-
-
-def _sound(fitted: Callable[[], Any], whole: Record) -> tuple[Model, float] | None:
-    """A model and its mean square error on all data; None where it is not found, or its free run runs away."""
+def _searched(name: str, whole: Record, options: Options, control: Control) -> Model | None:
+    """A model with its structure from all data; None where the search finds none or is stopped, or it runs away."""
     try:
-        model = fitted()
-        error = free_run_error(model, (whole,))
+        control.doing(f"{name} from all data")
+        fit = fit_or_problem(partial(CANDIDATES[name], whole, options, control))
     except (EmsidError, Stopped):
         return None
-    if not isinstance(model, GreyBox) and runs_away(model, whole):
-        return None
-    return model, error
+    model: Model = fit.model
+    return model if fit.ending is not Ending.INTERRUPTED and is_safe(model, whole) else None

@@ -52,7 +52,7 @@ class Compared:
         outside: Record | None = None,
         *,
         transient: int | None,
-        divide: bool,
+        whole: Record | None,
     ) -> Compared:
         """Compare models.
 
@@ -64,13 +64,15 @@ class Compared:
             control: when to stop; the unseen data then decide alone.
             outside: the data outside an excerpt that the models were fitted to.
             transient: samples that start the models where a segment begins in motion; they enter no error.
-            divide: whether the unseen data are divided, and the models followed over folds of all data.
+            whole: all data, where the unseen data are a part of them; these are then divided, and the models followed
+                over folds of all data. None where the unseen data are others.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
         findings = about_the_fits(fits, train)
-        on_choice, on_unseen = _held_back(fits, test, transient, divide=divide)
-        chosen_on = on_choice or on_unseen
-        ranking = ranked(chosen_on, train if divide else None, options, excluded_models(findings), control, outside)
+        on_choice, on_unseen = _held_back(fits, test, transient, divide=whole is not None)
+        chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
+        fitted, excluded = None if whole is None else train, excluded_models(findings)
+        ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
         order = _order(chosen_on, ranking, findings)
         on_choice = on_choice and on_choice.in_order_of(order)
         return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))

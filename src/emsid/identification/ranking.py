@@ -27,7 +27,6 @@ References:
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -39,9 +38,9 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.options import Options
-from emsid.models.free_run import free_run, free_run_error
+from emsid.models.free_run import free_run
 from emsid.models.model import Model, Run
-from emsid.models.refitting import refitted
+from emsid.models.refitting import better_refit, refitted
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import left_out_once, parted
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
@@ -69,11 +68,13 @@ class Ranked:
         fit: the model.
         folds: its squared errors over the variance of the output, stretch by stretch, on every part that was left out.
         included: those of its parameters from all data, on the same stretches; empty where these are not known.
+        refit: the model with these parameters; None where they are not known, or are those of the fit.
     """
 
     fit: Fit[Any]
     folds: tuple[StretchErrors, ...]
     included: tuple[StretchErrors, ...] = ()
+    refit: Model | None = None
 
     @property
     def name(self) -> str:
@@ -119,6 +120,7 @@ def ranked(
     excluded: Collection[str] = (),
     control: Control = FREE,
     outside: Record | None = None,
+    whole: Record | None = None,
 ) -> tuple[Ranked, ...]:
     """The models of a comparison with their errors over the folds, the smallest first; then those not followed.
 
@@ -129,6 +131,7 @@ def ranked(
         excluded: names of models that are not recommended whatever their error is.
         control: when to stop; the held-back part then decides.
         outside: the data outside the excerpt that the models were fitted to, if they were.
+        whole: the fitted and the held-back data in one record; by default they are joined, with a gap between them.
     """
     scale = _scale(choice.best.record if fitted is None else concatenate([fitted, choice.best.record]))
     alone = [
@@ -147,7 +150,8 @@ def ranked(
     try:
         over_all = _over_folds(followed, folds, scale, options, control)
         if not outside:
-            whole, parts = concatenate([fitted, choice.best.record]), [choice.best.record, *(part for _, part in folds)]
+            whole = whole or concatenate([fitted, choice.best.record])
+            parts = [choice.best.record, *(part for _, part in folds)]
             over_all = [_with_included(each, whole, parts, start, scale, options, control) for each in over_all]
     except Stopped:
         return tuple(alone)
@@ -254,19 +258,11 @@ def _with_included(
 ) -> Ranked:
     """A model with the error on the folds, the parts, of its parameters from all data."""
     control.doing(f"ranking {each.name}", len(parts), len(parts))
-    model = _from_all(each.fit, whole, options, control)
+    refit = better_refit(each.fit, whole, linear=options.estimate, control=control)
+    model = each.fit.model if refit is None else refit
     runs = [(free_run(model, part, start), part, len(fold.means)) for part, fold in zip(parts, each.folds, strict=True)]
-    return replace(each, included=tuple(stretch_errors(run, part, scale, stretches) for run, part, stretches in runs))
-
-
-def _from_all(fit: Fit[Any], whole: Record, options: Options, control: Control) -> Model:
-    """The model with its parameters from all data, if these simulate them better."""
-    model: Model = fit.model
-    with suppress(EmsidError):  # the data do not suit it
-        again = refitted(fit, whole, linear=options.estimate, control=control)
-        if free_run_error(again, (whole,)) < free_run_error(model, (whole,)):
-            return again
-    return model
+    included = tuple(stretch_errors(run, part, scale, stretches) for run, part, stretches in runs)
+    return replace(each, included=included, refit=refit)
 
 
 def stretch_errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:

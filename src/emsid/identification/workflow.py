@@ -151,7 +151,7 @@ def _compared(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compare
         control,
         task.outside,
         transient=task.transient,
-        divide=not task.others,
+        whole=None if task.others else task.record,
     )
 
 

@@ -2,7 +2,7 @@
 
 The search begins at the estimate and takes a few steps only, without intervals. Repeated without one part of the data
 after another, it shows the error of a structure on data that its parameters are not from, at a small part of the cost
-of a fit.
+of a fit. `better_refit` is what all data say that were partly held back from the fit.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
@@ -25,6 +25,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback import fitting as feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.trials import runs_away
+from emsid.models.free_run import free_run_error
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.state_space import StateSpaceModel
@@ -36,6 +37,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.search import judge
 from emsid.record import Record
 
 STEPS = 8
@@ -71,6 +73,33 @@ def refitted(
                 raise Stopped(Ending.INTERRUPTED)
             return found
     raise ModelError(f"a model of type {type(fit.model).__name__} cannot be fitted again; add its type to REFITTED")
+
+
+def better_refit(
+    fit: Fit[Any], whole: Record, *, linear: Linear = least_squares, control: Control = FREE
+) -> Model | None:
+    """The model of a fit with its parameters from all data; None where it cannot be used or simulates them no better.
+
+    Args:
+        fit: to a part of the data.
+        whole: all data.
+        linear: as in `refitted`.
+        control: likewise.
+
+    Raises:
+        Stopped: if ``control`` stops it.
+    """
+    try:
+        again = refitted(fit, whole, linear=linear, control=control)
+        better = free_run_error(again, (whole,)) < free_run_error(fit.model, (whole,))
+    except EmsidError:  # the data do not suit it
+        return None
+    return again if better and is_safe(again, whole) else None
+
+
+def is_safe(model: Model, record: Record) -> bool:
+    """Whether a model, stable on a record, does not run away on inputs that the record lacks; a plant never does."""
+    return isinstance(model, GreyBox) or not judge.runs_away(model, record)
 
 
 def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, control: Control) -> Model:

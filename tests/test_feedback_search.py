@@ -28,7 +28,7 @@ from emsid.models.feedback.search.starts import started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
-from feedback_models import U, X, begun_trial, loop, sticking
+from feedback_models import Array, U, X, begun_trial, loop, sticking
 from model_examples import DT, MAPS
 
 
@@ -260,6 +260,63 @@ def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most() -> No
     assert (
         choice._to_extend(tried, scaled_trial(1.0, maps=2), 1) == most[::-1]
     )  # the best one has another number of maps
+
+
+def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where one may be better; the search goes on from it if a model with two maps rejects the linear one."""
+    straight, one, two = scaled_trial(4.0, maps=0), scaled_trial(3.0), scaled_trial(1.0, maps=2)
+    hopeful, certain = [True], [True]
+
+    class Judge:
+        leaves_noise = staticmethod(lambda trial: True)
+        may_be_better = staticmethod(lambda trial, simple: trial is one and simple is straight and hopeful[0])
+        prefers = staticmethod(lambda trial, best: False)
+        rejects = staticmethod(lambda simple, trial: trial is two and simple is straight and certain[0])
+
+    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: [two] if each is one else [])
+
+    def gone_on_from() -> Trial | None:
+        contest = choice.Contest(Judge(), [one], straight)  # type: ignore[arg-type]
+        return choice._better_than_linear(contest, one, one, FeedbackSearch())
+
+    assert gone_on_from() is one
+    hopeful[0] = False
+    assert gone_on_from() is None
+    hopeful[0], certain[0] = True, False
+    assert gone_on_from() is None
+
+
+def with_residual(residual: Array, used: int) -> Trial:
+    """A trial with this residual and so many parameters."""
+    trial = scaled_trial(1.0)
+    variance = float(residual @ residual) / (len(residual) - used)
+    minimum = replace(trial.found.minimum, samples=len(residual), residuals=[residual], noise_variance=variance)
+    squares = np.full(16, float(np.mean(residual**2)))
+    return replace(trial, found=replace(trial.found, minimum=minimum), errors=StretchErrors.of(squares))
+
+
+def test_few_independent_errors_may_justify_a_map() -> None:
+    """Of 400 samples about 40 are independent, and 14 parameters leave 0.9, 0.6 or 0.1 of the error.
+
+    With 0.6, the model is the start of a search only. A faster residual has more independent errors, but the noise may
+    be slow, and the parameters may follow it.
+    """
+    fast = np.random.default_rng(1).normal(size=400)
+    slow, records = lfilter([1.0], [1.0, -0.9], fast), list[Record]()
+    bench = Bench(records, records, 0)
+    plain, *others = (with_residual(k * slow, used) for k, used in ((1, 2), (0.9, 16), (0.6, 16), (0.1, 16)))
+    little, some, most = others
+    followed = with_residual(0.6 * np.std(slow) / np.std(fast) * fast, 16)
+    assert [bench.may_be_better(each, plain) for each in (little, some, most)] == [False, True, True]
+    assert [bench.prefers(each, plain) for each in (some, followed, most)] == [False, True, True]
+    assert [bench.rejects(plain, each) for each in (some, followed, most)] == [False, False, True]
+
+
+def test_a_map_is_added_to_a_model_once() -> None:
+    record, begun = begun_trial(200)
+    bench = Bench.of([record], FeedbackSearch(2), FREE)
+    saturation = family_of("saturation")
+    assert choice._with_map(bench, begun.found, saturation, 0) is choice._with_map(bench, begun.found, saturation, 0)
 
 
 def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,8 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
 
 If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear
-model, unless that, or a map that is multiplied by a signal, is better than the linear one. A model whose free run
-diverges on an input a little larger than that of the record, forward or backward in time, is not chosen.
+model, unless that, a map that is multiplied by a signal, or two maps are better than the linear one. A model whose free
+run diverges on an input a little larger than that of the record, forward or backward in time, is not chosen.
 """
 
 from __future__ import annotations
@@ -31,13 +31,10 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.feedback.coordinates import with_line
-from emsid.models.feedback.fitting import Found, visited
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
-from emsid.models.feedback.search.starts import started_beside_line, with_one_map_more, with_product
+from emsid.models.feedback.search.starts import with_family, with_one_map_more, with_product
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
-from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
@@ -98,7 +95,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             best = trial
     if best is None or not bench.prefers(best, straight):
         beside = _beside_linear(straight, tried)
-        best = _better_than_linear(Contest(bench, tried, straight), beside, settings)
+        best = _better_than_linear(Contest(bench, tried, straight), beside, best or beside, settings)
         if best is None:
             yield beside
             return
@@ -126,10 +123,18 @@ def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:
     return (same or tried)[0]
 
 
-def _better_than_linear(contest: Contest, beside: Trial, settings: FeedbackSearch) -> Trial | None:
-    """The best of a model with one map and, if that is no better than the linear one, those with a product; or none.
+def _better_than_linear(contest: Contest, beside: Trial, with_map: Trial, settings: FeedbackSearch) -> Trial | None:
+    """A model with a map to go on from, if it or what is added to it is better than the linear one; or none.
 
-    Where a product is missing, one map of one signal may follow the record better and make the free run worse.
+    Where a product is missing, one map of one signal may follow the record better and make the free run worse. Where
+    several maps are missing, the residual is slow with one of them too, and its few independent errors do not justify
+    the parameters of that map; what two maps explain may justify the parameters of both.
+
+    Args:
+        contest: with the linear model as the best one so far.
+        beside: the model with one map of the same order.
+        with_map: the best of the models with one map.
+        settings: options.
     """
     straight = contest.best
     for trials in ([beside], _products(contest, straight, settings)):
@@ -137,7 +142,15 @@ def _better_than_linear(contest: Contest, beside: Trial, settings: FeedbackSearc
             pass
         if contest.best is not straight:
             return contest.best
-    return None
+    two = _second_maps(contest, with_map, settings)
+    return with_map if any(contest.bench.rejects(straight, each) for each in two) else None
+
+
+def _second_maps(contest: Contest, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With two maps, where the best model with one map may be better than the linear one."""
+    if (settings.maps or MOST_MAPS) > 1 and contest.bench.may_be_better(best, contest.best):
+        for each in _to_extend(contest.tried, best, 1):
+            yield from _one_map_more(contest.bench, each, settings, PLAIN.more)
 
 
 @dataclass(eq=False)
@@ -157,7 +170,8 @@ class Contest:
     def entered(self, trials: Iterable[Trial]) -> Iterator[Trial]:
         """Those of further trials that replace the best one, one after the other."""
         for trial in trials:
-            self.tried.append(trial)
+            if trial not in self.tried:
+                self.tried.append(trial)
             if self.bench.prefers(trial, self.best):
                 self.best = trial
                 yield trial
@@ -350,13 +364,18 @@ def _with_map(bench: Bench, found: Found, family: Family, size: int, hold_signal
     Raises:
         ModelError: if all directions diverge.
     """
-    model = found.model
-    segments, size = bench.segments(model), _size(family, size)
-    ways = bench.directions(found)
+    model, size = found.model, _size(family, size)
+    known = bench.extended.get((id(found), family.name, size, hold_signals))
+    if known is not None:
+        return known
+    segments, ways = bench.segments(model), bench.directions(found)
     start = with_one_map_more(found, segments, model.edge, family, size, ways, 10, bench.control, hold_signals)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
-    return bench.refined(start.model, start.states if len(start.states) == len(segments) else None, family, size)
+    states = start.states if len(start.states) == len(segments) else None
+    trial = bench.refined(start.model, states, family, size)
+    bench.extended[id(found), family.name, size, hold_signals] = trial  # its directions keep this model
+    return trial
 
 
 def _size(family: Family, size: int) -> int:
@@ -411,7 +430,7 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, familie
             continue
         bench.control.doing(f"map: {name}")
         with suppress(EmsidError):
-            start, states = with_family(best, bench.shown, family, _size(family, size))
+            start, states = with_family(best.found, bench.shown, family, _size(family, size))
             yield bench.refined(start, states, family, size)
 
 
@@ -466,18 +485,3 @@ def _with_product(bench: Bench, linear: Found) -> Iterator[Trial]:
     for family in BESIDE_PRODUCT:
         with suppress(EmsidError):
             yield _with_map(bench, found, family, 0, True)
-
-
-def with_family(
-    trial: Trial, records: Sequence[Record], family: Family, size: int
-) -> tuple[FeedbackModel, list[Array]]:
-    """The model of a trial with maps of another family or size, each the closest to the present one, and its states."""
-    model, states = trial.found.model, trial.found.states
-    seen = visited(model, segments_longer_than(model.memory, model, records), states)
-    for i in range(len(model.maps)):
-        values = model.maps[i].value(seen.z[:, i])
-        map_, slope, level = started_beside_line(family, seen.z[:, i], values, size, i in model.multiplied)
-        new = replace(model, maps=(*model.maps[:i], map_, *model.maps[i + 1 :]))
-        model, moved = with_line(new, i, slope, level) or (new, np.zeros(model.states))
-        states = [x + moved for x in states]
-    return model, states

@@ -19,10 +19,10 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.coordinates import with_line
-from emsid.models.feedback.fitting import Found, searched
+from emsid.models.feedback.fitting import Found, searched, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import Direction
-from emsid.models.one_channel import Segments
+from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.structures import arx
 from emsid.record import Record, concatenate
@@ -254,3 +254,18 @@ def with_map(
     last = np.eye(1, n + 2, n + 1) if factor is None else factor[None, :]
     offsets, factors = np.append(model.map_offsets, 0.0), np.vstack([model.factors, last])
     return replace(model, matrix=matrix, maps=(*model.maps, map_), map_offsets=offsets, factors=factors)  # type: ignore[arg-type]
+
+
+def with_family(
+    found: Found, records: Sequence[Record], family: Family, size: int
+) -> tuple[FeedbackModel, list[Array]]:
+    """The model with maps of another family or size, each the closest to the present one, and its states."""
+    model, states = found.model, found.states
+    seen = visited(model, segments_longer_than(model.memory, model, records), states)
+    for i in range(len(model.maps)):
+        values = model.maps[i].value(seen.z[:, i])
+        map_, slope, level = started_beside_line(family, seen.z[:, i], values, size, i in model.multiplied)
+        new = replace(model, maps=(*model.maps[:i], map_, *model.maps[i + 1 :]))
+        model, moved = with_line(new, i, slope, level) or (new, np.zeros(model.states))
+        states = [x + moved for x in states]
+    return model, states

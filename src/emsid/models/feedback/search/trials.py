@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -123,6 +124,8 @@ class Bench:
         folds: the errors on parts that are left out, by the identity of the trial.
         ways: the directions in which a map more explains what a model misses, by its identity and whether the map is
             multiplied by a signal.
+        extended: the trials with one map more, by the identity of the model without it, the family and the size of the
+            map, and whether signals were held.
     """
 
     shown: Sequence[Record]
@@ -133,6 +136,7 @@ class Bench:
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
     ways: dict[tuple[int, bool], tuple[Found, list[Direction]]] = field(default_factory=dict)
+    extended: dict[tuple[int, str, int, bool], Trial] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -247,6 +251,26 @@ class Bench:
         else:
             wins = gain > 0
         return wins if richer else not wins
+
+    def may_be_better(self, trial: Trial, simple: Trial) -> bool:
+        """Whether a richer model is better by Akaike's criterion for the number of independent errors.
+
+        It asks for less than the one that chooses, since the richer model is only the start of a search.
+        """
+        if not np.isfinite(trial.errors.mean):
+            return False
+        independent, extra = effective_samples(trial.found.minimum.residuals), trial.parameters - simple.parameters
+        return independent * log(simple.found.error / trial.found.error) > extra
+
+    def rejects(self, simple: Trial, trial: Trial) -> bool:
+        """Whether a richer model replaces a simple one even if the residual of the simple one is noise.
+
+        Where the noise is slow, a rich model follows it, and then leaves a residual with more independent errors than
+        the noise has. So those of the simple model are counted too.
+        """
+        independent, extra = effective_samples(simple.found.minimum.residuals), trial.parameters - simple.parameters
+        gain = schwarz_gain(trial.found.error**2, simple.found.error**2, independent, extra)
+        return gain > 0 and self.prefers(trial, simple)
 
     def left_out(self, trial: Trial) -> StretchErrors:
         """The errors of a model on the parts of a short record, each of which is left out of a fit once."""

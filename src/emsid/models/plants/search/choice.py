@@ -199,23 +199,16 @@ class _Choice:
         signals = signals_of(plant, record)
         check_channels(plant, signals, record)
         self._original, self._scaling = plant, Scaling.of(plant, record)
-        whole, factors = self._scaling.record(record, signals), self._scaling.factors(plant)
+        whole, physical = self._scaling.record(record, signals), self._scaling.limits(plant)
         scaled = self._fewer(whole, signals, hold)
         self.thinned = scaled is not whole
         hold = Hold.ZERO if self.thinned else hold
-        physical = {
-            name: (max(each.lower, each.lower / factors[name]), each.upper / factors[name])
-            for name, each in plant.handles.items()
-        }
         task, _, reached = searched(
             self._scaling.to(plant, record.input.shape[1]),
             replace(scaled, input_units=(), output_units=()),
             free=free,
-            fixed={name: value / factors[name] for name, value in fixed.items()},
-            datasheet={
-                name: given if given.value is None else replace(given, value=given.value / factors[name])
-                for name, given in sheet.items()
-            },
+            fixed=self._scaling.values(plant, fixed),
+            datasheet=self._scaling.datasheet(plant, sheet),
             bounds={name: physical[name] for name in free if physical[name][0] > plant.handles[name].lower},
             signals=signals,
             hold=hold,

@@ -14,9 +14,10 @@ from math import isfinite, prod
 
 import numpy as np
 
+from emsid.models.plants.datasheet import Given
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.plant import Plant
+from emsid.models.plants.plant import Limits, Plant
 from emsid.record import Record
 
 # Exponents of (command, output, force) by unit.
@@ -63,6 +64,25 @@ class Scaling:
         return {
             name: prod(size**power for size, power in zip(sizes, _exponents(name, handle) or (0, 0, 0), strict=True))
             for name, handle in plant.handles.items()
+        }
+
+    def values(self, plant: Plant, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters of a plant in these units."""
+        factors = self.factors(plant)
+        return {name: value / factors[name] for name, value in values.items()}
+
+    def datasheet(self, plant: Plant, sheet: Mapping[str, Given]) -> dict[str, Given]:
+        """A datasheet of a plant in these units."""
+        values = {name: given.value for name, given in sheet.items() if given.value is not None}
+        scaled = self.values(plant, values)
+        return {name: replace(given, value=scaled.get(name)) for name, given in sheet.items()}
+
+    def limits(self, plant: Plant) -> Limits:
+        """The physical bounds of every parameter of a plant in these units; no lower one gets smaller."""
+        factors = self.factors(plant)
+        return {
+            name: (max(each.lower, each.lower / factors[name]), each.upper / factors[name])
+            for name, each in plant.handles.items()
         }
 
     def record(self, record: Record, signals: Sequence[Signal]) -> Record:

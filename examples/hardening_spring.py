@@ -6,7 +6,8 @@
 
 The input goes on between its samples, as that of most analogue experiments does. Taken for held, the correct equation
 misses by forty times the noise, so the plant says ``between="band-limited"``. A model without physics,
-``emsid.feedback``, is fitted beside it. The figure is written to hardening-spring.svg.
+``emsid.feedback``, is fitted beside it. The figure, written to hardening-spring.svg, shows a short stretch of their
+free runs, and the force of the spring with its 95 % band, beside the true one and that of a linear spring.
 """
 
 from __future__ import annotations
@@ -71,8 +72,33 @@ def main() -> tuple[emsid.Fit[emsid.GreyBox], emsid.Comparison]:
     black_box = emsid.feedback(order=2, static="polynomial", size=5, maps=1, oversampling=2)
     comparison = emsid.compare(fit, emsid.fit(black_box, record), unseen)
     print(comparison)
-    comparison.plot().savefig("hardening-spring.svg")
+    draw(comparison, fit, unseen)
     return fit, comparison
+
+
+def draw(comparison: emsid.Comparison, fit: emsid.Fit[emsid.GreyBox], record: emsid.Record) -> None:
+    """A stretch of the free runs, and the force of the spring (in units of displacement) with its band."""
+    import matplotlib.pyplot as plt
+
+    figure, (runs, force) = plt.subplots(1, 2, figsize=(10, 3.6), width_ratios=(2, 1), layout="constrained")
+    shown = slice(1100, 1220)
+    runs.plot(record.time[shown], record.output[shown], "o", color="0.6", markersize=4, label="measured")
+    for each, style in zip(comparison.fits, ("-", "--"), strict=True):
+        runs.plot(record.time[shown], each.model.simulate(record).output[shown], style, label=each.model.name)
+    runs.set(xlabel="time in s", ylabel="position", title="Free runs on an experiment that no model has seen")
+
+    y, kappa = np.linspace(-0.4, 0.4, 201), fit.names.index("kappa")
+    low, high = fit.interval()[kappa]
+    force.plot(y, y, ":", color="0.5", label="linear spring")
+    force.plot(y, y + TRUTH["kappa"] * y**3, color="0.6", linewidth=5, label="truth")
+    force.plot(y, y + fit.estimate[kappa] * y**3, label=fit.model.name)
+    force.fill_between(y, y + low * y**3, y + high * y**3, alpha=0.4, label="95 % band")
+    force.set(xlabel="position", ylabel="force over stiffness", title="The spring")
+    for axes in (runs, force):
+        axes.legend(frameon=False, fontsize="small")
+        axes.grid(alpha=0.3)
+    figure.savefig("hardening-spring.svg")
+    plt.close(figure)
 
 
 if __name__ == "__main__":

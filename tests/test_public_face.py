@@ -318,6 +318,11 @@ def test_a_result_can_be_plotted(result, tmp_path):
     assert (tmp_path / "figure.svg").stat().st_size > 1000
 
 
+def test_a_plotted_record_shows_one_unit_of_each_channel():
+    record = emsid.Record(np.ones(20), np.arange(20.0), 0.1, "Voltage (V)", "Speed (rpm)", "V", "rad/s")
+    assert [axes.get_ylabel() for axes in record.plot().axes] == ["Voltage [V]", "Speed [rad/s]"]
+
+
 def test_a_fit_without_intervals_draws_its_estimates(linear_record):
     noise = 0.5 * np.random.default_rng(3).standard_normal((len(linear_record), 1))
     biased = emsid.fit(emsid.arx(na=1, nb=1), replace(linear_record, output=linear_record.output + noise))

@@ -28,7 +28,7 @@ from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, T
 from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, number
 from emsid.report.views import first_look
-from emsid.report.views.conventions import MEASURED, channels, output_axis
+from emsid.report.views.conventions import MEASURED, channel_axis, channels, output_axis
 from emsid.report.views.free_run import responses
 from emsid.report.views.tables import results_table
 from emsid.report.views.timeline import TIME, timeline, with_gaps
@@ -168,7 +168,7 @@ def figure(thing: Any) -> Figure | None:
 
 @figure.register
 def _(record: Record) -> Figure:
-    return first_look.over_time(record, "record", f"{record.name}: inputs and outputs.", Axis, 0.6)
+    return first_look.over_time(record, "record", f"{record.name}: inputs and outputs.", channel_axis, 0.6)
 
 
 @figure.register

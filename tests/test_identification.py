@@ -449,6 +449,12 @@ def test_a_motor_or_an_axis_is_tried_by_default_where_units_and_names_allow_it(u
     assert usual_for(record) == (*USUAL, *plants)
 
 
+@pytest.mark.parametrize(("name", "plants"), [("torque_estimate", []), ("force", ["linear-axis"])])
+def test_an_input_that_is_called_a_torque_or_a_force_is_no_voltage(name, plants):
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, name, "speed")
+    assert usual_for(record) == (*USUAL, *plants)
+
+
 def test_records_of_several_channels_are_of_no_plant_by_default():
     record = emsid.Record(np.zeros((400, 2)), np.zeros(400), 0.01)
     assert usual_for(record) == USUAL

@@ -18,6 +18,7 @@ from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
+from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
@@ -312,8 +313,9 @@ def usual_for(record: Record) -> tuple[str, ...]:
     that shows absolute values does.
 
     Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
-    of an axis; without a unit, the name of the output does. A feedback model has too many parameters for fewer samples
-    than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input has both signs and the output one.
+    of an axis; without a unit, the name of the output does, and an input that is called a torque or a force is no
+    voltage. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where
+    the input has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
@@ -330,6 +332,11 @@ def usual_for(record: Record) -> tuple[str, ...]:
 def _may_be_of(plant: Plant, record: Record) -> bool:
     if not isinstance(plant, DrivenPlant) or plant.secondary:
         return False
+    if not record.input_units[0]:  # else it would be read in the unit of the plant
+        named = meaning(record.input_names[0]).quantity
+        if named is ColumnQuantity.TORQUE:  # no plant has one as its input
+            return False
+        record = replace(record, input_units=("N" if named is ColumnQuantity.FORCE else "",))
     try:
         check_channels(plant, signals_of(plant, record), record)
     except EmsidError:

@@ -258,7 +258,7 @@ def test_a_trial_without_free_parameters_is_not_begun_again():
     record = Record(np.ones(50), np.zeros(50), 1e-2, output_units="rad/s")
     trials = Trials((record,), (Signal.SPEED,), {})
     rest = Trial(RIGID, (), [RIGID.first_state((Signal.SPEED,), record)], 0.0, [record.output[:, 0]])
-    assert trials.around(rest, np.random.default_rng(0), 2).ends == ()
+    assert trials.around(rest, np.random.default_rng(0), 2, 2).ends == ()
 
 
 def test_a_lag_of_zero_does_not_stay_for_the_initial_reading_that_it_has():
@@ -531,7 +531,7 @@ def test_a_position_starts_at_rest_at_zero_where_the_record_allows_it(speed, pos
 def test_a_choice_says_how_many_searches_agree_where_its_last_step_removed_something():
     record = replace(KINDS["motor"](3, samples=600).fitted, output_units=("rad/s",))
     found = next(each.data for each in choose(RIGID, record).findings if each.code == "searches-agreeing")
-    assert found["searches"] == 1 + choice.RESTARTS
+    assert found["searches"] == found["agreeing"] == 1 + choice.AGREEING
 
 
 def test_a_choice_settles_the_start_once_the_plant_fits():

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.restarts import AGREEING
 from emsid.estimation.threads import cores, in_threads, one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
@@ -43,7 +44,7 @@ from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
-from emsid.models.plants.parameters import Signal, bounds_of_parts, parts, without_overlap
+from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import kinds
@@ -60,8 +61,9 @@ from emsid.models.plants.search.refinements.catalogue import (
     INSTEAD,
     REFINEMENTS,
     simplified,
+    without_effect,
 )  # fmt: skip
-from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
+from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
@@ -70,7 +72,7 @@ from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
-from emsid.models.plants.search.trials import Trial, Trials, gain, joined
+from emsid.models.plants.search.trials import Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
@@ -85,8 +87,8 @@ MOST = 8
 """How many refinements may be added, and how many removed."""
 OTHERS = 2
 """From how many of the first starts a refinement is tried too, besides the best plant so far."""
-RESTARTS = 2
-"""How often the winner of a round is fitted again from around its minimum."""
+RESTARTS = 8
+"""How often a plant that is taken is fitted again from around its minimum at most, until `AGREEING` of them agree."""
 SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
 """Where trials see more than twice `SCREENED` samples, refinements are fitted to an excerpt of that many samples in
 `PIECES` pieces first, and only the best `CONFIRMED` of them to all."""
@@ -150,17 +152,10 @@ def choose(
 
     def concluded() -> GreyBoxFit:
         return simulation_error(
-            search.found,
-            record,
-            free=search.asked,
-            fixed=values,
-            datasheet=sheet,
-            weighting=search.weighting_of(record),
-            hold=hold if search.between_samples_open else search.found.hold,
-            per_record=per_record,
-            find_start=False,
-            **last,
-        )
+            search.found, record, free=search.asked, fixed=values, datasheet=sheet,
+            weighting=search.weighting_of(record), hold=hold if search.between_samples_open else search.found.hold,
+            per_record=per_record, find_start=False, **last,
+        )  # fmt: skip
 
     fit = concluded()
     while (
@@ -292,7 +287,6 @@ class _Choice:
                 self._remove()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
                     break
-            self.trial = self._trials.around(self.trial, self._rng, RESTARTS)
         except Stopped as stop:
             return stop.ending
         return None
@@ -305,7 +299,7 @@ class _Choice:
     def _fit_again(self, starts: Sequence[DrivenPlant], states: Sequence[Array] | None = None) -> None:
         found = self._trials.fitted(starts, self.trial.names, states)
         if found is not None:
-            self.trial = self._trials.around(found, self._rng, RESTARTS)
+            self._take(found)
 
     def _rich(self) -> tuple[list[DrivenPlant], tuple[str, ...]]:
         """Starts of a plant with what friction has most often, unless something of it is fixed, and what is free."""
@@ -332,7 +326,7 @@ class _Choice:
         Many samples do not make the drift smaller, so Schwarz's criterion asks too much of this parameter, and it is
         judged by Akaike's.
         """
-        more = _has_load(rich) - _has_load(simple)
+        more = has_load(rich) - has_load(simple)
         drifts = isinstance(self.weighting, tuple) and self._rule is gain
         return self._rule(simple, rich) + (more * (log(effective_samples(rich.residuals)) - AKAIKE) if drifts else 0.0)
 
@@ -341,29 +335,41 @@ class _Choice:
         added: Refinement | None = None
         for done in range(MOST):
             self._doing(f"trying {len(refinements)} refinements", done)
-            begun = [self.trial.plant, *self._starts[:OTHERS]]
-            groups = [
-                [each for plant in begun for each in refine(plant, self.trial.names, self._record)]
-                for refine in refinements
-            ]
+            groups = [begun_with(each, self.trial, self._starts[:OTHERS], self._record) for each in refinements]
             for group, before in zip(groups, tried, strict=True):
                 if group and before is not None and added is not None:
                     group += joined(before, added, self.trial, self._record)
-            tried = self._tried(self._screened(groups))
+            tried = self._tried_from_neutral(self._screened(groups))
             self._doing("adding refinements", done)
             richer = [
                 (trial, refine)
                 for trial, refine in zip(tried, refinements, strict=True)
                 if trial is not None and self._gain(self.trial, trial) > 0
             ]
-            richer.sort(key=lambda pair: self._gain(self.trial, pair[0]), reverse=True)
+            gains = {id(trial): self._gain(self.trial, trial) for trial, _ in richer}
+            others = [trial for trial, _ in richer]
+            richer.sort(key=lambda pair: rank(pair[0], others, gains), reverse=True)
             best, added = next((pair for pair in richer if self._is_safe(*pair)), (None, None))
             if best is not None:
-                self._take(self._trials.around(best, self._rng, RESTARTS))
-                self._trials, self.trial = self._trials.settled(self.trial)
+                self._trials, best = self._trials.settled(best)
+                self._take(best)
             self.hopeless = done == 0 and self.left > self._most_left
             if best is None or self.hopeless:
                 break
+
+    def _tried_from_neutral(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
+        """Trials of refined plants; one that ends above the best plant begins there again, without effect.
+
+        A refinement without effect is the plant without it, so no minimum with it is higher.
+        """
+        tried, above = self._tried(groups), []
+        for group, trial in zip(groups, tried, strict=True):
+            search = group and (trial is None or trial.cost > self.trial.cost)
+            above.append(without_effect(group[0], self.trial.plant, self.trial.names) if search else [])
+        return [
+            min((each for each in both if each is not None), key=lambda each: each.cost, default=None)
+            for both in zip(tried, self._tried(above), strict=True)
+        ]
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
         """Whether both sides of what a refinement tells apart were seen, and a trial with a break is better on both.
@@ -421,9 +427,9 @@ class _Choice:
         names = frozenset(self.trial.names)
         groups = [[each] for each in simplified(self.trial.plant, self.trial.names) if names ^ set(each[1]) in changes]
         try:
-            enough = [trial for trial in self._tried(groups) if trial is not None and not self._needed(trial)]
+            enough = not_needed([trial for trial in self._tried(groups) if trial is not None], self._needed)
             if enough:
-                self._take(self._trials.around(min(enough, key=lambda each: each.cost), self._rng, RESTARTS))
+                self._take(min(enough, key=lambda each: each.cost))
         except Stopped:
             return False
         return bool(enough)
@@ -481,13 +487,9 @@ class _Choice:
             return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:
+        """Go on with a trial, or with a better one of its structure that begins around it."""
+        trial = self._trials.around(trial, self._rng, RESTARTS, AGREEING)
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]
         self.asked = (*kept, *(name for name in after if name not in kept))
         self.trial = trial
-
-
-def _has_load(trial: Trial) -> bool:
-    """Whether a trial has a constant load, or levels by direction, which say the same."""
-    load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
-    return load in trial.names or set(sides) <= set(trial.names)

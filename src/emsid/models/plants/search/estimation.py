@@ -293,7 +293,7 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
             if not (reached.minimum.ending is Ending.STALLED or (used_up and not may_end)):
                 break
             here = _trial(reached)
-            there = _trials(task).around(here, rng, RESTARTS, stalled=True)
+            there = _trials(task).around(here, rng, RESTARTS, RESTARTS)
             others = [_usual(task, here)] if used_up else []
             best = min([there, *(each for each in others if each is not None)], key=lambda each: each.cost)
             if best.cost < here.cost or used_up:

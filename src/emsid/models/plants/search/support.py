@@ -8,14 +8,13 @@ so is Stribeck friction whose rate the record does not show.
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import inf, isfinite
+from math import inf
 
 import numpy as np
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.search.refinements.catalogue import simplified
-from emsid.models.plants.search.refinements.cogging import FIRST
+from emsid.models.plants.search.refinements.catalogue import simplified, sizes
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.models.plants.search.result import Estimate, GreyBoxFit, Status
 
@@ -47,12 +46,11 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
     merged = [name for name in names if name not in asked]
     if merged:  # the two directions are one
         return set(removed) <= set(fit.names) and _alike(fit, removed)
-    shown = [name for name in removed if isfinite(plain.value(name)) and name != FIRST[0]]
-    rates = [name for name in shown if name.endswith("_rate")]
-    sizes = [name for name in shown if name not in rates]
+    rates = [name for name in removed if name.endswith("_rate")]
     most = {name: fit.limits.get(name, (0.0, inf))[1] for name in rates}
     without_rate = any(_includes(rows[name], 0.0) or rows[name].value >= most[name] for name in rates)
-    return without_rate or (bool(sizes) and all(_includes(rows[name], plain.value(name)) for name in sizes))
+    shown = sizes(removed, plain)
+    return without_rate or (bool(shown) and all(_includes(rows[name], plain.value(name)) for name in shown))
 
 
 def _includes(row: Estimate, value: float) -> bool:

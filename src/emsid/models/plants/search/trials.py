@@ -19,7 +19,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import inf, isfinite
@@ -30,14 +30,14 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
-from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
+from emsid.estimation.nonlinear.restarts import SAME, SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
-from emsid.models.plants.parameters import Signal
+from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
-from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, schwarz_gain
@@ -91,6 +91,12 @@ def gain(simple: Trial, rich: Trial) -> float:
     return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
 
 
+def begun_with(refine: Refinement, best: Trial, others: Sequence[DrivenPlant], record: Record) -> list[Refined]:
+    """Starts of the best plant with a refinement, and of others; none where the best cannot be refined like this."""
+    begun = list(refine(best.plant, best.names, record))
+    return begun + [each for plant in others if begun for each in refine(plant, best.names, record)]
+
+
 def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list[Refined]:
     """Starts with two refinements that were tried apart, each with the values that it had then.
 
@@ -106,6 +112,42 @@ def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list
         (plant.with_values({name: best.plant.value(name) for name in names if name not in trial.names}), names)
         for plant, names in added(trial.plant, trial.names, record)
     ]
+
+
+def rank(trial: Trial, others: Sequence[Trial], gains: Mapping[int, float]) -> tuple[float, float]:
+    """The key by which trials are sorted: the gain, but at most that of a trial that is better with no more parameters.
+
+    Gains of two trials count other numbers of independent samples, so the gain of the worse one may be larger.
+
+    Args:
+        trial: one of the others.
+        others: all that are sorted.
+        gains: of every trial, by its identity.
+    """
+    return min(gains[id(each)] for each in _at_least_as_good(trial, others)), -trial.cost
+
+
+def not_needed(tried: Sequence[Trial], needed: Callable[[Trial], bool]) -> list[Trial]:
+    """Trials without a refinement that is not needed, nor would be in a better trial with no more parameters.
+
+    A trial that has ended beside its minimum may have so large an error in one stretch that no mean says anything.
+
+    Args:
+        tried: each without one refinement.
+        needed: whether the refinement that a trial is without is needed, as the trial shows.
+    """
+    return [each for each in tried if not any(map(needed, _at_least_as_good(each, tried)))]
+
+
+def _at_least_as_good(trial: Trial, others: Sequence[Trial]) -> list[Trial]:
+    """Those of the others, the trial itself among them, with no more parameters and no higher cost."""
+    return [each for each in others if each.cost <= trial.cost and len(each.names) <= len(trial.names)]
+
+
+def has_load(trial: Trial) -> bool:
+    """Whether a trial has a constant load, or levels by direction, which say the same."""
+    load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
+    return load in trial.names or set(sides) <= set(trial.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,40 +228,48 @@ class Trials:
                     found.append((cost_of(problem), k, problem))
         return sorted(each for each in found if isfinite(each[0]))
 
-    def around(self, trial: Trial, rng: np.random.Generator, tries: int, stalled: bool = False) -> Trial:
-        """The best of a trial and of some more that begin around it, with where these ended; the same if it has them.
+    def around(self, trial: Trial, rng: np.random.Generator, most: int, agreeing: int) -> Trial:
+        """The best of a trial and of some more that begin around it, with where these ended.
+
+        It ends as soon as enough of them have ended with the lowest cost. Where the motion sticks for one value of
+        a parameter and slides for the next, the cost has steps, and searches end beside them, each elsewhere.
 
         Args:
             trial: to begin around.
             rng: source of random numbers.
-            tries: how many more.
-            stalled: whether the trial is no minimum, so that its covariance means little: no parameter is moved further
-                than is plausible then, and not to where the cost is hopeless.
+            most: the largest number of more.
+            agreeing: how many with the lowest cost are enough.
         """
-        if trial.ends:
-            return trial
-        ends = []
-        for _ in range(tries):
-            problem = self._problem(trial.plant, trial.names, trial.states)
-            if problem is None or not len(problem.start):  # nothing to move
-                break
-            lower, upper = self._within(problem)
-            try:
-                slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
-                step = drawn(slopes, trial.residuals, rng, problem.plausible if stalled else np.inf)
-                parts = SHORTER if stalled else SHORTER[:1]
-                moved = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in parts)
-                good = (each for each in moved if not stalled or 0.5 * cost_of(each) <= HOPELESS * trial.cost)
-                near = next(good, None)
-                again = None if near is None else self._searched(near)
-            except EmsidError:
-                continue
+        ends: list[tuple[float, Array]] = []
+        for _ in range(most):
+            near = self._near(trial, rng)
+            again = None if near is None else self._searched(near)
             if again is None:
                 continue
             ends.append((0.5 * cost_of(again), again.start[: len(trial.names)]))
             if ends[-1][0] < trial.cost * (1 - SLOW):
                 trial = self._trial(again)
+            if sum(cost <= (1 + SAME) * trial.cost for cost, _ in ends) >= agreeing:
+                break
         return replace(trial, ends=tuple(ends))
+
+    def _near(self, trial: Trial, rng: np.random.Generator) -> FreeRunError | None:
+        """The problem of a trial begun at a point around it; None where there is nothing to move or no such point.
+
+        A trial need not be at a minimum, so its covariance may mean little: no parameter is moved further than is
+        plausible, and not to where the cost is hopeless.
+        """
+        problem = self._problem(trial.plant, trial.names, trial.states)
+        if problem is None or not len(problem.start):
+            return None
+        lower, upper = self._within(problem)
+        try:
+            slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
+            step = drawn(slopes, trial.residuals, rng, problem.plausible)
+            moved = (problem.begun_at(np.clip(problem.start + part * step, lower, upper)) for part in SHORTER)
+            return next((each for each in moved if 0.5 * cost_of(each) <= HOPELESS * trial.cost), None)
+        except EmsidError:
+            return None
 
     def settled(self, trial: Trial) -> tuple[Trials, Trial]:
         """These trials with the kind of start that the records allow at a plant, and the plant fitted with it.

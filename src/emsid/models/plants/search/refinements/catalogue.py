@@ -5,8 +5,8 @@ To add one, write a function in a file of its own and name it here; `WITHOUT` ha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import inf
+from collections.abc import Mapping, Sequence
+from math import inf, isfinite
 
 import numpy as np
 
@@ -107,3 +107,31 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
             merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
             found.append((plant.with_values({whole: mean}), merged))
     return found
+
+
+def sizes(names: Sequence[str], plain: DrivenPlant) -> list[str]:
+    """Those of the names of refinements that say how much; the others say where, or how fast.
+
+    Args:
+        names: of free parameters that a plant has and a simpler one has not.
+        plain: the simpler one.
+    """
+    return [name for name in names if isfinite(plain.value(name)) and name != FIRST[0] and not name.endswith("_rate")]
+
+
+def without_effect(refined: Refined, plain: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
+    """The start of a refinement that simulates as the plant without it.
+
+    None where it has no size that can be zero, or where another parameter is left out for it.
+
+    Args:
+        refined: another start.
+        plain: the plant without the refinement.
+        free: what is free of it.
+    """
+    plant, names = refined
+    added = sizes([name for name in names if name not in free], plain)
+    left_out = [name for name in free if name not in names and not set(parts(plain, name) or (name,)) <= set(names)]
+    if left_out or not added:
+        return []
+    return [(plant.with_values({name: plain.value(name) for name in (*free, *added) if name in names}), names)]

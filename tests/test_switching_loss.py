@@ -11,7 +11,7 @@ import emsid
 from emsid.errors import ModelError
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.kinds import better_on_both_sides
+from emsid.models.plants.search.kinds import better_at_full_duty_and_below, better_on_both_sides
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plants import choose, rigid_motor
@@ -56,6 +56,19 @@ def test_a_loss_is_not_chosen_where_there_is_none():
     known = {"drive.freewheel": 1.0, "drive.supply": FULL}
     fit = choose(rigid_motor(), experiment(0.0), refinements=(switching_loss,), fixed=known)
     assert "drive.loss" not in fit.names
+
+
+@pytest.mark.parametrize(("below", "at_full", "taken"), [(0.5, 0.5, True), (0.5, 1.0, False), (0.9, 1.1, False)])
+def test_a_loss_is_better_at_full_duty_and_below(below, at_full, taken):
+    record = experiment(LOSS)
+    trials = Trials((record,), (Signal.SPEED,), {})
+    plant, noise = rigid_motor().with_drive(supply=FULL), np.random.default_rng(0).standard_normal(len(record))
+
+    def trial(below, at_full):
+        error = noise * np.where(np.abs(record.input[:, 0]) < FULL, below, at_full)
+        return Trial(plant, ("drive.loss",), [np.zeros(3)], 0.5 * float(error @ error), [error])
+
+    assert better_at_full_duty_and_below(trials, trial(below, at_full), trial(1.0, 1.0)) == taken
 
 
 def test_a_loss_is_not_tried_without_samples_on_both_sides():

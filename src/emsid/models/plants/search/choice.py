@@ -65,6 +65,7 @@ from emsid.models.plants.search.refinements.catalogue import (
 )  # fmt: skip
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
+from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
@@ -378,6 +379,8 @@ class _Choice:
         """
         if refine in BREAKS:
             return kinds.better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
+        if refine is switching_loss:
+            return kinds.better_at_full_duty_and_below(self._trials, trial, self.trial)
         if refine in BY_DIRECTION:
             return kinds.both_directions_seen(self._trials)
         if refine in DELAYS:

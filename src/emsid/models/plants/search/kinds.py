@@ -22,6 +22,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.plants.drive import FULL
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.speeds import speed_of
 from emsid.models.plants.search.trials import Trial, Trials
@@ -91,11 +92,28 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
         name: the parameter of the richer one that is the voltage of the break; a supply limits what a knee leaves.
     """
     drive, level = rich.plant.drive, rich.plant.value(name)
-    wanted = [drive.gain * (drive.commands(segment.input) + drive.offset) for segment in trials.segments]
+    wanted = _wanted(trials, rich)
     if name == "drive.supply":
         wanted = [drive.after_knee(each) for each in wanted]
     beyond = [np.abs(each) > BESIDE * level for each in wanted]
     return _better_on_both(trials, rich, simple, beyond, [~each for each in beyond])
+
+
+def better_at_full_duty_and_below(trials: Trials, rich: Trial, simple: Trial) -> bool:
+    """Whether a loss below full duty improves the samples on both of its sides: the other parameters move with it.
+
+    Args:
+        trials: what the two share.
+        rich, simple: the trials with and without the loss.
+    """
+    full = [np.abs(each) >= FULL * rich.plant.drive.supply for each in _wanted(trials, rich)]
+    return _better_on_both(trials, rich, simple, full, [~each for each in full])
+
+
+def _wanted(trials: Trials, trial: Trial) -> list[Array]:
+    """(N,) of every segment, the voltage (force) before any limit, in V (N)."""
+    drive = trial.plant.drive
+    return [drive.gain * (drive.commands(segment.input) + drive.offset) for segment in trials.segments]
 
 
 def better_in_both_changes(trials: Trials, rich: Trial, simple: Trial) -> bool:

@@ -364,6 +364,8 @@ class DrivenMotor(DrivenPlant):
     def holding(self) -> float:
         """The output of the drive that balances the load torque."""
         motor, torque = self.motor, self.load_torque
+        if torque == 0.0:  # as in most free runs of a search
+            return 0.0
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
         made = torque / self._torque_per_unit

@@ -250,7 +250,8 @@ def test_a_third_map_is_found() -> None:
 
 
 def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most() -> None:
-    """Of models with as many maps; one that leaves the range of the data is not extended."""
+    """Of models with as many maps; one that leaves the range of the data is not extended, and in long records only one
+    of those that explain most is."""
     few, *most = (scaled_trial(size) for size in (3.0, 2.5, 2.0, 1.5, 1.0))
     away = replace(scaled_trial(0.5), errors=StretchErrors.of(np.full(16, np.inf)))
     tried = [few, *most, away]
@@ -260,6 +261,8 @@ def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most() -> No
     assert (
         choice._to_extend(tried, scaled_trial(1.0, maps=2), 1) == most[::-1]
     )  # the best one has another number of maps
+    long = [replace(each, errors=replace(each.errors, samples=1e3 * each.errors.samples)) for each in (few, *most)]
+    assert choice._to_extend(long, long[0], 1) == [long[0], long[-1]]
 
 
 def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,8 +50,9 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 HOPELESS = 2.0
 # A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# Models with equally many maps that a further one is added to.
-EXTENDED = 4
+# Models with equally many maps that a further one is added to, in records of up to so many samples; in longer ones it
+# is one, as many independent errors tell models apart and every search takes long.
+EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
@@ -216,7 +217,8 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
 def _that_explain_most(tried: Sequence[Trial], maps: int) -> list[Trial]:
     """Of the models with so many maps that do not run away, those with the least final prediction errors."""
     equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
-    return sorted(equal, key=lambda each: each.prediction_error)[:EXTENDED]
+    several = EXTENDED if equal and equal[0].errors.samples.sum() <= SHORT else 1
+    return sorted(equal, key=lambda each: each.prediction_error)[:several]
 
 
 def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:

@@ -250,8 +250,8 @@ def test_a_third_map_is_found() -> None:
 
 
 def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most() -> None:
-    """Of models with as many maps; one that leaves the range of the data is not extended, and in long records only one
-    of those that explain most is."""
+    """Of models with as many maps; one that leaves the range of the data is not extended, and over many samples only
+    one of those that explain most is."""
     few, *most = (scaled_trial(size) for size in (3.0, 2.5, 2.0, 1.5, 1.0))
     away = replace(scaled_trial(0.5), errors=StretchErrors.of(np.full(16, np.inf)))
     tried = [few, *most, away]

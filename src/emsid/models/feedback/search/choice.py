@@ -50,8 +50,8 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 HOPELESS = 2.0
 # A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# Models with equally many maps that a further one is added to, in records of up to so many samples; in longer ones it
-# is one, as many independent errors tell models apart and every search takes long.
+# Models with equally many maps that a further one is added to, where they are compared over at most so many samples;
+# over more it is one, as many independent errors tell models apart and every search takes long.
 EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"

@@ -19,7 +19,7 @@ from rich.table import Table
 
 import emsid
 from arguments import numbers, parser_of
-from emsid.first_look.advice import advice
+from emsid.first_look.data_advice import advice
 from emsid.first_look.dynamics import response
 from emsid.validation.metrics import fit_percent
 

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, questions, response_of
 from emsid.first_look.baseline import baseline
+from emsid.first_look.data_advice import advice, questions, response_of
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.measurement import repeated

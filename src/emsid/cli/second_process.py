@@ -6,23 +6,18 @@ computed here. Each of the two takes the next model as soon as it is done with o
 first on and the other one from the last on, so both end at about the same time. It ends with this process.
 """
 
-import os
-import signal
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from math import inf
-from queue import SimpleQueue
-from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from emsid.cli.fork import forked, has_free_core
 from emsid.cli.imports import load_page
 
 if TYPE_CHECKING:
     from ctypes import c_byte
-    from multiprocessing.connection import Connection
     from multiprocessing.sharedctypes import SynchronizedArray
 
     from emsid.estimation import Fit
@@ -47,16 +42,8 @@ class SecondProcess:
         from multiprocessing import get_context
 
         context = get_context("fork")
-        self._connection, other = context.Pipe()
         self._taken, self._ending = context.Array("b", MOST), context.RawValue("b")
-        ends = self._connection, other
-        self._process = context.Process(target=serve, args=(*ends, self._taken, self._ending), daemon=True)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        other.close()
+        self._process, self._connection = forked(serve, self._taken, self._ending)
         self._meanwhile = meanwhile
         self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
@@ -125,7 +112,7 @@ def second_process(models: Sequence[str], *, alone: bool) -> SecondProcess | Non
         models: their names; none for the usual ones.
         alone: whether this process runs nothing else; otherwise the second one might repeat that.
     """
-    if len(models) == 1 or not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
+    if len(models) == 1 or not (alone and has_free_core()):
         return None
     return SecondProcess(load_page)
 
@@ -137,25 +124,23 @@ def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
     return free
 
 
-def serve(theirs: "Connection", connection: "Connection", flags: "SynchronizedArray[int]", ending: "c_byte") -> None:
-    """The work of the second process, until the connection ends.
+def serve(
+    receive: Callable[[], Any], send: Callable[[Any], None], flags: "SynchronizedArray[int]", ending: "c_byte"
+) -> None:
+    """The work of the second process.
 
     Args:
-        theirs: the end of the first process, closed here; otherwise it would not be closed where that process ends.
-        connection: the other end.
+        receive: gives the next task.
+        send: answers one model of it.
         flags, ending: shared with the first process.
     """
-    theirs.close()
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    tasks = SimpleQueue[Any]()
-    Thread(target=_listen, args=(connection, tasks), daemon=True).start()
     from emsid.estimation.threads import sharing_cores
 
     while True:
-        names, record, options = tasks.get()
+        names, record, options = receive()
         with sharing_cores(2):
             for answer in fitted(names, record, options, flags, lambda: bool(ending.value)):
-                connection.send(answer)
+                send(answer)
 
 
 def fitted(
@@ -171,7 +156,6 @@ def fitted(
     from emsid.estimation.nonlinear.control import Control, Stopped
     from emsid.identification.candidates import CANDIDATES
 
-    record = replace(record)  # whose arrays cannot be written to
     for name in reversed(names):
         if cancelled() or not taken(flags, names.index(name)):
             continue
@@ -181,12 +165,3 @@ def fitted(
             yield name, problem
         except (Stopped, Exception):  # the first process meets it too
             yield name, None
-
-
-def _listen(connection: "Connection", tasks: "SimpleQueue[Any]") -> None:
-    """Pass tasks on, and end this process with the other one."""
-    try:
-        while True:
-            tasks.put(connection.recv())
-    except (EOFError, OSError):
-        os._exit(0)

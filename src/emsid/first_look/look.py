@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
-from emsid.first_look.advice import TOLERANCE, advice, response_of
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
+from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, at_once
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning

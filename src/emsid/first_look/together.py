@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.first_look.advice import FEWEST_SAMPLES, TOLERANCE, advice, opposite_signs, response_of
 from emsid.first_look.columns import Column, column_of_numbers
+from emsid.first_look.data_advice import FEWEST_SAMPLES, TOLERANCE, advice, opposite_signs, response_of
 from emsid.first_look.look import CONSTANT, FirstLook, describe
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.roles import find_roles

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from emsid.findings import Finding, finite
-from emsid.first_look.advice import advice, response_of
+from emsid.first_look.data_advice import advice, response_of
 from emsid.first_look.dynamics import Response
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared

@@ -10,7 +10,7 @@ import numpy as np
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.first_look.advice import questions, response_of
+from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
 from emsid.identification.candidates import usual_for
 from emsid.identification.delay import with_delay

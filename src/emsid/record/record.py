@@ -93,6 +93,12 @@ class Record(Presented):
         self._complete_channels()
         self._complete_segments()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A record from another process is read-only too."""
+        self.__dict__.update(state)
+        for array in (self.input, self.output):
+            array.flags.writeable = False
+
     def _put(self, field: str, value: object) -> None:
         """Set a field while the record is made; it is frozen for everybody else."""
         object.__setattr__(self, field, value)

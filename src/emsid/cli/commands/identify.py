@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
+from emsid.cli.fork import meanwhile
 from emsid.cli.imports import load_identification, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
@@ -199,6 +200,7 @@ def identify(
     """
     begun = monotonic()
     asked = names(models, "--models")
+    read = meanwhile(partial(_read, reader, files, validate), alone=INTERRUPTION.own_process)
     with without_collection():
         load_identification()
         from emsid.identification import Options, candidates, workflow
@@ -216,24 +218,33 @@ def identify(
             profile=physical_names(profile, "--profile", plants),
         )  # fmt: skip
         check_folder(out)
-        records, tests = _read(reader, files, validate)
-        search = partial(workflow.identify, records, tests or unseen, models=asked or None, options=options)
+        search = partial(workflow.identify, *_checked(*read(), unseen), models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
         search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
 
 
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
-    """The records and the unseen ones. Those with data of the fit are named now, before searches of minutes."""
+    """The records and the unseen ones."""
+    with without_collection():
+        return [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+
+
+def _checked(
+    records: "list[Record]", tests: "list[Record]", unseen: float
+) -> "tuple[list[Record], list[Record] | float]":
+    """The records, and the unseen ones or the part to keep unseen.
+
+    Unseen records with data of the fit are named now, before searches of minutes.
+    """
     from emsid.findings import Finding
     from emsid.record.overlap import holds_some_of
     from emsid.wording import sentence
 
-    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
     for test in tests:
         if any(holds_some_of(test, record) for record in records):
             warn(sentence(Finding("data-not-unseen", test.name), option))
-    return records, tests
+    return records, tests or unseen
 
 
 def _for_searches(budget: float, spent: float) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.losses import Loss
+from emsid.estimation.nonlinear.losses import SQUARES, Loss
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -85,14 +85,13 @@ def linearised(
                 f"a residual of shape {residual.shape} with a derivative of shape {jacobian.shape}; for "
                 f"{len(theta)} parameters give (N,) and (N, {len(theta)})"
             )
-        root = np.sqrt(loss.weight(residual))
         # Initial states of other segments have derivatives of zero, which need not be reduced.
         own = np.flatnonzero((jacobian.T != 0).any(axis=1)[varied]) if len(blocks) > 1 else np.arange(len(varied))
         columns = np.empty((len(own) + 1, len(residual)))
-        np.take(jacobian.T, varied[own], axis=0, out=columns[:-1])
-        columns[-1] = residual
-        columns[:-1] *= root
-        columns[-1] *= -root
+        np.take(jacobian.T, varied[own], axis=0, out=columns[:-1], mode="clip")  # the default mode copies once more
+        columns[-1] = -residual
+        if loss is not SQUARES:
+            columns *= np.sqrt(loss.weight(residual))
         if not np.isfinite(columns.sum()):
             bad = varied[own][~np.isfinite(columns[:-1]).all(axis=1)]
             raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")

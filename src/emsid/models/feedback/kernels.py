@@ -87,18 +87,16 @@ class MapSlopes(NamedTuple):
     """What the maps give along a run over K steps, and its derivatives.
 
     Attributes:
-        slopes: (K, m) ∂w/∂z = g f′(z).
-        values: (K, m) ∂w/∂g = f(z).
-        gradient: (K, q) ∂w/∂θ = g ∂f/∂θ of all maps.
-        owners: (q,) the map that each column of ``gradient`` belongs to.
-        back: (K, m, n) ∂w/∂x.
+        slopes: (m, K) ∂w/∂z = g f′(z).
+        values: (m, K) ∂w/∂g = f(z) of maps that are multiplied by a signal, zero of others.
+        gradient: (q, K) ∂w/∂θ = g ∂f/∂θ of all maps.
+        owners: (q,) the map that each row of ``gradient`` belongs to.
     """
 
     slopes: Array
     values: Array
     gradient: Array
     owners: NDArray[np.int64]
-    back: Array
 
 
 @numba.njit(cache=True, nogil=True)
@@ -194,6 +192,7 @@ def run_reference(
 @numba.njit(cache=True, nogil=True)
 def derivative(
     matrix: Array,
+    factors: Array,
     multiplied: NDArray[np.int64],
     maps: MapSlopes,
     u: Array,
@@ -210,6 +209,7 @@ def derivative(
 
     Args:
         matrix: (n + m + 1, n + 1 + m) M.
+        factors: (m, n + 2) F.
         multiplied: (k,) the maps that are multiplied by a signal.
         maps: along the run.
         u: (K,) input.
@@ -219,8 +219,8 @@ def derivative(
         out: (⌈K/every⌉, p) receives the derivative.
     """
     n, m = x.shape[1], w.shape[1]
-    slopes, values, gradient, owners, back = maps
-    width, q = n + 1 + m, gradient.shape[1]
+    slopes, values, gradient, owners = maps
+    width, q = n + 1 + m, len(owners)
     to_maps = n * width  # where the rows of z begin
     to_output = to_maps + m * (n + 1)
     of_factors = to_output + width
@@ -233,10 +233,11 @@ def derivative(
             from_maps[i, j] = matrix[i if i < n else n + m, n + 1 + owners[j]]
     before, after = np.zeros((n + 1, p)), np.zeros((n + 1, p))
     before[:n] = now
-    closed = np.empty((n + 1, n))
+    back, closed = np.empty((m, n)), np.empty((n + 1, n))
     for t in range(len(u)):
         rows = n + 1 if t % every == 0 else n  # the last one is that of y
-        _close(matrix, back[t], rows, closed)
+        _by_state(matrix, factors, maps, t, back)
+        _close(matrix, back, rows, closed)
         multiply(closed, before, rows, after)
         for i in range(rows):
             row, own = (i, i * width) if i < n else (n + m, to_output)
@@ -245,25 +246,34 @@ def derivative(
             after[i, own + n] += u[t]
             for k in range(m):
                 after[i, own + n + 1 + k] += w[t, k]
-                through = matrix[row, n + 1 + k] * slopes[t, k]
+                through = matrix[row, n + 1 + k] * slopes[k, t]
                 of_z = to_maps + k * (n + 1)
                 for j in range(n):
                     after[i, of_z + j] += through * x[t, j]
                 after[i, of_z + n] += through * u[t]
                 after[i, of_offsets + k] += through
             for c, k in enumerate(multiplied):
-                through, of_g = matrix[row, n + 1 + k] * values[t, k], of_factors + c * (n + 2)
+                through, of_g = matrix[row, n + 1 + k] * values[k, t], of_factors + c * (n + 2)
                 for j in range(n):
                     after[i, of_g + j] += through * x[t, j]
                 after[i, of_g + n] += through * u[t]
                 after[i, of_g + n + 1] += through
             for j in range(q):
-                after[i, of_maps + j] += from_maps[i, j] * gradient[t, j]
+                after[i, of_maps + j] += from_maps[i, j] * gradient[j, t]
         if rows > n:
             after[n, of_offsets + m] += 1.0
             out[t // every] = after[n]
         before, after = after, before
     now[:] = before[:n]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _by_state(matrix: Array, factors: Array, maps: MapSlopes, t: int, back: Array) -> None:
+    """∂w/∂x (m, n) at one step."""
+    m, n = back.shape
+    for k in range(m):
+        for j in range(n):
+            back[k, j] = maps.slopes[k, t] * matrix[n + k, j] + maps.values[k, t] * factors[k, j]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -341,23 +351,26 @@ def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def pushed(matrix: Array, back: Array, forces: Array, every: int, out: Array) -> None:
+def pushed(matrix: Array, factors: Array, maps: MapSlopes, forces: Array, every: int, out: Array) -> None:
     """The change of the output when signals are added to each row of the linear part, to first order.
 
     Args:
         matrix: (n + m + 1, n + 1 + m) M.
-        back: (K, m, n) ∂w/∂x along the run.
+        factors: (m, n + 2) F.
+        maps: along the run.
         forces: (K, r) the signals.
         every: one in so many steps has an output.
         out: (⌈K/every⌉, (n + 1)·r) receives the change by each signal added to x₁⁺, …, xₙ⁺ and y, row after row.
     """
-    m, r = back.shape[1], forces.shape[1]
+    m, r = len(factors), forces.shape[1]
     n = matrix.shape[0] - m - 1
+    back = np.empty((m, n))
     now, new = np.zeros((n, n * r)), np.zeros((n, n * r))
     dw, dy = np.zeros((m, n * r)), np.zeros(n * r)
     for t in range(len(forces)):
+        _by_state(matrix, factors, maps, t, back)
         for i in range(m):
-            _combined(dw[i], back[t, i], now)
+            _combined(dw[i], back[i], now)
         if t % every == 0:
             _combined(dy, matrix[n + m], now)
             _through(dy, matrix[n + m], dw, n)

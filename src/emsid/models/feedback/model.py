@@ -281,11 +281,13 @@ class FeedbackModel(OneChannelMethods):
     def gradients(self, u: Array, passed: LoopSignals) -> Iterator[tuple[slice, Array]]:
         """`gradient` by blocks of samples, each with its samples; of a long record, all together take much memory."""
         v, rate, width = read_only(self.entering(u)), self.oversampling, len(self.parameters) + self.states
-        matrix, now = read_only(self.matrix), np.eye(self.states, width, width - self.states)
+        matrix, factors = read_only(self.matrix), read_only(self.factors)
+        now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
             maps = map_slopes(self, passed.x[steps], v[steps], passed.z[steps])
-            derivative(matrix, self.multiplied, maps, v[steps], passed.x[steps], passed.w[steps], rate, now, out)
+            x, w = passed.x[steps], passed.w[steps]
+            derivative(matrix, factors, self.multiplied, maps, v[steps], x, w, rate, now, out)
             yield slice(first, first + len(out)), out
 
     def factor(self, x: Array, u: Array) -> Array:
@@ -447,14 +449,15 @@ class FeedbackModel(OneChannelMethods):
 
 def map_slopes(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:
     """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
-    n, g = model.states, model.factor(x, u)
-    slopes, values, rows, owners = np.empty(z.shape), np.empty(z.shape), [np.empty((0, len(z)))], []
-    for i, each in enumerate(model.maps):
+    shape, counts = z.T.shape, np.array([len(each.parameters) for each in model.maps], dtype=np.int64)
+    slopes, values, gradient = np.empty(shape), np.zeros(shape), np.empty((counts.sum(), len(z)))
+    g = model.factor(x, u).T if len(model.multiplied) else model.factors[:, -1:]
+    first = 0
+    for i, (each, count) in enumerate(zip(model.maps, counts, strict=True)):
         own = np.ascontiguousarray(z[:, i])
-        slopes[:, i] = g[:, i] * each.slope(own)
-        values[:, i] = each.value(own) if i in model.multiplied else 0.0
-        rows.append(g[:, i] * each.parameter_gradient(own))
-        owners += [i] * len(rows[-1])
-    back = slopes[:, :, None] * model.matrix[n:-1, :n] + values[:, :, None] * model.factors[:, :n]
-    gradient = np.ascontiguousarray(np.concatenate(rows).T)
-    return MapSlopes(slopes, values, gradient, np.array(owners, dtype=np.int64), back)
+        np.multiply(g[i], each.slope(own), out=slopes[i])
+        np.multiply(g[i], each.parameter_gradient(own), out=gradient[first : first + count])
+        if i in model.multiplied:
+            values[i] = each.value(own)
+        first += count
+    return MapSlopes(slopes, values, gradient, np.repeat(np.arange(len(counts)), counts))

@@ -22,12 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.static_maps import CubicSpline
 from emsid.models.blocks.static_maps.through_points import spread_knots
 from emsid.models.feedback.coordinates import coordinates, whitened
 from emsid.models.feedback.fitting import Found, visited
-from emsid.models.feedback.kernels import LoopSignals, pushed
+from emsid.models.feedback.kernels import LoopSignals, MapSlopes, pushed
 from emsid.models.feedback.model import FeedbackModel, map_slopes
 from emsid.models.interpolation import interpolated
 from emsid.models.one_channel import Segments
@@ -159,7 +160,7 @@ class _Stretches:
         runs: its signals.
         inputs: (K,) of each stretch, at the steps of the model.
         outputs: (N,) measured.
-        backs: (K, m, n) ∂w/∂x of each.
+        maps: their slopes along each.
         basis: (N, k) orthonormal, by which the model so far can change its outputs.
         residual: (N,) measured output minus that of the model, without what is in the basis.
         transient: samples without error at the start of each.
@@ -169,7 +170,7 @@ class _Stretches:
     runs: list[LoopSignals]
     inputs: list[Array]
     outputs: list[Array]
-    backs: list[Array]
+    maps: list[MapSlopes]
     basis: Array
     residual: Array
     transient: int
@@ -192,9 +193,9 @@ class _Stretches:
         basis, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
         inputs = [model.entering(u) for u, _ in segments]
-        backs = [map_slopes(model, run.x, v, run.z).back for run, v in zip(runs, inputs, strict=True)]
+        maps = [map_slopes(model, run.x, v, run.z) for run, v in zip(runs, inputs, strict=True)]
         residual = residual - basis @ (basis.T @ residual)
-        return cls(model, runs, inputs, [y for _, y in segments], backs, basis, residual, transient)
+        return cls(model, runs, inputs, [y for _, y in segments], maps, basis, residual, transient)
 
     def explained(self, row: Array, measured: bool, factor: Array | None = None) -> Direction | None:
         """What a map in a direction can explain; None for a signal without a spread.
@@ -240,11 +241,12 @@ class _Stretches:
     def _changes(self, functions: Array) -> Array:
         """(N, (n + 1)·r) the changes of the outputs by signals (K, r) that are added to each row of the linear part."""
         model, found, first = self.model, [], 0
-        for run, back in zip(self.runs, self.backs, strict=True):
+        matrix, factors = read_only(model.matrix), read_only(model.factors)
+        for run, maps in zip(self.runs, self.maps, strict=True):
             forces = functions[first : first + len(run.y)]
             first += len(run.y)
             out = np.empty((-(-len(run.y) // model.oversampling), (model.states + 1) * functions.shape[1]))
-            pushed(model.matrix, back, forces, model.oversampling, out)
+            pushed(matrix, factors, maps, forces, model.oversampling, out)
             found.append(out[self.transient :])
         return np.concatenate(found)
 

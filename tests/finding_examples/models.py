@@ -148,5 +148,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding(
         "load-drifts", "linear-axis", LOAD | {"parameters": ["friction.coulomb.forward", "friction.coulomb.backward"]}
     ),
+    Finding(
+        "free-run-drifts", "linear-axis", {"seconds": 5.312, "error": 0.00108795, "whole": 0.00203921, "unit": "m"}
+    ),
     Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098}),
 )

@@ -228,6 +228,17 @@ def load_drifts(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("free-run-drifts")
+def free_run_drifts(f: Finding, argument: Spelling) -> str:
+    """Data: seconds, error, whole, unit (RMS errors of free runs of this length, and of that of the whole record)."""
+    error, whole = (with_unit(f"{f.data[name]:.3g}", f.data["unit"]) for name in ("error", "whole"))
+    seconds = with_unit(f"{f.data['seconds']:.3g}", "s")
+    return (
+        f"the errors of the free run of {f.subject} add up, as under a drift: over {seconds} from a new initial "
+        f"position the RMS error is {error}, over the whole record {whole}; trust a free run for up to {seconds}"
+    )
+
+
 @words("probably-another-system")
 def probably_another_system(f: Finding, argument: Spelling) -> str:
     left, linear = (f"{100 * f.data[name]:.2g} %" for name in ("left", "linear"))

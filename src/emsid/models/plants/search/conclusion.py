@@ -24,6 +24,7 @@ from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.task import Task
+from emsid.models.plants.search.trusted_length import trusted_length
 
 SEARCHES = "searches-agreeing"
 """The code of the finding that says how many searches ended at a minimum."""
@@ -46,8 +47,8 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
-    constant = taken_as_constant(task, problem, minimum) if reached.unended else []
-    findings = (*(finding for each in others for finding in each.findings), *constant, *findings)
+    more = [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)] if reached.unended else []
+    findings = (*(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
     if reached.unended and _shaft_unseen(task, reached):

@@ -1,0 +1,134 @@
+r"""For how long a free run of a position stays near the record, where it slowly leaves it.
+
+A position keeps the effect of every past disturbance, so errors of a free run add up. In a window of n samples that has
+an initial position of its own, the error is the residual e without its mean there. Its mean square over all windows,
+
+    W²(n) = mean (eₜ − ē)²,
+
+is about the power of the residual at frequencies above 1/(n·dt). White noise, and errors that every motion there and
+back repeats, have nearly the same W for all windows that are longer than a motion in one direction. A drift has most of
+its power at low frequencies, and W grows. The free run is trusted for the longest windows whose W² is at most twice
+that of the noise, or, where a single motion has a larger error already, twice that of windows as long as a motion: in
+longer ones, most of the error has added up since the start. The noise is what changes from sample to sample, of
+variance ½·mean (eₜ₊₁ − eₜ)².
+
+References:
+    Percival, *On estimation of the wavelet variance*, Biometrika 82 (1995), on such variances and the spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import takewhile
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.findings import Finding
+from emsid.models.plants.beginning import starts_from_samples
+from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.search.task import Task
+
+Array = NDArray[np.float64]
+
+TURNED = 0.05
+"""A motion ends where the position has come back by this part of its range."""
+POINTS = 20_000
+"""Of a longer segment, every so many samples are looked at for reversals."""
+WINDOWS = 3
+"""The longest windows are this part of the longest segment, so that there are a few of them."""
+LENGTHS = 1.1
+"""Ratio of the lengths of windows that are looked at."""
+
+
+def trusted_length(task: Task, problem: FreeRunError) -> list[Finding]:
+    """For how long a free run of a position is trusted; nothing where its error does not grow with its length.
+
+    Where the fit has taken a drift of the load into account, the finding ``load-drifts`` says it.
+
+    Args:
+        task: what was asked.
+        problem: begun at the minimum.
+    """
+    if not starts_from_samples(problem.plant, task.signals) or task.weighting is not all_alike:
+        return []
+    residuals = problem.residuals(problem.start)
+    runs = [segment.output[:, 0] + residual for segment, residual in zip(task.segments, residuals, strict=True)]
+    dt = task.segments[0].dt
+    found = longest_trusted(residuals, motion(runs))
+    if found is None:
+        return []
+    samples, error = found
+    whole = sqrt(float(np.mean(np.concatenate(residuals) ** 2)))
+    data = {"seconds": samples * dt, "error": error, "whole": whole, "unit": task.segments[0].output_units[0]}
+    return [Finding("free-run-drifts", problem.plant.name, data)]
+
+
+def motion(runs: Sequence[Array]) -> int | None:
+    """The samples of a typical motion in one direction: the median time between reversals.
+
+    Args:
+        runs: (Nᵢ,) the position in every segment, without noise.
+
+    Returns:
+        None without two reversals in one segment.
+    """
+    paths = [run - np.linspace(run[0], run[-1], len(run)) for run in runs]
+    least = TURNED * max(float(np.ptp(path)) for path in paths)
+    gaps = np.concatenate([np.diff(reversals(path, least)) for path in paths])
+    return int(np.median(gaps)) if len(gaps) else None
+
+
+def reversals(path: Array, least: float) -> NDArray[np.int64]:
+    """The samples at which a position (N,) has come back by this much from the last place where it turned."""
+    every = 1 + len(path) // POINTS
+    found, direction = [], 0
+    high = low = float(path[0])
+    for k, value in enumerate(path[::every].tolist()):
+        high, low = max(high, value), min(low, value)
+        turned = 1 if value > low + least else -1 if value < high - least else 0
+        if turned and turned != direction:
+            found += [k] * (direction != 0)
+            direction, high, low = turned, value, value
+        elif direction > 0:
+            low = high
+        elif direction < 0:
+            high = low
+    return every * np.array(found, dtype=np.int64)
+
+
+def longest_trusted(residuals: Sequence[Array], shortest: int | None) -> tuple[int, float] | None:
+    """The samples of the longest windows whose error has not grown yet, and their error W.
+
+    Args:
+        residuals: (Nᵢ,) of every segment.
+        shortest: samples of a single motion, in which errors have not added up yet.
+
+    Returns:
+        None where the error does not grow.
+    """
+    longest = max(map(len, residuals)) // WINDOWS
+    if shortest is None or not 2 <= shortest < longest:
+        return None
+    count = int(np.log(longest / shortest) / np.log(LENGTHS)) + 2
+    lengths = np.unique(np.geomspace(shortest, longest, count).astype(int))
+    powers = [within(residuals, n) for n in lengths]
+    noise = 0.5 * float(np.mean(np.concatenate([np.diff(each) for each in residuals]) ** 2))
+    least = noise if powers[0] <= 2 * noise else powers[0]
+    near = list(takewhile(lambda power: power <= 2 * least, powers))
+    if len(near) == len(powers):
+        return None
+    return int(lengths[len(near) - 1]), sqrt(near[-1])
+
+
+def within(residuals: Sequence[Array], n: int) -> float:
+    """W²(n) of residuals (Nᵢ,): the mean square of windows of n samples, each without its mean."""
+    total, windows = 0.0, 0
+    for residual in residuals:
+        if len(residual) >= n:
+            centred = residual - residual.mean()
+            sums, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (centred, centred**2))
+            mean, power = ((each[n:] - each[:-n]) / n for each in (sums, squares))
+            total, windows = total + float(np.sum(power - mean**2)), windows + len(mean)
+    return total / windows

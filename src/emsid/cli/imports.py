@@ -22,6 +22,12 @@ def without_collection() -> Iterator[None]:
             gc.enable()
 
 
+def load_reading() -> None:
+    """Import what the reading of a file and an identification both need."""
+    import emsid.first_look.clock
+    import emsid.io  # noqa: F401
+
+
 def load_identification() -> None:
     """Import what an identification needs, with what the first call of a compiled function loads for all of them."""
     import emsid.identification  # noqa: F401

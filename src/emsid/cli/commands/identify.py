@@ -10,7 +10,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.fork import meanwhile
-from emsid.cli.imports import load_identification, without_collection
+from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
     Json,
@@ -200,8 +200,8 @@ def identify(
     """
     begun = monotonic()
     asked = names(models, "--models")
-    read = meanwhile(partial(_read, reader, files, validate), alone=INTERRUPTION.own_process)
     with without_collection():
+        read = _reading(reader, files, validate)
         load_identification()
         from emsid.identification import Options, candidates, workflow
     second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
@@ -222,6 +222,14 @@ def identify(
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
         search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
+
+
+def _reading(
+    reader: Any, files: Sequence[Path], validate: Sequence[Path]
+) -> "Callable[[], tuple[list[Record], list[Record]]]":
+    """Gives what `_read` returns; a fork reads from now on, if a core is free."""
+    load_reading()
+    return meanwhile(partial(_read, reader, files, validate), alone=INTERRUPTION.own_process)
 
 
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":

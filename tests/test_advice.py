@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfilt
 
 import emsid
 from emsid.findings import Finding
@@ -661,3 +661,14 @@ def test_a_smooth_input_does_not_delay_the_response() -> None:
     assert "sampling-too-slow" not in findings(u, lfilter([0.2], [1.0, -0.8], u) + 0.01 * rng.standard_normal(len(u)))
     few = 3 * np.sin(0.01 * np.pi * np.arange(3000)) + 2 * np.sin(0.026 * np.pi * np.arange(3000))
     assert "sampling-too-slow" not in findings(few, lfilter([0.0, 0.1], [1.0, -0.9], few) + 0.01 * rng.permutation(few))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_response_within_a_sample_is_no_feedback(sign: int) -> None:
+    """A mass on a spring, input linear between samples: the newest input has a quarter of the effect of the last."""
+    rng, own = np.random.default_rng(0), np.exp(0.7 * (1j - 0.05))
+    u = sosfilt(butter(6, 0.66, output="sos"), rng.standard_normal(6000)) + 3e-4 * rng.standard_normal(6000)
+    y = sign * lfilter([1, 4, 1], np.poly([own, own.conjugate()]).real, u)
+    y += 0.002 * np.std(y) * rng.standard_normal(6000)
+    assert response(u, y, ()).delay == 1
+    assert "feedback-likely" not in findings(u, y)

@@ -38,6 +38,19 @@ def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
     assert {"no-response", "position-differentiated"} & codes(unrelated) == {"no-response"}
 
 
+@pytest.mark.parametrize("seed", [0, 5, 6, 15])
+def test_a_magnitude_is_no_position(seed: int) -> None:
+    """The change of a pulley's absolute speed answers a binary input by chance, and the speed itself does not."""
+    rng, own = np.random.default_rng(seed), np.exp(0.42 * (1j - 0.18))
+    u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
+    speed = signal.lfilter([0.0, 0.1], np.poly([own, own.conjugate(), 0.987]).real, u) + 0.004 * rng.standard_normal(
+        300
+    )
+    look = describe({"t": 0.02 * np.arange(300), "u": u, "z": np.abs(speed)})
+    assert (look.reading["output"], "scale" in look.reading) == ("z", False)
+    assert "output-without-sign" in codes(look)
+
+
 def test_a_column_that_stays_is_no_difference_of_a_held_one(write: Write) -> None:
     """Nearly all changes of the input are zero, as all or nearly all values of the output are."""
     held = np.repeat(U[::40], 40)

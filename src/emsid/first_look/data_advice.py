@@ -25,7 +25,7 @@ from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
-from emsid.first_look.standstill import breakaway, dead_zone
+from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
 from emsid.record import Record
 
 FEWEST_SAMPLES = 50
@@ -115,7 +115,7 @@ def answer(data: Examined) -> Iterable[Finding]:
     without_sign = list(_without_sign(data))
     yield from without_sign
     response, dt = data.response, data.record.dt
-    at_once = None if response.delay else response.sign
+    at_once = response.sign if (response.delay or 0) <= 1 else None  # a part of the response may be within a sample
     back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, at_once)
     if back > FEEDBACK:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
@@ -154,7 +154,7 @@ def _without_sign(data: Examined) -> Iterable[Finding]:
     if min(positive, negative) < 0.1 or (low < -0.03 * high and high > -0.03 * low):
         return
     signed, unsigned = (abs(correlation(u, data.y, data.record.breaks, 0)) for u in (data.u, np.abs(data.u)))
-    if signed < 0.3 or unsigned > signed:
+    if signed < 0.3 or unsigned > signed or (data.response.delay is None and returns_to_zero(data.y)):
         yield Finding("output-without-sign", data.output, {"input": data.input, "confidence": 0.5})
 
 

@@ -26,6 +26,7 @@ from emsid.first_look.dynamics import Response, at_once
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
+from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
@@ -273,9 +274,12 @@ def _steps(position: Array) -> Array:
 
 
 def _answers_by_its_change(record: Record) -> bool:
-    """Whether the change of the first output responds to the first input, as that of a position does."""
+    """Whether the change of the first output responds to the first input, as that of a position does.
+
+    The change of a magnitude may respond by chance, as its relation to the input has no sign of its own.
+    """
     found = response_of(record, integrates=True)
-    return found is not None and found.delay is not None
+    return found is not None and found.delay is not None and not returns_to_zero(record.output[:, 0])
 
 
 def _column(name: str, raw: Columns) -> Column:

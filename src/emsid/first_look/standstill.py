@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 
 NEAR_ZERO = 0.02
 """An output below this share of its largest absolute value is close to zero."""
+CLOSE, AWAY, RETURNS = 0.05, 0.25, 3
+"""A magnitude comes back to zero at least this often: from above the second share of its largest value to below the
+first."""
 FLAT = 0.05
 """The largest standard deviation in the middle of a rest, as a share of the limit of what is close to zero."""
 NOISE = 1.5
@@ -28,6 +31,15 @@ def near_zero(y: Array) -> NDArray[np.bool_]:
         y: (N,) the output.
     """
     return np.asarray(np.abs(y) <= NEAR_ZERO * np.max(np.abs(y)))
+
+
+def returns_to_zero(y: Array) -> bool:
+    """Whether an output (N,) comes back to zero several times and keeps its sign, as a magnitude does."""
+    largest = float(y[np.argmax(np.abs(y))])
+    height = y / largest if largest else y
+    clear = height[(height < CLOSE) | (height > AWAY)]
+    returns = np.count_nonzero((clear[:-1] > AWAY) & (clear[1:] < CLOSE))
+    return bool(np.min(height) > -CLOSE and returns >= RETURNS)
 
 
 def at_rest(y: Array) -> NDArray[np.bool_]:

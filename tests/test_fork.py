@@ -7,12 +7,13 @@ import pickle
 import subprocess
 import sys
 from functools import partial
+from time import sleep
 
 import numpy as np
 import pytest
 
 import emsid
-from emsid.cli.fork import has_free_core, meanwhile
+from emsid.cli.fork import forked, has_free_core, meanwhile
 
 pytestmark = [
     pytest.mark.skipif(not has_free_core(), reason="this system has no second process"),
@@ -57,6 +58,13 @@ def test_waiting_for_a_fork_can_be_ended() -> None:
         meanwhile(partial(os.read, receiving, 1), alone=True)(stop)
     os.close(sending)
     os.close(receiving)
+
+
+def test_a_fork_ends_with_the_first_process() -> None:
+    process, connection = forked(lambda send: sleep(60))
+    connection.close()  # as the system does where a process ends in any way
+    process.join(5)
+    assert process.exitcode == 0
 
 
 def test_a_record_from_another_process_is_read_only() -> None:

@@ -162,17 +162,16 @@ def test_the_second_process_finds_the_same() -> None:
     assert second._process.exitcode is not None
     assert second.fitted("polynomial-narx", FREE) is fit
     assert waits == ["for an answer"]
-    second.begin(("arx", "friction-narx"), record, OPTIONS)
-    assert not second.has_begun("friction-narx")
 
 
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # from Python 3.12 on
 @forks
-def test_the_second_process_ends_with_the_first() -> None:
+def test_a_second_process_that_was_not_begun_has_nothing() -> None:
     second = SecondProcess()
-    second._connection.close()  # as the system does where a process ends in any way
-    second._process.join(5)
-    assert second._process.exitcode == 0
+    second.begin(("arx",), lagging(), OPTIONS)  # a single model is fitted by the first process
+    assert not second.has_begun("arx")
+    assert second.fitted("arx", FREE) is None
+    second.stop()
+    second.close()
 
 
 def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:

@@ -1,10 +1,9 @@
-"""Forks of this process that work beside it and end with it: one function (`meanwhile`), or a service (`forked`)."""
+"""Forks of this process that work beside it and end with it."""
 
 import os
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.context import ForkProcess
 
-Work = Callable[..., None]
 Result = TypeVar("Result")
 
 LOOK = 0.05
@@ -26,11 +24,11 @@ def has_free_core() -> bool:
     return hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1
 
 
-def forked(work: Work, *arguments: Any) -> "tuple[ForkProcess, Connection]":
+def forked(work: Callable[..., None], *arguments: Any) -> "tuple[ForkProcess, Connection]":
     """A fork of this process and a connection to it; it never hears Ctrl-C.
 
     Args:
-        work: called there with two functions, which receive from the connection and send to it, and the arguments.
+        work: called there with a function that sends to the connection, and the arguments.
     """
     from multiprocessing import get_context
 
@@ -75,7 +73,7 @@ def meanwhile(function: Callable[[], Result], *, alone: bool) -> Callable[..., R
     return answered
 
 
-def _answer(receive: Callable[[], Any], send: Callable[[Any], None], function: Callable[[], Any]) -> None:
+def _answer(send: Callable[[Any], None], function: Callable[[], Any]) -> None:
     """The work of a fork that calls a function: answer with the error of the user and the result.
 
     After another problem, which the first process meets too and shows, there is no answer.
@@ -86,12 +84,11 @@ def _answer(receive: Callable[[], Any], send: Callable[[Any], None], function: C
     except EmsidError as problem:
         answer = problem, None
     except Exception:
-        os._exit(1)
+        return
     send(answer)
-    receive()  # until the first process has the answer, or ends
 
 
-def _run(work: Work, theirs: "Connection", connection: "Connection", *arguments: Any) -> None:
+def _run(work: Callable[..., None], theirs: "Connection", connection: "Connection", *arguments: Any) -> None:
     """The life of a fork.
 
     Args:
@@ -102,15 +99,13 @@ def _run(work: Work, theirs: "Connection", connection: "Connection", *arguments:
     """
     theirs.close()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    received = SimpleQueue[Any]()
-    Thread(target=_listen, args=(connection, received), daemon=True).start()
-    work(received.get, connection.send, *arguments)
+    Thread(target=_end_with, args=(connection,), daemon=True).start()
+    with suppress(BrokenPipeError, ConnectionResetError):
+        work(connection.send, *arguments)
 
 
-def _listen(connection: "Connection", received: "SimpleQueue[Any]") -> None:
-    """Pass on what is received, and end this process with the other one."""
-    try:
-        while True:
-            received.put(connection.recv())
-    except (EOFError, OSError):
-        os._exit(0)
+def _end_with(connection: "Connection") -> None:
+    """End this process with the other one, which sends nothing."""
+    with suppress(EOFError, OSError):
+        connection.recv()
+    os._exit(0)

@@ -1,9 +1,9 @@
 """A second process that fits some of the models of `emsid identify` at the same time.
 
 Most searches spend their time in Python, where threads wait for each other. The process is a fork of this one, made
-once all is imported and before any thread computes. It computes what this process would; what it does not answer is
-computed here. Each of the two takes the next model as soon as it is done with one, this process from the
-first on and the other one from the last on, so both end at about the same time. It ends with this process.
+when the searches begin. It computes what this process would; what it does not answer is computed here. Each of the two
+takes the next model as soon as it is done with one, this process from the first on and the other one from the last on,
+so both end at about the same time. It ends with this process.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +17,8 @@ from emsid.cli.fork import forked, has_free_core
 from emsid.cli.imports import load_page
 
 if TYPE_CHECKING:
-    from ctypes import c_byte
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import ForkProcess
     from multiprocessing.sharedctypes import SynchronizedArray
 
     from emsid.estimation import Fit
@@ -43,7 +44,8 @@ class SecondProcess:
 
         context = get_context("fork")
         self._taken, self._ending = context.Array("b", MOST), context.RawValue("b")
-        self._process, self._connection = forked(serve, self._taken, self._ending)
+        self._process: ForkProcess | None = None
+        self._connection: Connection | None = None
         self._meanwhile = meanwhile
         self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
@@ -53,9 +55,9 @@ class SecondProcess:
         """Start to fit some of the models there."""
         if not 1 < len(names) <= MOST:
             return
-        with suppress(OSError, ValueError, TypeError, AttributeError):  # it has ended, or something cannot be sent
-            self._connection.send((tuple(names), record, options))
-            self._names = tuple(names)
+        self._names = tuple(names)
+        answers = fitted(self._names, record, options, self._taken, lambda: bool(self._ending.value))
+        self._process, self._connection = forked(serve, answers)
 
     def has_begun(self, name: str) -> bool:
         """Whether a model is fitted there; if not, it is left to this process."""
@@ -91,13 +93,14 @@ class SecondProcess:
 
     def close(self) -> None:
         """End the process."""
-        self._connection.close()
-        self._process.terminate()
+        if self._process is not None and self._connection is not None:
+            self._connection.close()
+            self._process.terminate()
 
     def _answer(self, name: str, wait: Callable[[], None]) -> Any:
         """What the process found for a name; ``wait`` is called again and again meanwhile."""
         with suppress(EOFError, OSError):
-            while name not in self._answers:
+            while self._connection is not None and name not in self._answers:
                 wait()
                 if self._connection.poll(0.02):
                     known, answer = self._connection.recv()
@@ -124,23 +127,13 @@ def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
     return free
 
 
-def serve(
-    receive: Callable[[], Any], send: Callable[[Any], None], flags: "SynchronizedArray[int]", ending: "c_byte"
-) -> None:
-    """The work of the second process.
-
-    Args:
-        receive: gives the next task.
-        send: answers one model of it.
-        flags, ending: shared with the first process.
-    """
+def serve(send: Callable[[Any], None], answers: Iterable[Any]) -> None:
+    """The work of the second process: find the answers and send each."""
     from emsid.estimation.threads import sharing_cores
 
-    while True:
-        names, record, options = receive()
-        with sharing_cores(2):
-            for answer in fitted(names, record, options, flags, lambda: bool(ending.value)):
-                send(answer)
+    with sharing_cores(2):
+        for answer in answers:
+            send(answer)
 
 
 def fitted(

@@ -13,9 +13,9 @@ from scipy.signal import butter, lfilter, sosfilt
 import emsid
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
-from emsid.first_look.data_advice import advice, questions, response_of
+from emsid.first_look.data_advice import FEEDBACK, advice, questions, response_of
 from emsid.first_look.dependence import dependence
-from emsid.first_look.dynamics import Response, influence, response
+from emsid.first_look.dynamics import Response, feedback, influence, response
 from emsid.first_look.measurement import repeated
 from emsid.first_look.nonlinearity import LEVEL, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
@@ -147,6 +147,17 @@ def test_a_measured_voltage_that_was_held_shows_no_feedback() -> None:
     measured = u + 0.02 * rng.standard_normal(len(u))
     found = findings(measured, np.tanh(lfilter([0.1], [1, -0.9], u) / 3) + 0.003 * rng.standard_normal(len(u)))
     assert not {"feedback-likely", "input-may-be-continuous"} & set(found)
+
+
+def test_an_input_that_repeats_shows_no_feedback() -> None:
+    """Distortion repeats with its input, so that what is new in this seems to follow the errors of a linear model."""
+    rng, k = np.random.default_rng(5), np.arange(512)
+    tones = zip(range(1, 120, 2), rng.uniform(0, 6.28, 60), strict=True)
+    period = sum(np.cos(2 * np.pi * line * k / 512 + phase) for line, phase in tones)
+    u = np.tile(np.round(10 * period / np.max(np.abs(period)), 1), 8)
+    y = motor(np.sign(u) * np.maximum(np.abs(u) - 2, 0), 0.8, noise=0) + 0.3 * rng.standard_normal(len(u))
+    assert feedback(u, y, None) > FEEDBACK
+    assert "feedback-likely" not in findings(u, y)
 
 
 def test_a_controller_between_the_steps_of_its_reference_is_seen() -> None:
@@ -300,6 +311,26 @@ def test_a_step_and_an_unnamed_position_do_not_drift(late: int) -> None:
     speed = np.where(np.arange(400) % 200 < 100, 1.0, -0.9 - 0.1 * late)
     position = np.cumsum(lfilter([0.1], [1, -0.9], speed)) + noise[:400]
     assert "output-drifts" not in findings(speed, position)
+
+
+@pytest.mark.parametrize("change", [20, 60, 150])
+def test_an_output_that_drifts_does_not_integrate(change: int) -> None:
+    """A slow pole follows the drift; without the trends the model settles."""
+    assert "output-integrates" not in findings(SLOW, motor(SLOW) + change * np.linspace(0, 1, N))
+
+
+def test_coherence_is_that_of_the_power_of_the_output() -> None:
+    """A smooth input has power at few frequencies; noise at the others does not lower the coherence."""
+    u = 10 * np.sin(0.02 * np.arange(N) * (1 + 1e-4 * np.arange(N)))
+    assert findings(u, motor(u, noise=0.5))["nearly-linear"].data["coherence"] > 0.95
+    assert findings(u, motor(u, noise=10))["nearly-linear"].data["coherence"] < 0.95
+
+
+def test_why_a_relation_is_nearly_linear() -> None:
+    """Friction that leaves less than one part in 10,000 of the variance is named as small, not as absent."""
+    bent = U + 0.004 * np.abs(U)
+    assert ordinary()["nearly-linear"].data["because"] == "little"
+    assert findings(U, motor(bent, noise=0.001))["nearly-linear"].data["because"] == "small-error"
 
 
 def test_sizes() -> None:
@@ -580,6 +611,12 @@ class TestBreakaway:
     def test_the_level_is_found(self, zone: float) -> None:
         u, resting = self.coasting(zone)
         assert breakaway(u, resting, 1) == pytest.approx(zone, abs=3.0)
+
+    def test_steps_to_random_levels_do_not_exaggerate_it(self) -> None:
+        """Between the largest level that holds the drive and the smallest that moves it there may be a wide gap."""
+        u = np.repeat(np.random.default_rng(1).uniform(-10, 10, 40), 10)
+        resting = np.abs(np.roll(u, 1)) <= 2
+        assert 1.5 <= breakaway(u, resting, 1) <= 2
 
     def test_steps_from_rest_do_not_show_it(self) -> None:
         u = np.tile(np.repeat([0.0, 100.0], 20), 10)

@@ -70,10 +70,13 @@ EXAMPLES: tuple[Finding, ...] = (
         for noise, odd in ((0.01, 0.12), (0.01, 0.003), (0.8, 0.12))
     ),
     *(
-        Finding(
-            code, "y", {"share": share, "of_residual": part, "coherence": 0.9, "fit_percent": 82.0, "confidence": 0.9}
+        Finding(code, "y", {"share": share, "of_residual": part, "coherence": 0.9, "fit_percent": 82.0} | more)
+        for code, share, part, more in (
+            ("nonlinear-likely", 0.03, 0.8, {"confidence": 0.9}),
+            ("nearly-linear", 1e-4, 0.01, {"confidence": 0.9, "because": "little"}),
+            ("nearly-linear", 9e-5, 0.6, {"confidence": 0.4, "because": "small-error"}),
+            ("nearly-linear", 1e-3, 0.1, {"confidence": 0.7, "because": "noise"}),
         )
-        for code, share, part in (("nonlinear-likely", 0.03, 0.8), ("nearly-linear", 1e-4, 0.01))
     ),
     Finding("unexplained-output", "y", {"fit_percent": -12.0, "input": "u", "confidence": 0.9}),
     # files

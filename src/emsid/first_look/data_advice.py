@@ -18,6 +18,7 @@ from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
 from emsid.excitation.duty import full_duty
+from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
 from emsid.first_look.dynamics import Response, correlation, feedback, response
@@ -116,7 +117,8 @@ def answer(data: Examined) -> Iterable[Finding]:
     yield from without_sign
     response, dt = data.response, data.record.dt
     at_once = response.sign if (response.delay or 0) <= 1 else None  # a part of the response may be within a sample
-    back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, at_once)
+    open_loop = repeats([data.u]) or period_of(data.u) is not None  # a controller passes noise on, which never repeats
+    back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, at_once)
     if back > FEEDBACK:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
@@ -203,7 +205,7 @@ def drift(data: Examined) -> Iterable[Finding]:
     """
     if data.linear is None or data.linear.fit < 0.3 or is_position(data.record):
         return
-    changing = baseline(data.record.detrend(1), data.response.delay)
+    changing = data.linear_without_trend
     if changing is None:
         return
     t = np.linspace(-0.5, 0.5, len(data.y))

@@ -72,6 +72,11 @@ class Examined:
         """A linear model of the first output, where there is one."""
         return baseline(self.record, self.response.delay)
 
+    @cached_property
+    def linear_without_trend(self) -> Baseline | None:
+        """The same of the record without its trends, which a slow pole would follow."""
+        return baseline(self.record.detrend(1), self.response.delay)
+
     @property
     def delay(self) -> int | None:
         """Samples from the input to its first effect: as the response shows it, or fewer in the linear model."""

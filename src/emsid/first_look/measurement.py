@@ -27,6 +27,8 @@ FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 REPEATED, NEAR_LIMIT = 0.02, 1e-4
 """A noisy output repeats a smaller share of its values; one that settles ends closer to its limit (shares)."""
+SETTLES = 0.8
+"""The least fit of a model that settles, to the record without its trends, with which the output does not integrate."""
 FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 """The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
 
@@ -109,12 +111,18 @@ def sampling(data: Examined) -> Iterable[Finding]:
     samples = data.linear.time_constant
     numbers = {"time_constant": samples * dt, "samples": samples, "dt": dt, "confidence": round(data.linear.fit, 2)}
     if samples > max(map(len, data.record.segments)):
-        if not is_position(data.record):
+        if not is_position(data.record) and not _settles_without_trend(data):
             yield Finding("output-integrates", data.output, {"input": data.input})
     elif samples < FASTEST and _is_proportional(data):
         yield Finding("sampling-too-slow", data.output, numbers)
     elif samples > SLOWEST:
         yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
+
+
+def _settles_without_trend(data: Examined) -> bool:
+    """Whether a model that settles within the record explains the output but for its trend: it drifts then."""
+    settling, longest = data.linear_without_trend, max(map(len, data.record.segments))
+    return settling is not None and settling.fit >= SETTLES and settling.time_constant <= longest
 
 
 def _is_proportional(data: Examined) -> bool:

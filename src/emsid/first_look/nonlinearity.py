@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.linear.filtering import coherence
+from emsid.estimation.linear.filtering import coherence, spectrum
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
@@ -53,21 +53,34 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
         return
     share, probability = dependence(linear, record.input[:, 0], record.breaks)
     segment = max(record.segments, key=len)
-    similar = coherence(segment.input[:, 0], segment.output[:, 0], min(len(segment) // 4, 1024) or 1)
-    low = similar[1 : max(3, len(similar) // 8)]
     of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
     nonlinear = probability < LEVEL and share > LEAST and of_residual > CLEAR
     data = {
         "share": share,
         "of_residual": min(of_residual, 1.0),
-        "coherence": float(np.nanmedian(low)) if len(low) else 0.0,
+        "coherence": _coherence(segment.input[:, 0], segment.output[:, 0]),
         "fit_percent": 100 * linear.fit,
         "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
     }
-    if nonlinear or linear.fit >= LEAST_FIT:
-        yield Finding("nonlinear-likely" if nonlinear else "nearly-linear", record.output_names[0], data)
+    if nonlinear:
+        yield Finding("nonlinear-likely", record.output_names[0], data)
+    elif linear.fit >= LEAST_FIT:
+        because = "little" if of_residual <= CLEAR else "small-error" if probability < LEVEL else "noise"
+        yield Finding("nearly-linear", record.output_names[0], data | {"because": because})
     else:
         yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})
+
+
+def _coherence(u: Array, y: Array) -> float:
+    """The part of the power of y (N,) that a linear relation to u (N,) explains, means apart.
+
+    It is the mean of the coherence over frequency, weighted by the power of y: where a smooth input has no power, y has
+    none but noise, and the coherence there says nothing about the relation.
+    """
+    size = min(len(u) // 4, 1024) or 1
+    power = spectrum(y, y, size).real[1:]
+    explained = np.nan_to_num(coherence(u, y, size)[1:]) * power
+    return float(explained.sum() / power.sum()) if power.sum() > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

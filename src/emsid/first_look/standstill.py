@@ -83,11 +83,11 @@ def _noise(y: Array) -> float:
 
 
 def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
-    """The input at which the output starts to move from rest; None where the data do not show it.
+    """The largest input that does not move the output from rest; None where the data do not show it.
 
-    In every rest, inputs that did not end it are below the limit, and the one that did is above. The limit with the
-    fewest contradictions is taken. A motor that coasts is at rest for a small part of the samples only, though its
-    input passes the dead zone often.
+    In every rest, inputs that did not end it are below the limit, and the one that did is above. The limits with the
+    fewest contradictions are possible, and the lowest is taken: steps to random levels seldom end just above it. A
+    motor that coasts is at rest for a small part of the samples only, though its input passes the dead zone often.
 
     Args:
         u: (N,) the input.
@@ -112,7 +112,7 @@ def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
     best = np.flatnonzero(wrong == wrong.min())
     low, high = levels[best[0]], levels[best[-1] + 1]
     clear = wrong.min() <= CONTRADICTIONS * 2 * len(held) and high - low <= low
-    return float(f"{(low + high) / 2:.3g}") if clear else None
+    return float(f"{low:.3g}") if clear else None
 
 
 def dead_zone(u: Array, resting: NDArray[np.bool_]) -> float | None:

@@ -56,9 +56,10 @@ def output_constant(f: Finding, argument: Spelling) -> str:
 @words("record-too-short", Severity.PROBLEM)
 def record_too_short(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: samples, needed."""
+    samples = f.data["samples"]
     return (
-        f"{f.subject} has {f.data['samples']} samples, too few for a dynamic model and unseen data; record at least "
-        f"{f.data['needed']}, better some hundred"
+        f"{f.subject} has {samples} sample{'s' * (samples != 1)}, too few for a dynamic model and unseen data; record "
+        f"at least {f.data['needed']}, better some hundred"
     )
 
 
@@ -425,10 +426,16 @@ def unexplained_output(f: Finding, argument: Spelling) -> str:
 
 @words("nearly-linear")
 def nearly_linear(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence."""
+    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, because
+    (little: nonlinear functions explain little; small-error: of an error that is small; noise: may do as much)."""
     d = f.data
+    then = {
+        "little": "",
+        "small-error": "; this error is so small that they gain little",
+        "noise": ", which noise alone may do",
+    }[d["because"]]
     return (
         f"no clear nonlinearity of {f.subject} is seen: simple nonlinear functions explain "
         f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
-        f"coherence {d['coherence']:.2g}). Compare other models with a linear one"
+        f"coherence {d['coherence']:.2g}){then}. Compare other models with a linear one"
     )

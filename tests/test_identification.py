@@ -1,5 +1,7 @@
 """From a record to a ranked list of models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,11 +11,12 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.identification import regressions
-from emsid.identification.candidates import CANDIDATES, USUAL, usual_for
+from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
 from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
+from emsid.models.plants.drive import Feed
 from emsid.report.identification_page import report
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import StretchErrors
@@ -440,6 +443,10 @@ def test_a_page_of_the_command_line_names_options():
         (("", ""), "speed", ["rigid-motor"]),
         (("", ""), "position", ["linear-axis"]),
         (("N", "m"), "y", ["linear-axis"]),
+        (("A", "rad/s"), "y", ["rigid-motor"]),
+        (("N*m", "rad"), "q", ["rigid-motor"]),
+        (("N*m", ""), "position", ["rigid-motor"]),
+        (("N*m", "m"), "x", ["linear-axis"]),
         (("Pa", "K"), "y", []),
     ],
 )
@@ -449,10 +456,28 @@ def test_a_motor_or_an_axis_is_tried_by_default_where_units_and_names_allow_it(u
     assert usual_for(record) == (*USUAL, *plants)
 
 
-@pytest.mark.parametrize(("name", "plants"), [("torque_estimate", []), ("force", ["linear-axis"])])
-def test_an_input_that_is_called_a_torque_or_a_force_is_no_voltage(name, plants):
+@pytest.mark.parametrize(
+    ("name", "plant", "unit"),
+    [("torque_estimate", "rigid-motor", "N*m"), ("current", "rigid-motor", "A"), ("force", "linear-axis", "N")],
+)
+def test_an_input_that_is_called_a_current_a_torque_or_a_force_is_no_voltage(name, plant, unit):
     record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, name, "speed")
-    assert usual_for(record) == (*USUAL, *plants)
+    assert usual_for(record) == (*USUAL, plant)
+    assert with_unit_of_name(record).input_units == (unit,)
+    assert with_unit_of_name(replace(record, input_units=("V",))).input_units == ("V",)
+
+
+def test_a_motor_is_driven_by_a_column_that_is_called_a_current():
+    rng = np.random.default_rng(4)
+    current = np.repeat(rng.uniform(-2, 2, 40), 20)
+    speed = np.zeros(800)
+    for k in range(1, 800):  # a current accelerates without a back electromotive force
+        speed[k] = 0.98 * speed[k - 1] + 3 * current[k - 1]
+    record = emsid.Record(current, speed + rng.standard_normal(800), 0.01, "current", "speed")
+    result = identify(record, 0.3, models="rigid-motor")
+    assert result.fits[0].model.plant.feed is Feed.CURRENT
+    (said,) = (each for each in result.findings if each.code == "command-unit-assumed")
+    assert (said.data["channel"], said.data["unit"]) == ("current", "amperes")
 
 
 def test_records_of_several_channels_are_of_no_plant_by_default():

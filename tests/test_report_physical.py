@@ -99,6 +99,17 @@ def test_the_dead_zone_is_shown_again_where_it_is_small():
     assert whole.x.range[1] > 10
 
 
+def test_a_small_dead_zone_without_a_band_is_drawn(monkeypatch):
+    """A search that ended before a minimum has no intervals."""
+    fit = PLANT_FITS["rigid motor"]
+    curve = grey_box_views.dead_zone_curve(fit, grey_box_views.POINTS)
+    unknown = np.full_like(curve.y, np.nan)
+    monkeypatch.setattr(grey_box_views, "dead_zone_curve", lambda *_: replace(curve, low=unknown, high=unknown))
+    _, close = grey_box_views.dead_zone(fit).plots
+    assert np.all(np.isfinite(close.y.range))
+    assert close.y.range[0] < 0 < close.y.range[1]
+
+
 @pytest.mark.parametrize("kind", ["rigid motor", "nothing known, with a lag"])
 def test_the_motor_sticks_where_it_stands_still_whatever_the_sensor_shows(kind):
     fit = PLANT_FITS[kind]

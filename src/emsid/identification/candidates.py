@@ -159,7 +159,7 @@ class Physical:
 
         A plant with a shaft is one mass where that, with its own refinements, has a smaller error.
         """
-        plant = self.coded(options)
+        plant = self.coded(options).for_command(with_unit_of_name(record))
         weighting: Weighting = all_alike
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
@@ -312,10 +312,10 @@ def usual_for(record: Record) -> tuple[str, ...]:
     A Wiener model is fitted too where the output comes close to zero without a change of its sign, as that of a sensor
     that shows absolute values does.
 
-    Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
-    of an axis; without a unit, the name of the output does, and an input that is called a torque or a force is no
-    voltage. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where
-    the input has both signs and the output one.
+    Units decide that, as far as there are any: a voltage, a current or a torque and a speed are those of a motor, a
+    force and a position those of an axis; without a unit, the name of the output does, and the input has the unit that
+    its name implies. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or
+    `OF_MAGNITUDES` where the input has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
@@ -332,13 +332,23 @@ def usual_for(record: Record) -> tuple[str, ...]:
 def _may_be_of(plant: Plant, record: Record) -> bool:
     if not isinstance(plant, DrivenPlant) or plant.secondary:
         return False
-    if not record.input_units[0]:  # else it would be read in the unit of the plant
-        named = meaning(record.input_names[0]).quantity
-        if named is ColumnQuantity.TORQUE:  # no plant has one as its input
-            return False
-        record = replace(record, input_units=("N" if named is ColumnQuantity.FORCE else "",))
+    record = with_unit_of_name(record)
+    plant = plant.for_command(record)
     try:
         check_channels(plant, signals_of(plant, record), record)
     except EmsidError:
         return False
-    return True
+    turns = record.input_units[0] == "N*m" and not record.output_units[0]  # where no unit says that a mass is moved
+    return not turns or (plant.channels is not None and plant.channels.commands == ("N*m",))
+
+
+UNITS_OF_NAMES = {ColumnQuantity.CURRENT: "A", ColumnQuantity.TORQUE: "N*m", ColumnQuantity.FORCE: "N"}
+"""The unit of an input without one, by what its name says it is."""
+
+
+def with_unit_of_name(record: Record) -> Record:
+    """A record whose first input has the unit that its name implies, where it has none: a current is no voltage."""
+    unit = UNITS_OF_NAMES.get(meaning(record.input_names[0]).quantity, "")
+    if record.input_units[0] or not unit:
+        return record
+    return replace(record, input_units=(unit, *record.input_units[1:]))

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from emsid.errors import DataError
+from emsid.errors import DataError, ModelError
 from emsid.findings import Finding
 from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
-from emsid.identification.candidates import usual_for
+from emsid.identification.candidates import usual_for, with_unit_of_name
 from emsid.identification.delay import with_delay
 from emsid.identification.long_records import to_compare
 from emsid.identification.options import Options
@@ -111,8 +111,15 @@ class Task:
             *questions(self.records, self.responses),
             *self.about_delay,
             *unused_requests(self.plants, self.names, self.asked, self.record, quick=quick),
-            *(each.about(name) for name, plant in self.plants.items() for each in assumptions(plant, self.record)),
+            *(each.about(name) for name, plant in self.plants.items() for each in self._assumptions(plant)),
         ]
+
+    def _assumptions(self, plant: Plant) -> list[Finding]:
+        """The units that are assumed of channels without one; none where the input cannot drive the plant."""
+        try:
+            return assumptions(plant.for_command(with_unit_of_name(self.record)), self.record)
+        except ModelError:  # its fit says why
+            return []
 
 
 def _long_enough(record: Record) -> Record:

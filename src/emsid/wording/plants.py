@@ -267,6 +267,6 @@ def interval(ends: tuple[float, float], unit: str) -> str:
 
 
 def _advice(f: Finding, argument: Spelling) -> str:
-    channel = "the current" if f.data["current_missing"] else "a channel"
+    measured = ", or measure the current as well" if f.data["current_missing"] else ""
     both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
-    return f"{both_ways}fix what you know ({argument('fixed')}), or measure {channel} as well"
+    return f"{both_ways}fix what you know ({argument('fixed')}){measured}"

@@ -159,7 +159,7 @@ class DrivenMotor(DrivenPlant):
             units,
             Signal.SPEED,
             (_MADE[self.feed][0],),
-            "volts",
+            _MADE[self.feed][1],
             self.feed.value,
             self.drive.codes,
             self.feed is Feed.VOLTAGE,

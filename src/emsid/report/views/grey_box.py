@@ -107,7 +107,8 @@ def dead_zone(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     if 0 < edge < SMALL * ends[1]:
         reach = ENLARGED * edge
         shown = np.abs(curve.x) <= reach
-        y_range = (float(min(curve.low[shown])), float(max(curve.high[shown])))
+        edges = np.concatenate([each[shown] for each in (curve.y, curve.low, curve.high)])
+        y_range = (float(np.nanmin(edges)), float(np.nanmax(edges)))  # a search that stalled has no band
         close = tuple(
             _part(mark, reach) if isinstance(mark, Points) else replace(mark, label="")
             for mark in marks

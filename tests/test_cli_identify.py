@@ -148,6 +148,20 @@ def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
     assert "say nothing about unseen data" not in run("identify", log, *words)[1]
 
 
+def test_names_may_be_given_together_or_one_by_one(run, log, tmp_path, monkeypatch):
+    asked = []
+
+    def kept(*_, models, **__):
+        asked.append(models)
+        raise emsid.ModelError("enough")
+
+    monkeypatch.setattr("emsid.identification.workflow.identify", kept)
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
+    for models in (("arx,output-error,arx",), ("arx", "output-error"), ()):
+        run("identify", log, *words, *(word for name in models for word in ("--models", name)))
+    assert asked == [("arx", "output-error"), ("arx", "output-error"), None]
+
+
 def test_data_of_the_fit_are_named_before_a_search(run, log, tmp_path, monkeypatch):
     def searched(*_, **__):
         raise emsid.ModelError("enough")

@@ -105,13 +105,11 @@ def numbers(texts: Iterable[str], name: str) -> dict[str, float]:
     return found
 
 
-def names(text: str | None, name: str) -> tuple[str, ...]:
-    """Parse ``NAME,NAME,…``; each name is kept once."""
-    if text is None:
-        return ()
-    found = tuple(dict.fromkeys(each.strip() for each in text.split(",")))
+def names(texts: Sequence[str], name: str) -> tuple[str, ...]:
+    """Parse ``NAME,NAME,…`` of an option that may be repeated; each name is kept once."""
+    found = tuple(dict.fromkeys(each.strip() for text in texts for each in text.split(",")))
     if not all(found):
-        raise DataError(f"{name} {text!r}: write it as names with commas between")
+        raise DataError(f"{name} {','.join(texts)!r}: write it as names with commas between")
     return found
 
 
@@ -148,9 +146,9 @@ def physical_values(texts: Iterable[str], plants: Sequence[Any]) -> dict[str, fl
     return found
 
 
-def physical_names(text: str | None, name: str, plants: Sequence[Any]) -> tuple[str, ...]:
-    """Parse ``PARAMETER,PARAMETER,…``; a symbol may replace the name."""
-    return tuple(_known(each, plants)[0] for each in names(text, name))
+def physical_names(texts: Sequence[str], name: str, plants: Sequence[Any]) -> tuple[str, ...]:
+    """Parse ``PARAMETER,PARAMETER,…`` of an option that may be repeated; a symbol may replace the name."""
+    return tuple(_known(each, plants)[0] for each in names(texts, name))
 
 
 def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:

@@ -47,7 +47,7 @@ Files = Annotated[
 ]
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[
-    str | None,
+    list[str],
     typer.Option(metavar="NAME,...", help="Models to fit, by default regressions, a cascade, a motor or axis."),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="Fit linear models and regressions only, in seconds.")]
@@ -105,11 +105,11 @@ Coast = Annotated[
     list[float], typer.Option(metavar="CODE", help="Value that opens the bridge, so that the motor coasts.")
 ]
 Free = Annotated[
-    str | None,
+    list[str],
     typer.Option(metavar="NAME,...", help="Estimate exactly these physical parameters."),
 ]
 PerRecord = Annotated[
-    str | None,
+    list[str],
     typer.Option(
         metavar="NAME,...", help="Physical parameters with another value in each record, such as rotor_inertia."
     ),
@@ -132,7 +132,7 @@ Average = Annotated[
     bool, typer.Option("--average", help="The speed is the mean over the sample before it, as an encoder counts it.")
 ]
 Profile = Annotated[
-    str | None,
+    list[str],
     typer.Option(metavar="NAME,...", help="Compute likelihood profiles of these physical parameters."),
 ]
 
@@ -148,7 +148,7 @@ def identify(
     reader: Any,
     files: Files = [],  # noqa: B006
     validate: Validate = [],  # noqa: B006
-    models: Models = None,
+    models: Models = [],  # noqa: B006
     quick: Quick = False,
     budget: Budget = None,
     unseen: Unseen = 0.3,
@@ -168,12 +168,12 @@ def identify(
     datasheet: Datasheet = None,
     brake: Brake = [],  # noqa: B006
     coast: Coast = [],  # noqa: B006
-    free: Free = None,
-    per_record: PerRecord = None,
+    free: Free = [],  # noqa: B006
+    per_record: PerRecord = [],  # noqa: B006
     recent: Recent = None,
     hold: HoldInput = None,
     average: Average = False,
-    profile: Profile = None,
+    profile: Profile = [],  # noqa: B006
     bootstrap: Bootstrap = 0,
     seed: Seed = 1,
     out: Out = Path("emsid-result"),

@@ -56,7 +56,7 @@ StateFile = Annotated[
     Path | None, typer.Option("--state", metavar="FILE", help="Continue from the state.json of an earlier tracking.")
 ]
 Header = Annotated[str, typer.Option(metavar="NAMES", help="Columns of a source without header: t[ms],u[V],y[rpm].")]
-InputColumns = Annotated[str | None, typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]
+InputColumns = Annotated[list[str], typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]
 OutputColumn = Annotated[str, typer.Option("--output", "-y", metavar="COL", help="Output column.")]
 TimeColumn = Annotated[str, typer.Option("--time", metavar="COL", help="Time column, unless it is named t or time.")]
 Baud = Annotated[int, typer.Option(metavar="N", help="Bits per second of a serial port.", min=50)]
@@ -87,7 +87,7 @@ def track(
     model: ModelFile = None,
     state: StateFile = None,
     header: Header = "",
-    input: InputColumns = None,
+    input: InputColumns = [],  # noqa: B006
     output: OutputColumn = "",
     time: TimeColumn = "",
     baud: Baud = 115200,

@@ -27,7 +27,7 @@ ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file t
 Files = Annotated[list[Path], typer.Argument(metavar="FILE", help="Records that the model was not fitted to.")]
 Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
 Free = Annotated[
-    str | None,
+    list[str],
     typer.Option(metavar="NAME,...", help="Estimate these physical parameters again from the first part of a record."),
 ]
 Part = Annotated[
@@ -46,7 +46,7 @@ def validate(
     reader: Any,
     transient: Transient = None,
     horizon: Horizon = 1,
-    free: Free = None,
+    free: Free = [],  # noqa: B006
     part: Part = 0.3,
     out: Folder = None,
     json: Json = False,
@@ -78,7 +78,7 @@ def validate(
         check_folder(out)
     records = list(map(reader, files))
     again: list[Reestimation | None] = [None] * len(records)
-    if free is not None:
+    if free:
         again = [reestimate(loaded, each, names(free, "--free"), part=part, transient=transient) for each in records]
     seen = [source is not None and source.seen(record) for record in records]
     assessed = [

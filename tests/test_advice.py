@@ -535,6 +535,12 @@ class TestQuestions:
         records = [Record(U, sign * motor(U), 0.01, name=f"{k}") for k, sign in enumerate((1, 1, -1))]
         assert [(found.code, found.subject) for found in asked(records)] == [("records-of-opposite-sign", "2")]
 
+    def test_a_command_that_is_written_after_it_acted(self) -> None:
+        late = np.roll(U, 1)
+        codes = {sign: [found.code for found in asked([Record(late, sign * motor(U), 0.01)])] for sign in (1, -1)}
+        assert all("command-before-its-row" in each for each in codes.values())
+        assert not asked([Record(U, motor(U), 0.01)])
+
     def test_a_saturated_sensor(self) -> None:
         (found,) = asked([Record(*clipped(), 0.01, output_names="y")])
         assert (found.code, found.subject) == ("values-cut-off", "y")

@@ -21,7 +21,7 @@ from emsid.excitation.duty import full_duty
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
-from emsid.first_look.dynamics import Response, correlation, feedback, response
+from emsid.first_look.dynamics import Response, acts_in_its_own_row, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
@@ -131,6 +131,12 @@ def answer(data: Examined) -> Iterable[Finding]:
     sure = round(min(most, 0.5 + 0.5 * abs(response.correlation)), 2)
     shared = {"input": data.input, "delay": delay, "time": delay * dt, "sign": response.sign, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
+
+
+def command_row(data: Examined) -> Iterable[Finding]:
+    """Whether the input is written into the row after the one where it begins to act."""
+    if data.response.sign and not _looks_ahead(data) and acts_in_its_own_row(data.u, data.y, data.response.sign):
+        yield Finding("command-before-its-row", data.input, {"output": data.output})
 
 
 def _hardly_changes(data: Examined, delay: int) -> bool:
@@ -250,6 +256,7 @@ CHECKS: tuple[Callable[[Examined], Iterable[Finding]], ...] = (
 QUESTIONABLE = frozenset(
     {
         "all-standstill",
+        "command-before-its-row",
         "feedback-likely",
         "no-response",
         "outliers",
@@ -312,7 +319,7 @@ def questions(records: Sequence[Record], responses: Sequence[Response | None]) -
         if answered is None:
             continue
         data = Examined(record, answered, TOLERANCE)
-        moved = (answer, motion, resolution, outliers, sampling, drift)
+        moved = (command_row, answer, motion, resolution, outliers, sampling, drift)
         checks = moved if np.ptp(record.input[:, 0]) else (motion, outliers)
         for finding in (each for check in checks for each in check(data)):
             if finding.code in QUESTIONABLE:

@@ -47,6 +47,10 @@ UNDONE = 0.5
 """Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
 CLEAR = 6.0
 """A correlation of this many standard deviations shows the delay."""
+LARGEST_STEP = 20.0
+"""An input is held, with noise or without, where its largest step is larger than the median by this factor."""
+AT_ONCE = 0.1
+"""An input whose value in the same row removes more of the error of a prediction acts before this row."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,17 @@ def at_once(u: Array, y: Array, sign: int) -> float:
         return 0.0
     without = _unexplained(table[:, 1:-1], table[:, -1])
     return 1 - float(np.mean((table[:, -1] - table[:, :-1] @ estimate) ** 2)) / without if without > 0 else 0.0
+
+
+def acts_in_its_own_row(u: Array, y: Array, sign: int) -> bool:
+    """Whether a held input u (N,) moves y (N,) in its own row already, so that it is written after it began to act.
+
+    Args:
+        u, y: the signals; rows with a missing value (NaN) are left out.
+        sign: of the response of y to u.
+    """
+    steps = np.abs(np.diff(u[np.isfinite(u)]))
+    return bool(np.max(steps, initial=0.0) > LARGEST_STEP * np.median(steps)) and at_once(u, y, sign) > AT_ONCE
 
 
 def feedback(u: Array, y: Array, sign: int | None) -> float:

@@ -22,7 +22,7 @@ from emsid.findings import Finding
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, response_of
-from emsid.first_look.dynamics import Response, at_once
+from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
@@ -56,10 +56,6 @@ USELESS = frozenset(
     }
 )
 """Findings with which there is nothing to identify."""
-HELD = 20.0
-"""An input is held, with noise or without, where its largest step is larger than the median by this factor."""
-AT_ONCE = 0.1
-"""An input whose value in the same row removes more of the error of a prediction acts before this row."""
 JUMP = 10.0
 """A position jumps where its change is larger than 95 % of the others by this factor."""
 FOLLOWS = 0.9
@@ -260,11 +256,8 @@ def _acts_in_its_own_row(look: FirstLook, response: Response) -> bool:
     u, y = named.get(look.roles.input), named.get(look.roles.output)
     if u is None or y is None or len(u.values) != len(y.values) or not response.sign:
         return False
-    steps = np.abs(np.diff(u.signal[np.isfinite(u.signal)]))
-    if not np.max(steps, initial=0.0) > HELD * np.median(steps):
-        return False
     answer = _steps(y.signal) if look.reading["output"] == f"d({y.name})" else y.signal
-    return at_once(u.signal, answer, response.sign) > AT_ONCE
+    return acts_in_its_own_row(u.signal, answer, response.sign)
 
 
 def _steps(position: Array) -> Array:

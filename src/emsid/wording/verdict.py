@@ -200,8 +200,8 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
         "and what stays is missing in the model"
     ),
     "other-input": lambda d: (
-        "record a second experiment, with an input like those in later use, and rank on it; here the models were "
-        "ranked on a part of the experiment that they were fitted to"
+        "the models were fitted to and ranked on parts of one experiment, so record a second one, with an input like "
+        "those in later use, and rank on it"
     ),
     "in-use": lambda d: "record the drive in its later use, and run the recommended model on that record",
 }

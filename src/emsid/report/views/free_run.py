@@ -113,8 +113,7 @@ def measured_and_simulated(assessment: Assessment, *, band: Computed | None = No
     started = f" Measured samples that start the model: {from_measured}." if from_measured else ""
     return Figure(
         name,
-        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), {'; '.join(errors)}."
-        f"{started}",
+        f"{capital(record.name)}: measured and simulated by {row.model}, {'; '.join(errors)}.{started}",
         tuple(plots),
         shared_x=True,
     )

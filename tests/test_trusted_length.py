@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import emsid
+from emsid.identification.observations import length_trusted
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.trusted_length import longest_trusted, motion, reversals, within
-from emsid.plants import linear_axis
+from emsid.models.plants.search.trusted_length import (
+    longest_trusted,
+    motion,
+    reversals,
+    trusted_length_over,
+    within,
+)
+from emsid.plants import Signal, linear_axis
 from emsid.record import Record
 from independent.one_mass import OneMass
 
@@ -84,3 +94,36 @@ def test_errors_larger_than_noise_in_a_single_motion_are_compared_with_those_of_
     samples, error = longest_trusted([repeated + 7 * walk], 100)
     assert 1000 < samples < 4000
     assert error == pytest.approx(10.0, rel=0.1)
+
+
+def drifting(rng: np.random.Generator) -> Record:
+    """An axis whose force drifts in the last third of the record only."""
+    u = there_and_back(rng)
+    walk = np.concatenate([np.zeros(4000), np.cumsum(rng.standard_normal(2000))]) / 50
+    run = TRUTH.run(u, DT, 0.02 * walk)[1][: len(u)]
+    return Record(u, run + NOISE * rng.standard_normal(len(u)), DT, output_units="m")
+
+
+def test_the_length_is_that_of_all_data_where_the_fitted_part_does_not_show_it():
+    record, known = drifting(np.random.default_rng(4)), {"mass": 1.0, "viscous_friction": 2.0, "friction.coulomb": 0.3}
+    part, whole = (
+        simulation_error(linear_axis(), each, free=("offset",), fixed=known, hold="zero")
+        for each in (record[:4000], record)
+    )
+    assert "free-run-drifts" not in [finding.code for finding in part.findings]
+    assert [finding.code for finding in length_trusted(part, part.model, record)] == ["free-run-drifts"]
+    assert "free-run-drifts" in [finding.code for finding in whole.findings]
+    assert length_trusted(whole, whole.model, record) == []
+
+
+def test_segments_keep_their_own_starts_and_a_speed_is_not_looked_at():
+    record = drifting(np.random.default_rng(4))
+    model = emsid.models.plants.grey_box.GreyBox(
+        linear_axis().with_values({"mass": 1.0, "viscous_friction": 2.0, "friction.coulomb": 0.3}), (Signal.POSITION,)
+    )
+    whole, parts = (
+        trusted_length_over(model, each) for each in (record, emsid.concatenate([record[:3000], record[3000:]]))
+    )
+    assert [each.code for each in (*whole, *parts)] == ["free-run-drifts"] * 2
+    assert parts[0].data["whole"] < whole[0].data["whole"]
+    assert trusted_length_over(replace(model, signals=(Signal.SPEED,)), record) == []

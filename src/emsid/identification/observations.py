@@ -14,10 +14,13 @@ from emsid.identification.options import Options
 from emsid.identification.plausibility import Plausibility
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.diagnostics import advice
+from emsid.models.model import Model
 from emsid.models.plants.datasheet import applicable
+from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.record import Record
 from emsid.record.overlap import holds_some_of
 from emsid.validation.comparison import Assessment, Comparison, models_noise
@@ -116,6 +119,21 @@ def fitted_to_all_data(model: str, fitted: Record, whole: Record, *, searched: b
     """
     data = {"model": model, "samples": len(whole), "of": len(fitted), "searched": searched}
     return Finding("fitted-to-all-data", whole.name, data)
+
+
+def length_trusted(fit: Fit[Any], model: Model, whole: Record) -> list[Finding]:
+    """For how long the free run of a plant over all data is trusted, where its fit does not say so already.
+
+    A fit to a part of a record adapts to the drift there, so that its errors add up in the rest only.
+
+    Args:
+        fit: of the recommended model.
+        model: the same for later use.
+        whole: all data.
+    """
+    if not isinstance(model, GreyBox) or {"free-run-drifts", "load-drifts"} & {each.code for each in fit.findings}:
+        return []
+    return trusted_length_over(model, whole)
 
 
 def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:

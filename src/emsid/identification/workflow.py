@@ -20,7 +20,7 @@ from emsid.identification.candidates import QUICK
 from emsid.identification.compared import Compared
 from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
 from emsid.identification.long_records import about_excerpt, on_all_samples
-from emsid.identification.observations import built_in_values, fitted_to_all_data, observations
+from emsid.identification.observations import built_in_values, fitted_to_all_data, length_trusted, observations
 from emsid.identification.options import Options
 from emsid.identification.profiles import Profiles, profiles_of
 from emsid.identification.records import Records
@@ -179,6 +179,7 @@ def _findings(
     if final is not None:
         yield fitted_to_all_data(final.model.name, task.train, task.record, searched=final.searched)
     if not stopped:
+        yield from length_trusted(judged.best, final.model if final else judged.best.model, task.record)
         yield from _difference_of_records(on_unseen, (*task.records, *task.others))
     yield from taken.failed
 

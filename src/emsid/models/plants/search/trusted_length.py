@@ -28,7 +28,9 @@ from numpy.typing import NDArray
 from emsid.findings import Finding
 from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.task import Task
+from emsid.record import Record
 
 Array = NDArray[np.float64]
 
@@ -43,7 +45,7 @@ LENGTHS = 1.1
 
 
 def trusted_length(task: Task, problem: FreeRunError) -> list[Finding]:
-    """For how long a free run of a position is trusted; nothing where its error does not grow with its length.
+    """For how long the free run of a fit is trusted; nothing where its error does not grow with its length.
 
     Where the fit has taken a drift of the load into account, the finding ``load-drifts`` says it.
 
@@ -53,16 +55,35 @@ def trusted_length(task: Task, problem: FreeRunError) -> list[Finding]:
     """
     if not starts_from_samples(problem.plant, task.signals) or task.weighting is not all_alike:
         return []
-    residuals = problem.residuals(problem.start)
-    runs = [segment.output[:, 0] + residual for segment, residual in zip(task.segments, residuals, strict=True)]
-    dt = task.segments[0].dt
+    return _findings(problem.plant.name, task.segments, problem.residuals(problem.start))
+
+
+def trusted_length_over(model: GreyBox, record: Record) -> list[Finding]:
+    """For how long the free run of a plant is trusted in a record; nothing where its error does not grow.
+
+    Args:
+        model: whose only output is a position.
+        record: with its channels.
+    """
+    if not starts_from_samples(model.plant, model.signals):
+        return []
+    run = model.simulate(record)
+    if run.diverged_at is not None:
+        return []
+    ends = np.cumsum([len(segment) for segment in record.segments])[:-1]
+    return _findings(model.name, record.segments, np.split((run.output - record.output)[:, 0], ends))
+
+
+def _findings(model: str, segments: Sequence[Record], residuals: Sequence[Array]) -> list[Finding]:
+    """The finding from the residuals ŷ − y (Nᵢ,) of segments."""
+    runs = [segment.output[:, 0] + residual for segment, residual in zip(segments, residuals, strict=True)]
     found = longest_trusted(residuals, motion(runs))
     if found is None:
         return []
     samples, error = found
     whole = sqrt(float(np.mean(np.concatenate(residuals) ** 2)))
-    data = {"seconds": samples * dt, "error": error, "whole": whole, "unit": task.segments[0].output_units[0]}
-    return [Finding("free-run-drifts", problem.plant.name, data)]
+    data = {"seconds": samples * segments[0].dt, "error": error, "whole": whole, "unit": segments[0].output_units[0]}
+    return [Finding("free-run-drifts", model, data)]
 
 
 def motion(runs: Sequence[Array]) -> int | None:

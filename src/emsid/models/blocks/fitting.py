@@ -199,17 +199,15 @@ class FreeRun:
         """Residual and derivative, per segment; the derivative with respect to the states of other segments is zero."""
         count, (model, runs) = len(self.freedom.free), self._run(theta)
         parameters, blocks = len(self.freedom.start), []
-        for k, (signals, (u, y)) in enumerate(zip(runs, self.segments, strict=True)):
+        for k, (signals, (_, y)) in enumerate(zip(runs, self.segments, strict=True)):
             rows = model.gradient(signals)
             self.freedom.tie(rows)
-            derivative = np.zeros((len(theta), len(u) - self.transient))
-            for j, row in enumerate(self.freedom.free):
-                derivative[j] = rows[row, self.transient :]
-            first = count + k * model.states
-            derivative[first : first + model.states] = rows[parameters:, self.transient :]
+            own = rows[np.append(self.freedom.free, np.arange(parameters, len(rows))), self.transient :]
             error = (model.sampled(signals) - y)[self.transient :]
             if self.weightings:
-                error, derivative = self._weighted(k, error[None])[0], self._weighted(k, derivative)
+                error, own = self._weighted(k, error[None])[0], self._weighted(k, own)
+            derivative, first = np.zeros((len(theta), len(error))), count + k * model.states
+            derivative[:count], derivative[first : first + model.states] = own[:count], own[count:]
             blocks.append((error, derivative.T))
         return blocks
 

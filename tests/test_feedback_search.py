@@ -271,6 +271,7 @@ def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypat
     hopeful, certain = [True], [True]
 
     class Judge:
+        threads = 1
         leaves_noise = staticmethod(lambda trial: True)
         may_be_better = staticmethod(lambda trial, simple: trial is one and simple is straight and hopeful[0])
         prefers = staticmethod(lambda trial, best: False)
@@ -322,10 +323,28 @@ def test_a_map_is_added_to_a_model_once() -> None:
     assert choice._with_map(bench, begun.found, saturation, 0) is choice._with_map(bench, begun.found, saturation, 0)
 
 
+def test_maps_are_added_to_two_models_at_a_time_in_long_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The trials are the same as one after the other."""
+    record, begun = begun_trial(200)
+    models = [begun, replace(begun, found=replace(begun.found))]
+
+    def added(threads: int) -> list[float]:
+        bench = Bench.of([record], FeedbackSearch(2), FREE)
+        assert bench.threads == threads
+        found = choice._maps_more(bench, models, FeedbackSearch(2, maps=2), (("dead-zone", 0), ("polynomial", 3)))
+        return [each.found.error for each in found]
+
+    alone = added(1)
+    monkeypatch.setattr(trials, "LONG", 200)
+    assert len(alone) == 4
+    assert added(2) == alone
+
+
 def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second map is not preferred, as its residual has few independent errors, but the third one beside it is."""
 
     class Judge:
+        threads = 1
         leaves_noise = staticmethod(lambda trial: False)
         prefers = staticmethod(lambda trial, best: trial is third)
 
@@ -350,6 +369,7 @@ def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> No
     better, leaves = [second], list[Trial]()
 
     class Judge:
+        threads = 1
         leaves_noise = staticmethod(lambda trial: trial in leaves)
         prefers = staticmethod(lambda trial, best: trial in better)
 

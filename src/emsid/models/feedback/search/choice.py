@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.threads import in_threads
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
@@ -150,8 +151,7 @@ def _better_than_linear(contest: Contest, beside: Trial, with_map: Trial, settin
 def _second_maps(contest: Contest, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With two maps, where the best model with one map may be better than the linear one."""
     if (settings.maps or MOST_MAPS) > 1 and contest.bench.may_be_better(best, contest.best):
-        for each in _to_extend(contest.tried, best, 1):
-            yield from _one_map_more(contest.bench, each, settings, PLAIN.more)
+        yield from _maps_more(contest.bench, _to_extend(contest.tried, best, 1), settings, PLAIN.more)
 
 
 @dataclass(eq=False)
@@ -204,8 +204,8 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
         before, fewer = contest.best, _that_explain_most(contest.tried, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
-        for each in _to_extend(contest.tried, before, number - 1):
-            yield from contest.entered(_one_map_more(contest.bench, each, settings, maps))
+        extended = _to_extend(contest.tried, before, number - 1)
+        yield from contest.entered(_maps_more(contest.bench, extended, settings, maps))
         if number == 2 and maps is PLAIN.more and before.family is not MAGNITUDE:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
@@ -434,6 +434,16 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, familie
         with suppress(EmsidError):
             start, states = with_family(best.found, bench.shown, family, _size(family, size))
             yield bench.refined(start, states, family, size)
+
+
+def _maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
+    """Each of several models with a map more, in their order."""
+    if bench.threads > 1:  # in one order: random ones are among the directions
+        for each in models:
+            bench.directions(each.found)
+    with in_threads(bench.threads) as in_turn:
+        for trials in in_turn(lambda each: [*_one_map_more(bench, each, settings, maps)], models):
+            yield from trials
 
 
 def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:

@@ -38,6 +38,9 @@ Array = NDArray[np.float64]
 SEARCHED, JUDGED = 6_000, 8_000
 # The highest order, and the longest delay in samples, that are tried if none is given.
 MOST_ORDERS, LONGEST = 6, 5
+# Models that a map is added to at a time in records of at least so many samples. There compiled code, which leaves the
+# interpreter free, takes most of the time.
+AT_ONCE, LONG = 2, 2_500
 # Steps of a refinement for a choice.
 STEPS = 40
 # A short record of fewer samples for every parameter of a model is divided into parts that are left out once; steps of
@@ -158,6 +161,11 @@ class Bench:
     def compared(self) -> bool:
         """Whether models are compared on unseen data; those of a short record are compared on all of it."""
         return self.unseen is not self.shown
+
+    @property
+    def threads(self) -> int:
+        """How many models a map is added to at a time; also beside another process, which has less to do."""
+        return AT_ONCE if sum(map(len, self.shown)) >= LONG else 1
 
     def suffices(self, trial: Trial) -> bool:
         """Whether there are samples enough for the parameters of a model."""

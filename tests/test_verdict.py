@@ -169,6 +169,33 @@ def test_a_model_without_use_is_unusable_and_not_recommended(fit, code):
     assert found.code != "model-recommended"
 
 
+def step(samples=250, noise=0.02):
+    """A first-order drive after one step of its input."""
+    u = np.r_[np.zeros(10), np.ones(samples - 10)]
+    y = lfilter([0.0, 1 - POLE], [1.0, -POLE], u) + noise * np.random.default_rng(4).standard_normal(samples)
+    return emsid.Record(u, y, DT, input_units=("V",), output_units=("rad/s",), name="step")
+
+
+@pytest.mark.parametrize(("gain", "code"), [(1.02, "model-limited"), (0.3, "model-unusable")])
+def test_a_model_is_not_unusable_because_the_unseen_output_is_settled(gain, code):
+    """After a step nothing is better than the mean of the output; only an error as large as the step counts."""
+    known, unseen = step()[:100], step()[100:]
+    (verdict,) = verdicts(linear(gain), known=known, unseen=unseen)
+    assert compare([linear(gain)], unseen).best.row.fit_percent <= 0
+    assert verdict.code == code
+    assert ("output-moves-little" in reasons(verdict)) == (code == "model-limited")
+    assert "larger-on-unseen" not in reasons(verdict)
+
+
+def test_a_model_of_a_step_is_recommended():
+    result = emsid.identify(step(), models="arx,output-error")
+    assert result.on_unseen.best.row.fit_percent <= 0
+    assert result.recommendation[0].code == "model-recommended"
+    codes = {each.code for each in result.findings}
+    assert "input-constant" in codes
+    assert "no-better-than-mean" not in codes
+
+
 def test_a_search_without_an_end_is_a_limit():
     (verdict,) = verdicts(replace(linear(), ending=Ending.STALLED))
     assert reasons(verdict) == ["search-not-finished"]
@@ -372,10 +399,10 @@ def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
 # --- the recommendation ----------------------------------------------------------------------------------------------
 
 
-def chosen_of(better_by, implausible="a"):
+def chosen_of(better_by, implausible="a", ending=Ending.CONVERGED):
     """The recommended of two models, of which one is implausible."""
     unseen = record(1, name="other")
-    fits = [linear(name="a"), linear(gain=1 - better_by, name="b")]
+    fits = [replace(linear(name="a"), ending=ending), linear(gain=1 - better_by, name="b")]
     findings = [Finding("map-leaves-range", implausible, {"model": implausible})]
     choice = compare(fits, unseen)
     ranking = ranked(choice, None, Options())
@@ -391,6 +418,8 @@ def test_an_implausible_model_is_not_recommended_over_a_plausible_one_within_noi
     assert why.data["instead_of"] == "a"
     assert why.data["because"]["code"] == "map-leaves-range"
     assert why.data["same_in"] in ("noise", "practice")
+    assert not why.data["unfinished"]
+    assert chosen_of(0.005, ending=Ending.OUT_OF_BUDGET)[1].data["unfinished"]
     name, why = chosen_of(0.5)
     assert (name, why.data["verdict"]) == ("a", "model-implausible")
     assert "instead_of" not in why.data

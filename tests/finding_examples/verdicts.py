@@ -7,6 +7,7 @@ PAST = {"output": "speed", "input": "u", "lags": 51, "at_lag": 4, "limit": 3.9, 
 LIMITS = [
     {"code": "explains-little", "fit_percent": 42.0},
     {"code": "output-at-rest"},
+    {"code": "output-moves-little", "share": 0.047},
     {"code": "depends-on-past-inputs", "share": 0.12, **PAST, "largest": 12.3},
     {"code": "depends-on-nonlinear-term", "share": 0.12, **PAST, "largest": -8.0, "term": "u³", "kind": "odd"},
     {"code": "one-step-errors-coloured", "output": "speed", "largest": 0.6, "at_lag": 1},
@@ -63,6 +64,7 @@ EXAMPLES: tuple[Finding, ...] = (
             {
                 "instead_of": "hammerstein",
                 "because": {"code": "map-leaves-range", **LEAVES},
+                "unfinished": False,
                 "ratio": 1.013,
                 "parameters": [6, 6],
                 "same_in": "noise",
@@ -71,6 +73,7 @@ EXAMPLES: tuple[Finding, ...] = (
                 {
                     "instead_of": "hammerstein",
                     "because": None,
+                    "unfinished": same_in == "practice",
                     "ratio": 1.013,
                     "parameters": [10, 57],
                     "folds": 4,

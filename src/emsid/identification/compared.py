@@ -73,7 +73,7 @@ class Compared:
         chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
         fitted, excluded = None if whole is None else train, excluded_models(findings)
         ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
-        order = _order(chosen_on, ranking, findings)
+        order = _order(chosen_on, on_record, ranking, findings)
         on_choice = on_choice and on_choice.in_order_of(order)
         return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))
 
@@ -117,8 +117,11 @@ def _held_back(
     )
 
 
-def _order(choice: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]) -> list[Fit[Any]]:
+def _order(
+    choice: Comparison, on_record: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]
+) -> list[Fit[Any]]:
     """The models, the recommended one first and the others by their errors."""
-    useless = {row.model for row in choice.rows if unusable(row)}
+    fitted = {each.row.model: each for each in on_record.assessments}
+    useless = {each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model])}
     first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
     return [first.fit, *(each.fit for each in ranking if each is not first)]

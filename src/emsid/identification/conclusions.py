@@ -156,8 +156,7 @@ def next_steps(
     depends = any(each.code == "residual-depends-on-input" for each in found)
     failed = {each.subject for each in found if each.code == "model-failed"}
     physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)
-    moves = bool(np.ptp(chosen.record.input, axis=0).any())  # else these data test the steady state only
-    if moves and not fit >= POOR:
+    if chosen.input_moves and not fit >= POOR:
         tested = not any(each.code == "residual-not-tested" for each in found)
         noisy = fit >= RELATED and tested and not depends
         yield Finding("next-reduce-noise" if noisy else "next-check-data", record.name, {"fit_percent": finite(fit)})

@@ -87,7 +87,7 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: 
         data |= {"chosen_among": len(comparison.rows)}
         data |= {"chosen_on": choice.best.row.samples} if choice else {"apart": chosen_and_judged_apart(comparison)}
     findings = [Finding("free-run-error", row.model, data)]
-    if row.fit_percent <= 0:
+    if row.fit_percent <= 0 and comparison.best.input_moves:
         findings += [Finding("no-better-than-mean", " and ".join(unseen.output_names), {"seen": seen})]
     if 0 < 2 * row.one_step_mse < row.simulation_mse:
         ratio = float(row.simulation_mse / row.one_step_mse)

@@ -25,7 +25,7 @@ from emsid.identification.plausibility import EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import stretch_errors
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
-from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
+from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.correlation import input_test
 from emsid.validation.residual_test import residual_tests
 
@@ -33,6 +33,8 @@ LAGS = 50
 """Lags of the tests against inputs, in samples."""
 LARGER = 1.5
 """An error, as a share of the output's deviation, is larger on unseen data from this ratio on."""
+EXPLAINED = 0.5
+"""A model whose error is below this share of the deviation of the output in all data explains something."""
 SMALL = 0.02
 """An error below this share of the output's deviation is small on any data."""
 LEFT = 0.5
@@ -93,12 +95,12 @@ def _verdict(
 ) -> Finding:
     """The verdict on a model; its residual is not tested where the predictable shares are not given."""
     row = unseen.row
-    useless = unusable(row)
+    useless = unusable(unseen, fitted)
     tests = [] if useless or shares is None else residual_table(unseen)
     tested = [] if shares is None else _from_tests(tests, unseen, shares)
     if not any(each["test"] == "past-inputs" for each in tests):
         tested.append(UNTESTED)
-    limits = [] if useless else [*_poor(row), *tested, *other, *_disagreements(unseen, fitted)]
+    limits = [] if useless else [*_poor(unseen, fitted), *tested, *other, *_disagreements(unseen, fitted)]
     if unseen.fit.ending in UNFINISHED:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
     data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}
@@ -109,19 +111,35 @@ def _verdict(
     return Finding("model-limited" if limits else "model-supported", row.model, data)
 
 
-def unusable(row: Row) -> list[Reason]:
-    """Why a model cannot be used at all, from its free run on unseen data."""
+def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
+    """Why a model cannot be used at all, from its free run on unseen data.
+
+    Where the output moves little, as while an input is constant, a good model may be no better than its mean there. It
+    can be used if its error is small beside the deviation of the output over fitted and unseen data (`EXPLAINED`).
+    """
+    row = unseen.row
     if row.diverged_at is not None:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
-    if row.fit_percent <= 0:
+    if row.fit_percent <= 0 and _share_of_deviation(unseen, fitted) > EXPLAINED:
         return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
     return []
 
 
-def _poor(row: Row) -> list[Reason]:
-    """A fit that is better than the mean, and poor; or none, because the output does not change."""
+def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:
+    """The RMSE on unseen data over the deviation of the output in fitted and unseen data; the mean over the outputs."""
+    errors = (unseen.record.output - unseen.simulation.output)[unseen.simulation.counted]
+    spread = np.concatenate([fitted.record.output, unseen.record.output]).std(axis=0)
+    moves = spread > 0
+    return float(np.mean(np.sqrt(np.mean(errors[:, moves] ** 2, axis=0)) / spread[moves])) if moves.any() else np.inf
+
+
+def _poor(unseen: Assessment, fitted: Assessment) -> list[Reason]:
+    """A poor fit on unseen data; or none, because the output moves little or not at all."""
+    row = unseen.row
     if np.isnan(row.fit_percent):
         return [{"code": "output-at-rest"}]
+    if row.fit_percent <= 0:
+        return [{"code": "output-moves-little", "share": _share_of_deviation(unseen, fitted)}]
     return [{"code": "explains-little", "fit_percent": float(row.fit_percent)}] if row.fit_percent < POOR else []
 
 
@@ -221,8 +239,10 @@ def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 def larger_on_unseen(unseen: Assessment, fitted: Assessment) -> float | None:
     """How many times larger the error of a model is on unseen data, each as a share of the output's deviation.
 
-    None where it is not much larger than on the fitted data, or small on both.
+    None where it is not much larger than on the fitted data, small on both, or where no input changes in unseen data.
     """
+    if not unseen.input_moves:
+        return None
     sizes = [1 - each.row.fit_percent / 100 for each in (fitted, unseen)]
     larger = np.isfinite(sizes).all() and sizes[1] > max(LARGER * sizes[0], SMALL) and sizes[0] > 0
     return sizes[1] / sizes[0] if larger else None

@@ -34,8 +34,10 @@ STRETCHES = 16
 """The number of stretches that the samples are divided into."""
 NEGLIGIBLE = 0.02
 """A smaller relative reduction of the mean square error (1 % of its root) does not justify another parameter."""
-EQUIVALENT = 0.03
+EQUIVALENT = 0.05
 """Root mean square errors that differ by at most this share are the same in practice."""
+UNEVEN = 2.0
+"""By the ratios of the stretches, which vary more, they may differ by so many times that share."""
 CHANCE = 0.16
 """The probability that a model without a real advantage passes the test of paired differences."""
 
@@ -123,7 +125,7 @@ def equivalent(model: StretchErrors, best: StretchErrors) -> bool:
         return False
     both = (model.samples > 0) & (best.samples > 0)
     ratio = float(np.mean(_logarithm(model.means[both]) - _logarithm(best.means[both])))
-    return model.mean <= (1 + EQUIVALENT) ** 2 * best.mean and ratio <= 2 * log(1 + EQUIVALENT)
+    return model.mean <= (1 + EQUIVALENT) ** 2 * best.mean and ratio <= 2 * log(1 + UNEVEN * EQUIVALENT)
 
 
 def _logarithm(means: Array) -> Array:

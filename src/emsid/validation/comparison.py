@@ -135,6 +135,11 @@ class Assessment:
         """The residual of every output against nonlinear functions of the inputs, see `free_run_tests`."""
         return free_run_tests(self.record, self.simulation)
 
+    @property
+    def input_moves(self) -> bool:
+        """Whether an input changes in the record; the data test the steady state only if none does."""
+        return bool(np.ptp(self.record.input, axis=0).any())
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Presented):

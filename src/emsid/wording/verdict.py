@@ -36,6 +36,10 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
     "diverges": lambda d: f"its free run diverges at sample {d['sample']}",
     "explains-little": lambda d: f"it explains little of the output (a fit of {d['fit_percent']:.0f} %)",
     "output-at-rest": lambda d: "the output does not change in the unseen data, which test only the steady state",
+    "output-moves-little": lambda d: (
+        "it is no better than the mean of the output in the unseen data, where the output moves little (its error is "
+        f"{100 * d['share']:.2g} % of its deviation in all data)"
+    ),
     "no-better-than-mean": lambda d: "it is no better than the mean of the output",
     "depends-on-past-inputs": lambda d: (
         f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"
@@ -109,9 +113,9 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
-    seen, verdict, reasons, tests_failed (how many); instead_of, because (None for no finding), ratio, parameters (of it
-    and of the other) and same_in (noise, practice or all-data, None where the errors differ) where another model has a
-    smaller error."""
+    seen, verdict, reasons, tests_failed (how many); instead_of, because (None for no finding), unfinished (whether the
+    search for it is), ratio, parameters (of it and of the other) and same_in (noise, practice or all-data, None where
+    the errors differ) where another model has a smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
@@ -122,6 +126,8 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         against = [f"needs {other} parameters instead of {own}"] if other > own else []
         if d["because"] is not None:
             against.append(f"is implausible ({reason_in_words(d['because'])})")
+        if d["unfinished"]:
+            against.append("ended its search before a minimum")
         percent = f"{100 * (d['ratio'] - 1):.2g} %{_SAME_IN[d['same_in']]}"
         why = (
             f"{d['instead_of']} has a smaller error on {where} by {percent}"

@@ -157,17 +157,6 @@ def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[
     assert spread.shape[1] == coordinates(model, visited(model)).shape[1]
 
 
-def test_a_map_without_effect_keeps_its_scale() -> None:
-    """What enters it has vanished; in other units the edges of the map would be larger than a file can hold."""
-    model = loop("dead-zone")
-    matrix = model.matrix.copy()
-    matrix[model.states, : model.states + 1] *= 1e-200
-    still = replace(model, matrix=matrix)
-    normal, _ = normal_form(still, visited(still))
-    assert np.abs(normal.model.parameters).max() < 1e3
-    np.testing.assert_allclose(normal.model.output(U, normal.state(X)), still.output(U, X), rtol=1e-9, atol=1e-10)
-
-
 # --- refusals and figures --------------------------------------------------------------------------------------------
 
 

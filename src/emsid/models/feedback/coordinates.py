@@ -43,8 +43,6 @@ COMPARED = 400
 CONTAINED, DEPENDENT = 1e-7, 1e-9
 # A transformation of the state that is worse conditioned than this is not made.
 WORST_CONDITION = 1e10
-# The entries before and behind a map become one only within this factor; those of a map without effect may vanish.
-MOST_SCALED = 1e50
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,9 +364,9 @@ def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
         into = int(np.argmax(np.abs(model.matrix[n + i, : n + 1]) * entering))
         rows = [*range(n), n + m]
         behind = rows[int(np.argmax(np.abs(model.matrix[rows, n + 1 + i])))]
-        entries = model.matrix[n + i, into], model.matrix[behind, n + 1 + i]
-        if all(1 / MOST_SCALED < abs(each) < MOST_SCALED for each in entries):
-            model = with_units(model, i, float(entries[0]), 1 / float(entries[1]))
+        factors = model.matrix[n + i, into], 1 / model.matrix[behind, n + 1 + i]
+        if np.isfinite(factors).all() and all(factors):
+            model = with_units(model, i, *map(float, factors))
             held[n + i, into] = held[behind, n + 1 + i] = True
     first = np.append(held[model.free_entries], own[model.multiplied])
     fixed = np.pad(first, (0, len(model.parameters) - len(first)))

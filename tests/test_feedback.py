@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,12 +13,12 @@ import emsid
 from emsid import ModelError, Record
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.static_maps import DeadZone, Polynomial, Saturation
+from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import as_feedback
-from emsid.validation.feedback_curves import feedback_at_rest
+from emsid.validation.feedback_curves import feedback_at_rest, rounded_equation
 from emsid.validation.feedback_curves import visited as visited_in
 from feedback_models import Array, U, X, loop, multiplied
 from model_examples import DT, LOOP, MAPS, TWO_LOOPS
@@ -157,6 +158,19 @@ def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[
     assert spread.shape[1] == coordinates(model, visited(model)).shape[1]
 
 
+def test_a_line_is_taken_from_a_map_at_seldom_reached_knots_too() -> None:
+    """One input in four thousand reaches the last knot; a line that ends before it would change the model."""
+    u = 0.3 * np.random.default_rng(4).normal(size=4000)
+    u[2001] = 6.0
+    knots = np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 6.0, 9.0])
+    matrix = np.array([[0.8, 0.5, -0.3], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    model = FeedbackModel(matrix, (CubicSpline(knots, knots + 0.2 * np.sin(knots)),))
+    same, _ = normal_form(model, visited(model, u, np.zeros(1)))
+    for amplitude in (1.0, 1.5):
+        expected = model.output(amplitude * u, np.zeros(1))
+        np.testing.assert_allclose(same.model.output(amplitude * u, same.state(np.zeros(1))), expected, atol=1e-9)
+
+
 # --- refusals and figures --------------------------------------------------------------------------------------------
 
 
@@ -210,3 +224,17 @@ def test_maps_and_poles_are_drawn() -> None:
     groups = {mark.label: mark for mark in poles.plots[0].marks}
     assert {"small z", "middle", "large z"} <= groups.keys()
     assert len(groups["middle"].x) == 2
+
+
+def test_an_equation_has_the_digits_that_its_free_run_needs() -> None:
+    truth, rng = FeedbackModel(LOOP, (MAPS["saturation"],), dt=DT), np.random.default_rng(1)
+    u = rng.normal(size=600)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    fit = fit_feedback(truth, record)
+    text = rounded_equation(fit, record)
+    longest = max(len(digits.replace(".", "").lstrip("0")) for digits in re.findall(r"\d*\.\d+", text))
+    assert 3 <= longest <= 7
+    assert len(text) < len(fit.model.equation())
+    assert (
+        rounded_equation(replace(fit, covariance=np.full_like(fit.covariance, np.inf)), record) == fit.model.equation()
+    )

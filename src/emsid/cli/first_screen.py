@@ -87,8 +87,10 @@ def models_table(result: Identification) -> Table:
 
 def _details(result: Identification) -> None:
     """Parameters of physical models with their intervals, and the equation of the best model if it is another one."""
+    from emsid.models.feedback.model import FeedbackModel
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.report.views.physical_parameters import own_parameters
+    from emsid.validation.feedback_curves import rounded_equation
 
     for fit in _in_detail(result):
         if isinstance(fit, GreyBoxFit):
@@ -96,7 +98,9 @@ def _details(result: Identification) -> None:
             if fit.by_record:
                 show(text_table(own_parameters(fit)))
         else:
-            lines = fit.model.equation().splitlines()
+            is_loop = isinstance(fit.model, FeedbackModel)
+            text = rounded_equation(fit, result.data_of(fit)) if is_loop else fit.model.equation()
+            lines = text.splitlines()
             say(f"{fit.model.name}:")
             say(*(x if len(x) <= LONGEST else f"{x[:LONGEST]}… (in full in the report)" for x in lines), "")
 

@@ -8,12 +8,13 @@ J_θ + J_x dx₀/dθ.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.feedback.coordinates import Visited
@@ -33,6 +34,11 @@ from one half of these steps to the other is unstable."""
 
 SHOWN = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
+
+
+EQUATION, UNCHANGED, MOST_DIGITS = 10_000, 0.1, 8
+"""An equation has the digits of its intervals, and at most so many more: as many as its free run over so many samples
+needs to change by less than this share of its residual."""
 
 
 def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:
@@ -118,3 +124,33 @@ def visited(model: FeedbackModel, record: Record) -> Visited:
     return Visited.of(
         [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
     )
+
+
+def rounded_equation(fit: Fit[Any], record: Record) -> str:
+    """The equation of a feedback model with the digits that the data support; a model file has all of them.
+
+    The digits of an interval alone are too few: where the data determine a sum, each of its terms needs the digits of
+    the sum.
+    """
+    model: FeedbackModel = fit.model
+    error = fit.standard_error
+    if not fit.has_intervals or not (np.isfinite(error) & (error > 0)).all():
+        return model.equation()
+    begin = record[:EQUATION]
+    run, most = _output_or_none(model, begin), UNCHANGED * float(np.sqrt(fit.noise_variance))
+    first = -np.floor(np.log10(error)).astype(int)
+    for more in range(MOST_DIGITS if run is not None else 0):
+        values = [round(value, places + more) for value, places in zip(fit.estimate.tolist(), first, strict=True)]
+        rounded = model.with_estimates(fit.names, np.array(values))
+        moved = _output_or_none(rounded, begin)
+        if moved is not None and np.sqrt(np.mean((moved - run) ** 2)) <= most:
+            return rounded.equation()
+    return model.equation()
+
+
+def _output_or_none(model: FeedbackModel, record: Record) -> Array | None:
+    """(K,) the output from rest; None where the run diverges."""
+    with suppress(EmsidError, Infeasible):
+        model.check()
+        return visited(model, record).y
+    return None

@@ -400,7 +400,8 @@ def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel
     middle = np.array([float(np.median(z))])
     slope = 0.0 if i in model.multiplied else float(map_.slope(middle)[0])
     level = float(map_.value(middle)[0]) - slope * float(middle[0])
-    at = np.unique(z[:: max(1, len(z) // COMPARED)])
+    low, high = float(z.min()), float(z.max())
+    at = np.linspace(2 * low - high, 2 * high - low, COMPARED)  # beyond the data, too, so that every knot moves
     line = slope * at + level
     maps = list(model.maps)
     maps[i] = map_.with_parameters(map_.parameters - _within(map_, at, line))

@@ -55,6 +55,7 @@ def model_section(
     from emsid.report.views.feedback import maps_in_feedback, poles_by_level
     from emsid.report.views.grey_box import dead_zone, friction, likelihood, sticking
     from emsid.report.views.physical_parameters import physical_table, plant_equations, units_taken
+    from emsid.validation.feedback_curves import rounded_equation
 
     model, prefix = fit.model, slug(name or fit.model.name)
     paragraphs: tuple[str, ...] = ()
@@ -76,7 +77,7 @@ def model_section(
             lambda: frequency_responses(fit, record.dt, name=f"{prefix}-filters"),
         ]
     elif isinstance(model, FeedbackModel):
-        equations, tables = (model.equation(),), (parameter_table(fit),)
+        equations, tables = (rounded_equation(fit, record),), (parameter_table(fit),)
         drawings = [
             lambda: maps_in_feedback(fit, record, prefix),
             lambda: poles_by_level(fit, record, prefix),

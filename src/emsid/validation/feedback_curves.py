@@ -138,8 +138,10 @@ def rounded_equation(fit: Fit[Any], record: Record) -> str:
         return model.equation()
     begin = record[:EQUATION]
     run, most = _output_or_none(model, begin), UNCHANGED * float(np.sqrt(fit.noise_variance))
+    if run is None:
+        return model.equation()
     first = -np.floor(np.log10(error)).astype(int)
-    for more in range(MOST_DIGITS if run is not None else 0):
+    for more in range(MOST_DIGITS):
         values = [round(value, places + more) for value, places in zip(fit.estimate.tolist(), first, strict=True)]
         rounded = model.with_estimates(fit.names, np.array(values))
         moved = _output_or_none(rounded, begin)

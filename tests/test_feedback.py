@@ -171,6 +171,13 @@ def test_a_line_is_taken_from_a_map_at_seldom_reached_knots_too() -> None:
         np.testing.assert_allclose(same.model.output(amplitude * u, same.state(np.zeros(1))), expected, atol=1e-9)
 
 
+def test_a_map_without_effect_on_the_data_gets_no_huge_unit() -> None:
+    """A dead zone beyond the data has no derivative: a step in huge units would turn rounding into parameters."""
+    matrix = np.array([[0.8, 0.5, -0.3], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    model = FeedbackModel(matrix, (DeadZone(-1e3, 1e3),))
+    assert np.abs(coordinates(model, visited(model, U, np.zeros(1)))).max() < 1e4
+
+
 # --- refusals and figures --------------------------------------------------------------------------------------------
 
 

@@ -213,7 +213,8 @@ def weights(model: FeedbackModel, visited: Visited) -> Array:
         for i, each in enumerate(model.maps)
     ]
     of_factors = np.append(columns[: n + 1], 1.0) / _level(g)[model.multiplied, None]
-    of_maps = [np.maximum(part, 1e-6 * part.max(initial=1e-300)) for part in parts]
+    # A map without effect on the data, such as a dead zone beyond them, gets no unit from them.
+    of_maps = [np.maximum(part, 1e-6 * part.max() if part.any() else 1.0) for part in parts]
     free = table[model.free_entries]
     return np.concatenate([free, of_factors.ravel(), *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
 

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import polars as pl
 import pytest
 
 import emsid
@@ -161,6 +162,40 @@ def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_pat
     assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
     emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
     assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]
+
+
+def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(result, run, tmp_path):
+    out, model = tmp_path / "simulated.csv", result / "arx.json"
+    moving = tmp_path / "moving.csv"
+    header, *rows = table(tmp_path / "inputs.csv", seed=3).read_text().splitlines()
+    moving.write_text("\n".join([header, *rows[200:]]) + "\n")
+    measured = emsid.read(moving, input="u", output="y", dt=0.01)
+
+    def error(*words: str) -> tuple[float, str]:
+        status, printed, _ = run("simulate", model, moving, "--out", out, *words)
+        simulated = emsid.read(out, input="u", output="y", time="t")
+        assert (status, len(simulated)) == (0, len(measured))
+        return float(abs(simulated.output - measured.output).max()), printed
+
+    at_rest, said = error()
+    assert "arx begins at rest; if moving.csv has outputs, --start estimated" in said
+    assert error("--start", "rest")[0] == at_rest > 0.1
+    estimated, said = error("--start", "estimated")
+    assert "arx begins in the state that the first outputs in moving.csv show" in said
+    assert estimated < 1e-9  # the arx model is exact there
+    for start in ("rest", "estimated"):
+        assert json.loads(error("--start", start, "--json")[1])["start"] == start
+    assert "no column 'y'" in run("simulate", model, without(moving, "y"), "--start", "estimated", "--out", out)[2]
+    assert "--start: only for the file with the inputs" in run("simulate", "--start", "estimated", "--out", out)[2]
+    assert "--start" not in run("simulate", "--out", out)[1]
+
+
+def without(path, name):
+    """A copy of a table without a column."""
+    frame = pl.read_csv(path).drop(name)
+    other = path.with_stem(f"without-{name}")
+    frame.write_csv(other)
+    return other
 
 
 def test_a_saved_model_is_simulated_on_columns_of_other_names(result, run, tmp_path):

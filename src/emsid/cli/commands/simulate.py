@@ -1,6 +1,7 @@
 """``emsid simulate``."""
 
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,13 @@ STEP = 0.005
 """Sample time in s of a record of the built-in motor."""
 
 
+class Start(StrEnum):
+    """Where the free run of a saved model begins in every segment of its inputs."""
+
+    REST = "rest"
+    ESTIMATED = "estimated"
+
+
 @app.command()
 @reads_records()
 def simulate(
@@ -29,6 +37,9 @@ def simulate(
         Path | None, typer.Argument(metavar="INPUT", help="A file with the inputs to run the model on.")
     ] = None,
     *,
+    start: Annotated[
+        Start, typer.Option(help="Begin MODEL at rest, or in the state that the first outputs in INPUT show.")
+    ] = Start.REST,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet or .npz.")],
     excitation: Annotated[str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")] = "sines",
     amplitude: Annotated[
@@ -43,14 +54,17 @@ def simulate(
     """Simulate a motor, or a saved model, and write a record.
 
     Without MODEL, the built-in motor or that of --motor answers a test signal on a virtual bench. With MODEL, the
-    model runs freely from rest on the inputs in a file. It is read as the model file remembers, with the options for
-    columns, units and times that are given in its place; outputs in that file are not used.
+    model runs freely on the inputs in a file. It is read as the model file remembers, with the options for columns,
+    units and times that are given in its place. The model begins at rest, and outputs in that file are not used. With
+    --start estimated, the first outputs of every segment give the initial state, as in `emsid validate`; they are
+    repeated in the result.
 
     \b
     Examples:
       emsid simulate --out record.csv
       emsid simulate emsid-result/arx.json voltage.csv --out simulated.csv
       emsid simulate emsid-result/arx.json other.csv --input u --time t --out simulated.csv
+      emsid simulate emsid-result/arx.json other.csv --start estimated --out simulated.csv
       emsid simulate --excitation multisine --amplitude 8 --duration 30 --motor motor.toml --out record.parquet
     """
     from emsid.excitation import crest_factor
@@ -58,13 +72,14 @@ def simulate(
     from emsid.units import with_unit
 
     if model is None:
-        if others := [name for name in reader.typed if name != "--dt"]:
+        others = [name for name in reader.typed if name != "--dt"]
+        if others := [*others, *(["--start"] if start is not Start.REST else [])]:
             raise DataError(f"{', '.join(others)}: only for the file with the inputs of a model; name both, or neither")
         record = _of_motor(excitation, amplitude, duration, reader.given.get("dt", STEP), motor, ideal, seed)
     elif file is None:
         raise DataError(f"{model}: name the file with the inputs to run the model on: simulate MODEL INPUT")
     else:
-        record = _of_model(model, file, reader)
+        record, begun = _of_model(model, file, reader, start)
     time = write_record(record, out)
     crest, outputs = float(crest_factor(record)), zip(record.output_names, record.output_units, strict=True)
     largest = [(name, float(abs(record.channel(name)).max()), unit) for name, unit in outputs]
@@ -72,15 +87,19 @@ def simulate(
         channels = [time, *record.input_names, *record.output_names]
         tops = [{"name": name, "largest": top, "unit": unit} for name, top, unit in largest]
         document = {"file": str(out), "samples": len(record), "dt": record.dt, "columns": channels}
+        document |= {"start": start.value} if model is not None else {}
         say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
         return
     shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
-    say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}")
+    say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}", *([begun] if model is not None else []))
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 
-def _of_model(path: Path, file: Path, reader: Any) -> "Record":
-    """The free run of a saved model over the inputs in a file, read as the model file remembers and as is given."""
+def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Record, str]":
+    """The free run of a saved model over the inputs in a file, and where it begins, in words.
+
+    The file is read as the model file remembers and as is given; its outputs are read only to estimate the start.
+    """
     from emsid.io import load, origin, read, read_options
     from emsid.models.verbs import simulate as run
 
@@ -88,15 +107,19 @@ def _of_model(path: Path, file: Path, reader: Any) -> "Record":
     reading = reader.after(read_options(path)).given
     if source is None or "input" not in reading:
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
-    columns = reading["input"]
+    outputs = reading["output"] if start is Start.ESTIMATED else ()
+    columns = [*reading["input"], *outputs]
     known = {name.removeprefix("d(").removesuffix(")") for name in columns} | set(columns)
     options: dict[str, Any] = {
         name: {column: each for column, each in value.items() if column in known} if isinstance(value, dict) else value
         for name, value in reading.items()
     }
-    driven = run(model, read(file, **(options | {"output": ()})))
+    driven = run(model, read(file, **(options | {"output": outputs})))
     names, units = zip(*source.outputs, strict=True)
-    return replace(driven, output_names=names, output_units=units)
+    begun = f"begins at rest; if {file.name} has outputs, --start estimated takes the initial state from them"
+    if start is Start.ESTIMATED:
+        begun = f"begins in the state that the first outputs in {file.name} show; these are repeated in the result"
+    return replace(driven, output_names=names, output_units=units), f"{model.name} {begun}"
 
 
 def _of_motor(

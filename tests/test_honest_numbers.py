@@ -80,17 +80,39 @@ def test_a_parameter_at_its_bound_has_the_interval_of_its_profile(without_dead_z
 
 
 def test_a_drive_in_one_direction_gives_no_advice_about_a_bound_that_it_does_not_show():
-    rng = np.random.default_rng(3)
-    volts = np.repeat(rng.uniform(1.0, 6.0, 40), 40)
-    speed = mass_of(TRUTH).run(volts, DT)[0][:1600] + 0.3 * rng.standard_normal(1600)
-    record = Record(volts, speed, DT, input_units=("V",), output_units=("rad/s",))
-    fit = simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE})
+    fit = driven_one_way(coasting=False)
     (finding,) = (each for each in fit.findings if each.code == "parameter-at-bound")
     assert finding.subject == WIDTH
     assert (finding.data["because"], finding.data["one_way"]) == ("inseparable", True)
     assert finding.data["others"] == ["rotor_friction.coulomb"]
+    assert finding.data["zone_unseen"]
     assert row_of(fit, WIDTH).interval is None
     assert WIDTH in row_of(fit, "rotor_friction.coulomb").given
+
+
+def test_a_drive_that_never_coasts_does_not_tell_a_dead_zone_from_friction():
+    (finding,) = (each for each in driven_one_way(coasting=False, seed=0).findings if each.code == "not-identifiable")
+    assert finding.data["parameters"] == ["rotor_friction.coulomb", WIDTH]
+    assert finding.data["zone_unseen"]
+
+
+def test_a_drive_that_coasts_at_zero_tells_a_dead_zone_from_friction():
+    fit = driven_one_way(coasting=True)
+    assert not any(finding.data.get("zone_unseen") for finding in fit.findings)
+    width, level = row_of(fit, WIDTH), row_of(fit, "rotor_friction.coulomb")
+    assert width.value == pytest.approx(TRUTH[WIDTH], abs=0.05)
+    assert level.value == pytest.approx(TRUTH["rotor_friction.coulomb"], rel=0.1)
+
+
+def driven_one_way(coasting: bool, seed: int = 3) -> GreyBoxFit:
+    """A fit to a drive that is always above its dead zone, but for a second at zero if it is to coast."""
+    rng = np.random.default_rng(seed)
+    volts = np.repeat(rng.uniform(1.0, 6.0, 40), 40)
+    if coasting:
+        volts[800:1000] = 0.0
+    speed = mass_of(TRUTH).run(volts, DT)[0][:1600] + 0.3 * rng.standard_normal(1600)
+    record = Record(volts, speed, DT, input_units=("V",), output_units=("rad/s",))
+    return simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE})
 
 
 # --- values that are held --------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.search import SHOW_ZONE
 
 
 @words("unit-assumed", Severity.WARNING)
@@ -269,4 +270,5 @@ def interval(ends: tuple[float, float], unit: str) -> str:
 def _advice(f: Finding, argument: Spelling) -> str:
     measured = ", or measure the current as well" if f.data["current_missing"] else ""
     both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
-    return f"{both_ways}fix what you know ({argument('fixed')}){measured}"
+    zone = f"{SHOW_ZONE}, " if f.data.get("zone_unseen") else ""
+    return f"{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"

@@ -6,6 +6,9 @@ from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
 
+SHOW_ZONE = "let it coast with the command at zero (Coulomb friction brakes it there, a dead zone does not)"
+"""What to record where the two are inseparable."""
+
 
 @words("search-stalled", Severity.PROBLEM)
 def search_stalled(f: Finding, argument: Spelling) -> str:
@@ -62,9 +65,11 @@ def parameter_at_bound(f: Finding, argument: Spelling) -> str:
     side = f.data["side"]
     if f.data.get("because") == "inseparable":
         both_ways = "drive it in both directions, or " if f.data["one_way"] else ""
+        zone = f"{SHOW_ZONE}, or " if f.data.get("zone_unseen") else ""
         return (
             f"{f.subject} is at its {side} limit {f.data['bound']:.4g}, where these data do not separate it from "
-            f"{listed(f.data['others'])}: other values fit as well; {both_ways}fix one of them ({argument('fixed')})"
+            f"{listed(f.data['others'])}: other values fit as well; {zone}{both_ways}fix one of them "
+            f"({argument('fixed')})"
         )
     because = _BECAUSE.get(f.data.get("because", ""), "")
     beyond, there = ("smaller", "0") if side == "lower" else ("larger", "this value")

@@ -30,6 +30,8 @@ from emsid.plant import GaussianStribeck
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+ZONE_ENDS = ("dead_zone.half_width", "dead_zone.b_l", "dead_zone.b_r")
+"""How names of parameters end that say where a dead zone ends."""
 
 
 class Status(StrEnum):
@@ -251,9 +253,19 @@ def _not_identifiable(
             "channels": channels,
             "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
             "one_way": _is_one_way(task),
+            "zone_unseen": _is_zone_unseen(group),
         }
         found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
     return found
+
+
+def _is_zone_unseen(group: Sequence[str]) -> bool:
+    """Whether inseparable parameters include a dead zone and a Coulomb level.
+
+    While the command is beyond the zone both take the same from it. Only what moves inside the zone tells them apart:
+    Coulomb friction goes on to brake it, a dead zone does not.
+    """
+    return any(name.endswith(ZONE_ENDS) for name in group) and any(".coulomb" in name for name in group)
 
 
 def _is_one_way(task: Task) -> bool:
@@ -282,6 +294,7 @@ def _at_bounds(
         others = [other for group in groups if name in group for other in group if other != name]
         if others:
             data |= {"because": "inseparable", "others": others, "one_way": _is_one_way(task)}
+            data |= {"zone_unseen": _is_zone_unseen((name, *others))}
         found.append(Finding("parameter-at-bound", name, data))
     return found
 

@@ -296,3 +296,7 @@ def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others
     rival = StretchErrors.of(np.full(400, 1e-30))
     with pytest.raises(ModelError, match="much larger"):
         unseen_errors(start, [splits[0], Round([], [], [])], Control(), rival)
+    squares = np.full(400, 1e-30)
+    squares[300:] = 1e-29  # the second split is the harder one for the rival, so it comes first
+    with pytest.raises(ModelError, match="much larger"):
+        unseen_errors(start, [Round([], [], []), splits[1]], Control(), StretchErrors.of(squares))

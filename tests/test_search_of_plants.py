@@ -261,6 +261,21 @@ def test_a_trial_without_free_parameters_is_not_begun_again():
     assert trials.around(rest, np.random.default_rng(0), 2, 2).ends == ()
 
 
+def test_equal_starts_of_a_trial_take_their_steps_once(monkeypatch):
+    u = 12 * levels(300, np.random.default_rng(0), 30)
+    speed = RIGID.simulate(u[:, None], 1e-2, np.zeros(RIGID.states), (Signal.SPEED,))
+    trials = Trials((Record(u, speed, 1e-2, output_units="rad/s"),), (Signal.SPEED,), {})
+    name, each_step, begun = "rotor_inertia", Trials._each_step, []
+    monkeypatch.setattr(Trials, "_each_step", lambda self, problem: begun.append(problem) or each_step(self, problem))
+    near, far = (RIGID.with_values({name: part * RIGID.value(name)}) for part in (0.8, 0.7))
+    several = trials.fitted([near, far, near, far], [name])
+    assert len(begun) == 2
+    once = trials.fitted([near, far], [name])
+    assert several is not None
+    assert once is not None
+    assert several.plant == once.plant
+
+
 def test_a_lag_of_zero_does_not_stay_for_the_initial_reading_that_it_has():
     """The record begins within the delay after a jump of the command, so the first speed is not that of the motion."""
     truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), delay=6e-3, smooth=1e-2)

@@ -187,16 +187,29 @@ def unseen_errors(
         ModelError: where a free run diverges, or the errors are hopelessly larger than those of the rival, if any; the
             other splits are not looked at then.
     """
-    parts: list[StretchErrors] = []
-    for each in rounds:
-        fitted = model if len(rounds) == 1 else _refitted(model, each.known, control)
-        parts.append(StretchErrors.of(each.squared_errors(fitted), STRETCHES // len(rounds)))
-        if not np.isfinite(parts[-1].mean):
+    stretches, parts = STRETCHES // len(rounds), dict[int, StretchErrors]()
+    for k in _hardest_first(rival, len(rounds)):
+        fitted = model if len(rounds) == 1 else _refitted(model, rounds[k].known, control)
+        parts[k] = StretchErrors.of(rounds[k].squared_errors(fitted), stretches)
+        if not np.isfinite(parts[k].mean):
             raise ModelError(f"{model.name}: the free run diverges on the data held back")
-        so_far = sum(float(part.means @ part.samples) for part in parts)
+        so_far = sum(float(part.means @ part.samples) for part in parts.values())
         if rival is not None and so_far > HOPELESS * rival.means @ rival.samples:
             raise ModelError(f"{model.name}: the error on the data held back is much larger than that of another model")
-    return StretchErrors.joined(parts)
+    return StretchErrors.joined([parts[k] for k in range(len(rounds))])
+
+
+def _hardest_first(rival: StretchErrors | None, rounds: int) -> list[int]:
+    """The order of splits in which a hopeless model is seen soonest: where the rival has most of its error, it fails.
+
+    Args:
+        rival: errors of another model on all splits, one after the other, if there are any.
+        rounds: the number of splits.
+    """
+    if rival is None:
+        return list(range(rounds))
+    errors = [float(part.sum()) for part in np.array_split(rival.means * rival.samples, rounds)]
+    return sorted(range(rounds), key=lambda k: -errors[k])
 
 
 def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Cascade:

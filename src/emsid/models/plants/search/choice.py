@@ -73,7 +73,7 @@ from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
-from emsid.models.plants.search.trials import Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
+from emsid.models.plants.search.trials import KEPT, Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
@@ -295,7 +295,7 @@ class _Choice:
     def _begin(self, weighting: Weighting) -> None:
         self._trials = replace(self._trials, weighting=weighting)
         self._starts = self._trials.by_cost(self._starts, self.trial.names)
-        self._fit_again(self._starts)
+        self._fit_again(self._starts[:KEPT])  # no others would be searched from
 
     def _fit_again(self, starts: Sequence[DrivenPlant], states: Sequence[Array] | None = None) -> None:
         found = self._trials.fitted(starts, self.trial.names, states)

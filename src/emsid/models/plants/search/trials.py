@@ -144,6 +144,12 @@ def _at_least_as_good(trial: Trial, others: Sequence[Trial]) -> list[Trial]:
     return [each for each in others if each.cost <= trial.cost and len(each.names) <= len(trial.names)]
 
 
+def _first_equal(ranked: Sequence[tuple[float, int, FreeRunError]]) -> dict[int, int]:
+    """Of every start that is ranked the first with the same cost and the same values: two plants may suggest one."""
+    first: dict[tuple[float, bytes], int] = {}
+    return {k: first.setdefault((cost, problem.start.tobytes()), k) for cost, k, problem in ranked}
+
+
 def has_load(trial: Trial) -> bool:
     """Whether a trial has a constant load, or levels by direction, which say the same."""
     load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
@@ -207,10 +213,13 @@ class Trials:
         ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
-        searches = {k: self._each_step(problem) for _, k, problem in ranked}
+        first = _first_equal(ranked)  # starts that are equal move together
+        searches = {k: self._each_step(problem) for _, k, problem in ranked if first[k] == k}
         for count in (1, FIRST_STEPS - 1):
-            moved = ((k, self._after(problem, islice(searches[k], count))) for _, k, problem in ranked)
-            ranked = sorted((cost_of(problem), k, problem) for k, problem in moved if problem is not None)[:FINALISTS]
+            begun = {first[k]: problem for _, k, problem in ranked}
+            moved = {k: self._after(problem, islice(searches[k], count)) for k, problem in begun.items()}
+            again = ((k, moved[first[k]]) for _, k, _ in ranked)
+            ranked = sorted((cost_of(problem), k, problem) for k, problem in again if problem is not None)[:FINALISTS]
         return ranked
 
     def _ranked(

@@ -17,6 +17,7 @@ from emsid.first_look.data_advice import FEEDBACK, advice, questions, response_o
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, feedback, influence, response
 from emsid.first_look.measurement import repeated
+from emsid.first_look.mends import mends
 from emsid.first_look.nonlinearity import LEVEL, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
@@ -715,3 +716,17 @@ def test_a_response_within_a_sample_is_no_feedback(sign: int) -> None:
     y += 0.002 * np.std(y) * rng.standard_normal(6000)
     assert response(u, y, ()).delay == 1
     assert "feedback-likely" not in findings(u, y)
+
+
+def test_rest_is_judged_in_what_a_drift_leaves() -> None:
+    """With a drift, the output at rest is seldom close to zero."""
+    u = U
+    line = 40 * np.linspace(0, 1, len(u))
+    noise = 0.1 * np.random.default_rng(11).standard_normal(len(u))
+    without, drifting = findings(u, dead(u, 2) + noise), findings(u, dead(u, 2) + noise + line)
+    assert "output-drifts" in drifting
+    assert "output-drifts" not in without
+    (rest,), (still,) = ([f.data for f in each.values() if "reversals" in f.data] for each in (without, drifting))
+    assert still["share"] == pytest.approx(rest["share"], abs=0.02)
+    found, read = mends(drifting.values(), [], "u > 9")
+    assert (found, read) == ([*drifting.values()], {"detrend": 1})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from emsid.first_look import describe_files, groups
+from emsid.first_look import describe, describe_files, groups
 from first_look_records import N, Run, T, U, Write, Y, codes, proposals
 
 
@@ -60,10 +60,36 @@ def test_files_of_other_sample_times_are_not_joined(write: Write) -> None:
 
 
 def test_a_file_of_opposite_sign_has_a_command_of_its_own(write: Write) -> None:
-    paths = [write({"t": T, "u": U, "y": sign * Y}, f"{k}.csv") for k, sign in enumerate((1, -1, 1))]
+    paths = [write({"t": T, "u": U, "y": sign * Y + 0.01 * k}, f"{k}.csv") for k, sign in enumerate((1, -1, 1))]
     words = proposals(describe_files(paths)[0])
     assert [[Path(each).name for each in command if each.endswith(".csv")] for command in words] == [
         ["0.csv", "2.csv"],
         ["1.csv"],
     ]
     assert [command[-2:] == ["--scale", "u=-1"] for command in words] == [False, True]
+
+
+def test_a_copy_of_a_file_is_said_and_proposed_once(run: Run, write: Write) -> None:
+    first, again = (write({"t": T, "u": U, "y": Y}, f"{name}.csv") for name in "ab")
+    other = write({"t": T, "u": U, "y": Y + 0.1}, "other.csv")
+    looks, found = describe_files([first, again, other, first])
+    assert [(each.code, each.subject, each.data["copies"]) for each in found if each.code == "files-equal"] == [
+        ("files-equal", str(first), [str(again), str(first)])
+    ]
+    assert [word for word in proposals(looks)[0] if word.endswith(".csv")] == [str(first), str(other)]
+    out = run("describe", first, first)[1]
+    assert "have the same samples" in out
+    assert out.count(str(first)) == 3  # twice in the sentence, once in the command
+    assert "files-equal" not in {each.code for each in describe_files([first, other])[1]}
+
+
+def test_the_command_mends_what_the_files_need(write: Write) -> None:
+    cut, stuck = np.clip(Y, -30, 20), Y.copy()
+    stuck[400:520] = stuck[400]
+    paths = [write({"t": T, "u": U, "y": y}, f"{k}.csv") for k, y in enumerate((Y, cut, stuck))]
+    (command,) = proposals(describe_files(paths)[0])
+    value = describe(paths[2])["y"].stuck[0].value
+    assert command[-2:] == ["--mask", f"y <= -30 OR y >= 20 OR y = {value!r}"]
+    given = describe(paths[1], mask="y > 19")
+    assert (given.mends, given.reading["mask"]) == ({}, "y > 19")
+    assert describe(paths[0]).mends == {}

@@ -34,6 +34,7 @@ EXAMPLES: tuple[Finding, ...] = (
         "old.dat",
         {"files": ["old.dat"], "others": ["a.dat", "b.dat"], "words": ["Prescaler"], "ratio": 8.2},
     ),
+    Finding("files-equal", "a.csv", {"copies": ["b.csv", "c.csv"]}),
     Finding("records-of-opposite-sign", "b.csv", {"records": ["b.csv", "c.csv"], "of": 5}),
     Finding("output-noise-only", "y", {"input": "u"}),
     Finding("feedback-likely", "u", {"output": "y", "correlation": 0.4, "confidence": 0.9}),
@@ -44,7 +45,10 @@ EXAMPLES: tuple[Finding, ...] = (
         for code, high in (("dead-zone-likely", 6.0), ("amplitude-near-dead-zone", 1.1))
     ),
     Finding("coarse-values", "y", {"step": 4.06, "unit": "rad/s", "levels": 7.7}),
-    Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "unit": "rad/s", "share": 0.08}),
+    *(
+        Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "unit": "rad/s", "share": 0.08} | more)
+        for more in ({}, {"mask": "y >= 10"})
+    ),
     Finding("command-limited", "u", {"side": "lower", "limit": -255.0, "unit": "", "share": 0.18}),
     *(
         Finding("outliers", "y", {"count": n, "sample": 123, "size": 80.0, "confidence": 0.8, "mask": mask})
@@ -110,7 +114,7 @@ EXAMPLES: tuple[Finding, ...] = (
         },
     ),
     Finding("values-missing", "y", {"count": 99, "rows": 2000}),
-    Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5}),
+    *(Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5, "mask": mask}) for mask in ("", "y = 3.5")),
     Finding("position-differentiated", "qm", {"input": ""}),
     Finding("position-differentiated", "y", {"input": "u"}),
     Finding("rows-of-messages", "can.csv", {"rows": 6030, "columns": ["voltage", "speed"]}),

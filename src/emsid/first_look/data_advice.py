@@ -174,7 +174,7 @@ def motion(data: Examined) -> Iterable[Finding]:
         yield Finding("output-noise-only", data.output, {"input": data.input})
         return
     share = float(np.mean(data.resting))
-    signs = np.split(np.where(data.near_zero, 0.0, np.sign(data.y)), list(data.record.breaks))
+    signs = np.split(np.where(data.near_zero, 0.0, np.sign(data.still)), list(data.record.breaks))
     reversals = sum(int(np.count_nonzero(np.diff(piece[piece != 0]))) for piece in signs)
     numbers = {"share": share, "reversals": reversals}
     if np.mean(data.near_zero) > 1 - 1e-3:
@@ -203,34 +203,11 @@ def _is_noise(data: Examined) -> bool:
 
 
 def drift(data: Examined) -> Iterable[Finding]:
-    """A slow change of the output that the input does not explain; a position keeps every disturbance, and drifts.
-
-    The dynamics of a linear model are those of the record without its trends, so that no slow pole follows the drift.
-    Gain, offset and slope are then fitted together: a step of the input is a part of a trend, too. There is no drift
-    where a linear model without one is as good, as of a system that integrates.
-    """
-    if data.linear is None or data.linear.fit < 0.3 or is_position(data.record):
-        return
-    changing = data.linear_without_trend
-    if changing is None:
-        return
-    t = np.linspace(-0.5, 0.5, len(data.y))
-    known = np.column_stack([changing.answer(data.u, data.record.breaks), np.ones(len(t))])
-    ahead = t - known @ np.linalg.lstsq(known, t, rcond=None)[0]
-    gains = np.linalg.lstsq(np.column_stack([known, t]), data.y, rcond=None)[0]
-    drifting = data.y - known @ gains[:2]
-    if np.linalg.norm(drifting - gains[2] * t) > np.linalg.norm(data.linear.residual):
-        return
-    blocks = [float(part.mean()) for part in np.array_split(drifting, 12)]
-    k = np.arange(12.0) - 5.5
-    slope = float(k @ blocks / (k @ k))
-    rest = np.array(blocks) - np.mean(blocks) - slope * k
-    error = float(np.sqrt(rest @ rest / 10 / (k @ k) * (t @ t) / (ahead @ ahead)))
-    change = 12 * slope
-    if abs(slope) > 6 * error and abs(change) > 0.1 * data.y.std():
-        sure = 0.95 if abs(slope) >= 9 * error else round(abs(slope) / error / 20 + 0.5, 2)
-        unit = data.record.output_units[0]
-        yield Finding("output-drifts", data.output, {"change": change, "unit": unit, "confidence": sure})
+    """A slow change of the output that the input does not explain."""
+    if data.drift is not None:
+        found, unit = data.drift, data.record.output_units[0]
+        shared = {"change": found.change, "unit": unit, "confidence": found.confidence}
+        yield Finding("output-drifts", data.output, shared)
 
 
 def straightness(data: Examined) -> Iterable[Finding]:

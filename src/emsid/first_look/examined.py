@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.first_look.baseline import Baseline, baseline
+from emsid.first_look.drift import Drift, drift_of
 from emsid.first_look.dynamics import Response
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.outliers import without_outliers
@@ -58,14 +59,24 @@ class Examined:
         return self.record.output_names[0]
 
     @cached_property
+    def drift(self) -> Drift | None:
+        """The drift of the first output, if it has one; a position keeps every disturbance, and drifts anyway."""
+        return None if is_position(self.record) else drift_of(self.record, self.linear, self.linear_without_trend)
+
+    @property
+    def still(self) -> Array:
+        """(N,) the first output less what it drifts to at rest."""
+        return self.y if self.drift is None else self.y - self.drift.at_rest
+
+    @cached_property
     def near_zero(self) -> NDArray[np.bool_]:
         """(N,) whether the output is close to zero: at rest, or passing through."""
-        return near_zero(self.y)
+        return near_zero(self.still)
 
     @cached_property
     def resting(self) -> NDArray[np.bool_]:
         """(N,) whether the output is at rest."""
-        return at_rest(self.y)
+        return at_rest(self.still)
 
     @cached_property
     def linear(self) -> Baseline | None:

@@ -24,6 +24,7 @@ from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.masks import mask_of, masked_outliers
+from emsid.first_look.mends import mends
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.standstill import returns_to_zero
@@ -80,6 +81,7 @@ class FirstLook(Presented):
         clock: the sample time and where it comes from.
         roles: the guessed input and output.
         reading: arguments of `emsid.read`, given or guessed.
+        mends: further arguments of `emsid.read`, which leave out or correct what findings say is wrong with the data.
         record: what these arguments read; None where they do not suffice.
         response: delay and sign of the response of the first output to the first input.
         findings: what was noticed.
@@ -87,6 +89,7 @@ class FirstLook(Presented):
         header: the lines above the header of the table.
         stated: the clock that the file states besides its columns.
         system: number of the system that it is of, among files that are looked at together.
+        copy_of: an earlier one of these files that has the same samples; empty where there is none.
     """
 
     path: str
@@ -96,6 +99,7 @@ class FirstLook(Presented):
     clock: Clock
     roles: Roles
     reading: Mapping[str, Any]
+    mends: Mapping[str, Any] = field(default_factory=dict)
     record: Record | None = None
     response: Response = field(default_factory=lambda: Response(None, 0, 0.0))
     findings: tuple[Finding, ...] = ()
@@ -103,6 +107,7 @@ class FirstLook(Presented):
     header: tuple[str, ...] = ()
     stated: Clock | None = None
     system: int = 0
+    copy_of: str = ""
 
     @property
     def name(self) -> str:
@@ -246,8 +251,11 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         noticed.append(Finding("command-before-its-row", look.roles.input, {"output": look.roles.output}))
         look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})
         return _with_record(look, parsed, noticed, given | {"shift"})
-    findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
-    return replace(look, record=record, response=found, findings=findings)
+    findings = [*record.findings, *noticed, *advice(record, found, look.tolerance)]
+    further: dict[str, Any] = {}
+    if "mask" not in given:
+        findings, further = mends(findings, look.columns, look.reading.get("mask", ""))
+    return replace(look, mends=further, record=record, response=found, findings=tuple(findings))
 
 
 def _acts_in_its_own_row(look: FirstLook, response: Response) -> bool:

@@ -19,7 +19,7 @@ def mask_of(columns: Sequence[Column], output: Column | None) -> str | None:
     """
     conditions = []
     for column in columns:
-        name = _in_expression(column)
+        name = in_expression(column)
         if column.gaps:
             conditions.append(f"isnan({name})")
         if not column.codes:
@@ -40,11 +40,11 @@ def masked_outliers(output: Column) -> Iterable[Finding]:
     limit = None if output.period or output.kind != "numbers" else limit_of_ordinary(output.signal)
     if limit is not None:
         found, away = outliers_of(output.signal)
-        mask = f"abs({_in_expression(output)}) > {limit:g}"
+        mask = f"abs({in_expression(output)}) > {limit:g}"
         numbers = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8}
         yield Finding("outliers", output.name, numbers | {"mask": mask})
 
 
-def _in_expression(column: Column) -> str:
+def in_expression(column: Column) -> str:
     """The name of a column as a mask has it."""
     return column.name if re.fullmatch(r"[A-Za-z_]\w*", column.name) else f'"{column.name}"'

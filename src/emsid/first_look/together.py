@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,13 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.data_advice import FEWEST_SAMPLES, TOLERANCE, advice, opposite_signs, response_of
 from emsid.first_look.look import CONSTANT, FirstLook, describe
+from emsid.first_look.mends import joined
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.roles import find_roles
 from emsid.first_look.systems import Source, systems
 from emsid.io.columns import as_numbers
 from emsid.io.reading import read_columns
-from emsid.record import concatenate
+from emsid.record import Record, concatenate
 
 OF_ALL = frozenset(
     {
@@ -67,6 +69,14 @@ class Group:
         found = [f.data["input"] for look in self.looks for f in look.findings if _is_reversed(f)]
         return found[0] if len(found) == len(self.looks) else ""
 
+    @property
+    def mends(self) -> dict[str, Any]:
+        """The further arguments of `emsid.read` that any file needs, for all of them."""
+        every = {name: value for look in self.looks for name, value in look.mends.items()}
+        if "mask" in every:
+            every["mask"] = joined(look.mends["mask"] for look in self.looks if "mask" in look.mends)
+        return every
+
 
 def groups(looks: Sequence[FirstLook]) -> list[Group]:
     """The files for each command: of one system, read in the same way, and with responses of the same sign.
@@ -76,7 +86,7 @@ def groups(looks: Sequence[FirstLook]) -> list[Group]:
     """
     kinds: dict[tuple[str, int, bool], list[FirstLook]] = {}
     for look in looks:
-        if not look.useless:
+        if not (look.useless or look.copy_of):
             reverse = any(map(_is_reversed, look.findings))
             kinds.setdefault((look.kind, look.system, reverse), []).append(look)
     still = [look for look in looks if look.useless == {CONSTANT}]
@@ -139,8 +149,31 @@ def describe_files(
             file = next(path for path in paths if y.startswith(f"{path}:"))
             return [describe(file, tolerance=tolerance, **reading, input=u, output=y)], []
     looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
+    looks, equal = _without_copies(looks)
     looks, different = _told_apart(looks)
-    return looks, [*opposite_signs((look.name, look.response) for look in looks), *different]
+    return looks, [*equal, *opposite_signs((look.name, look.response) for look in looks), *different]
+
+
+def _without_copies(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:
+    """The looks, those at the samples of an earlier file marked, and a finding for each file that has copies."""
+    first: dict[bytes, FirstLook] = {}
+    copies: dict[str, list[str]] = {}
+    found = []
+    for look in looks:
+        original = look if look.record is None else first.setdefault(_samples(look.record), look)
+        if original is not look:
+            copies.setdefault(original.path, []).append(look.path)
+            look = replace(look, copy_of=original.path)
+        found.append(look)
+    return found, [Finding("files-equal", file, {"copies": others}) for file, others in copies.items()]
+
+
+def _samples(record: Record) -> bytes:
+    """The same for records of the same samples."""
+    digest = sha256(repr((record.dt, record.breaks, record.input.shape, record.output.shape)).encode())
+    for channels in (record.input, record.output):
+        digest.update(np.ascontiguousarray(channels).tobytes())
+    return digest.digest()
 
 
 def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:

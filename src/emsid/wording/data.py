@@ -275,13 +275,14 @@ def coarse_values(f: Finding, argument: Spelling) -> str:
 
 @words("values-cut-off", Severity.WARNING)
 def values_cut_off(f: Finding, argument: Spelling) -> str:
-    """Subject: the channel. Data: side, limit, unit, share."""
+    """Subject: the output. Data: side, limit, unit, share, mask (a condition; absent or empty where none is known)."""
     d = f.data
+    condition = f" {d['mask']!r}" if d.get("mask") else ""
     return (
         f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
         f"{100 * d['share']:.2g} % of the samples, as a "
-        "saturated sensor or command does; where the true value is unknown, leave these samples out with "
-        f"{argument('mask')}"
+        "saturated sensor does; where the true value is unknown, leave these samples out with "
+        f"{argument('mask')}{condition}"
     )
 
 

@@ -82,8 +82,16 @@ def data_detrended(f: Finding, argument: Spelling) -> str:
     order = f.data["order"]
     what = {0: "the mean", 1: "a line in time"}.get(order, f"a polynomial in time of order {order}")
     return (
-        f"{f.subject}: {what} of every channel was subtracted, so 0 is no longer rest; models with friction, dead zone "
-        f"or other static maps need the data without {argument('detrend')}"
+        f"{f.subject}: {what} of every channel was subtracted, so 0 is no longer rest; unless the output drifts, "
+        f"models with friction, dead zone or other static maps need the data without {argument('detrend')}"
+    )
+
+
+@words("files-equal", Severity.WARNING)
+def files_equal(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: copies (other files, or the same again)."""
+    return (
+        f"{f.subject} and {shortened(f.data['copies'])} have the same samples, which count once: only one is proposed"
     )
 
 
@@ -221,11 +229,12 @@ def isolated_values(f: Finding, argument: Spelling) -> str:
 
 @words("value-stuck", Severity.WARNING)
 def value_stuck(f: Finding, argument: Spelling) -> str:
-    """Subject: the column. Data: row, length, value."""
+    """Subject: the column. Data: row, length, value, mask (a condition; absent or empty where none is known)."""
     d = f.data
+    mask = f"{argument('mask')} {d['mask']!r}" if d.get("mask") else f"{argument('rows')} or {argument('mask')}"
     return (
         f"{f.subject} does not change from {d['value']:g} for {d['length']} rows, from data row {d['row']} on; if the "
-        f"sensor or the log stood still, leave them out with {argument('rows')} or {argument('mask')}"
+        f"sensor or the log stood still, leave them out with {mask}"
     )
 
 

@@ -127,8 +127,8 @@ def proposals(divided: "Sequence[Group]") -> list[list[str]]:
 
 
 def _turned(group: "Group") -> dict[str, Any]:
-    """The reading of files that are read alike, with the sign of the input turned where all answer against it."""
-    reading = dict(group.looks[0].reading)
+    """The reading of files that are read alike, with all mends, and the sign of an input that all answer against."""
+    reading = {**group.looks[0].reading, **group.mends}
     if group.against:
         scale = reading.get("scale", {})
         reading["scale"] = {**scale, group.against: -scale.get(group.against, 1)}

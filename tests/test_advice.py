@@ -723,7 +723,7 @@ def test_rest_is_judged_in_what_a_drift_leaves() -> None:
     u = U
     line = 40 * np.linspace(0, 1, len(u))
     noise = 0.1 * np.random.default_rng(11).standard_normal(len(u))
-    without, drifting = findings(u, dead(u, 2) + noise), findings(u, dead(u, 2) + noise + line)
+    without, drifting = findings(u, dead(u, 6) + noise), findings(u, dead(u, 6) + noise + line)
     assert "output-drifts" in drifting
     assert "output-drifts" not in without
     (rest,), (still,) = ([f.data for f in each.values() if "reversals" in f.data] for each in (without, drifting))

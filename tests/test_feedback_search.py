@@ -20,9 +20,10 @@ from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomi
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import choice, estimation, trials
+from emsid.models.feedback.search import choice, estimation, further_maps, trials
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
+from emsid.models.feedback.search.further_maps import maps_more, with_map_more
 from emsid.models.feedback.search.magnitudes import of_magnitudes
 from emsid.models.feedback.search.starts import started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
@@ -156,9 +157,9 @@ def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
 
 def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of all families, by default; the noise is what is left, on a new record too. No polynomial comes near it."""
-    tried, begin = [], choice._with_map
+    tried, begin = [], choice.with_map_more
     monkeypatch.setattr(
-        choice, "_with_map", lambda *given: (tried.append((given[1].model.states, given[2].name)), begin(*given))[1]
+        choice, "with_map_more", lambda *given: (tried.append((given[1].model.states, given[2].name)), begin(*given))[1]
     )
     fit = emsid.fit(emsid.feedback(maps=1, delay=0, oversampling=1), sticking(1))
     assert type(fit.model.maps[0]) in (DeadZone, Saturation)
@@ -244,7 +245,7 @@ def test_a_third_map_is_found() -> None:
     bench = Bench.of([record], FeedbackSearch(), FREE)
     begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
     assert begun.found.error > 0.015
-    (trial,) = choice._one_map_more(bench, begun, FeedbackSearch(), (("dead-zone", 0),))
+    (trial,) = maps_more(bench, [begun], FeedbackSearch(), (("dead-zone", 0),))
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
 
@@ -277,7 +278,7 @@ def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypat
         prefers = staticmethod(lambda trial, best: False)
         rejects = staticmethod(lambda simple, trial: trial is two and simple is straight and certain[0])
 
-    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: [two] if each is one else [])
+    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: [two] if one in models else [])
 
     def gone_on_from() -> Trial | None:
         contest = choice.Contest(Judge(), [one], straight)  # type: ignore[arg-type]
@@ -320,7 +321,25 @@ def test_a_map_is_added_to_a_model_once() -> None:
     record, begun = begun_trial(200)
     bench = Bench.of([record], FeedbackSearch(2), FREE)
     saturation = family_of("saturation")
-    assert choice._with_map(bench, begun.found, saturation, 0) is choice._with_map(bench, begun.found, saturation, 0)
+    assert with_map_more(bench, begun.found, saturation, 0) is with_map_more(bench, begun.found, saturation, 0)
+
+
+def test_the_better_half_of_the_starts_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In their order, from the third map on; one that gains nothing is left out, unless the number of maps is given."""
+    record, begun = begun_trial(200)
+    two = scaled_trial(1.0, maps=2)
+    bench = Bench.of([record], FeedbackSearch(2), FREE)
+    families = [family_of(name) for name in ("polynomial", "two-slopes", "dead-zone", "saturation")]
+    errors = (0.5, 0.995, 0.2, 1.1)
+    starts = [
+        further_maps.Start(begun.found, scaled_trial(error).found, family, 0, scaled_trial(1.0).found.error)
+        for family, error in zip(families, errors, strict=True)
+    ]
+    monkeypatch.setattr(further_maps, "_starts", lambda *_: starts)
+    monkeypatch.setattr(further_maps, "_refined", lambda bench, start: start.family.name)
+    assert [*maps_more(bench, [begun], FeedbackSearch(2), ())] == ["polynomial", "dead-zone"]
+    assert [*maps_more(bench, [two], FeedbackSearch(2), ())] == ["dead-zone"]
+    assert [*maps_more(bench, [two], FeedbackSearch(2, maps=3), ())] == ["polynomial", "dead-zone"]
 
 
 def test_maps_are_added_to_two_models_at_a_time_in_long_records(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,7 +350,7 @@ def test_maps_are_added_to_two_models_at_a_time_in_long_records(monkeypatch: pyt
     def added(threads: int) -> list[float]:
         bench = Bench.of([record], FeedbackSearch(2), FREE)
         assert bench.threads == threads
-        found = choice._maps_more(bench, models, FeedbackSearch(2, maps=2), (("dead-zone", 0), ("polynomial", 3)))
+        found = maps_more(bench, models, FeedbackSearch(2, maps=2), (("dead-zone", 0), ("polynomial", 3)))
         return [each.found.error for each in found]
 
     alone = added(1)
@@ -355,7 +374,7 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
         scaled_trial(4.0, maps=2),
     )
     found = {1: [second], 2: [third]}
-    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: found[len(each.found.model.maps)])
+    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: found[len(models[0].found.model.maps)])
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
     assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
     found[1] = [idle]
@@ -421,7 +440,7 @@ def test_no_map_is_added_to_noise() -> None:
     found = searched(truth, bench.segments(truth), 0, 5)
     trial = bench.judged(found, family_of("polynomial"), 3)
     assert bench.leaves_noise(trial)
-    assert not list(choice._one_map_more(bench, trial, FeedbackSearch(), choice.PLAIN.more))
+    assert not list(maps_more(bench, [trial], FeedbackSearch(), choice.PLAIN.more))
     linear = bench.linear(2, Steps(1, False), 0)
     assert bench.more_than_noise(linear)
     assert not bench.leaves_noise(replace(trial, found=linear))
@@ -484,7 +503,7 @@ def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkey
     record = Record(u, linear.output(u, np.zeros(1)) + 0.1 * rng.normal(size=len(u)), DT)
     bench = Bench.of([record], FeedbackSearch(), FREE)
     straight = bench.judged(bench.linear(1, Steps(1, False), 0), family_of("spline"), 0)
-    bent = choice._with_map(bench, straight.found, family_of("polynomial"), 5)
+    bent = with_map_more(bench, straight.found, family_of("polynomial"), 5)
     assert bent.found.error < straight.found.error
     assert bent.parameters * trials.PER_PARAMETER > len(u)
     assert not bench.prefers(bent, straight)

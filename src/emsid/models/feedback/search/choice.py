@@ -29,19 +29,17 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.threads import in_threads
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.search.further_maps import ORDINALS, Maps, maps_more, usual_size, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
-from emsid.models.feedback.search.starts import with_family, with_one_map_more, with_product
+from emsid.models.feedback.search.starts import with_family, with_product
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
-Maps = tuple[tuple[str, int], ...]
-"""Names of families and their sizes."""
 
 # Orders that are tried, if none is given, and before a sensor that loses the sign; the order of the linear models that
 # show a delay.
@@ -49,14 +47,11 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 HOPELESS = 2.0
-# A further map takes at least this many samples for every knot, or degree.
-PER_KNOT = 20
 # Models with equally many maps that a further one is added to, where they are compared over at most so many samples;
 # over more it is one, as many independent errors tell models apart and every search takes long.
 EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
-ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 MOST_MAPS = max(ORDINALS)
 
 
@@ -151,7 +146,7 @@ def _better_than_linear(contest: Contest, beside: Trial, with_map: Trial, settin
 def _second_maps(contest: Contest, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With two maps, where the best model with one map may be better than the linear one."""
     if (settings.maps or MOST_MAPS) > 1 and contest.bench.may_be_better(best, contest.best):
-        yield from _maps_more(contest.bench, _to_extend(contest.tried, best, 1), settings, PLAIN.more)
+        yield from maps_more(contest.bench, _to_extend(contest.tried, best, 1), settings, PLAIN.more)
 
 
 @dataclass(eq=False)
@@ -205,7 +200,7 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         extended = _to_extend(contest.tried, before, number - 1)
-        yield from contest.entered(_maps_more(contest.bench, extended, settings, maps))
+        yield from contest.entered(maps_more(contest.bench, extended, settings, maps))
         if number == 2 and maps is PLAIN.more and before.family is not MAGNITUDE:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
@@ -343,7 +338,7 @@ def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -
         if family.name == RESERVE and (better or not bench.more_than_noise(found)):
             break
         with suppress(EmsidError):
-            trials.append(_with_map(bench, found, family, size))
+            trials.append(with_map_more(bench, found, family, size))
     return trials
 
 
@@ -352,37 +347,6 @@ def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
     if settings.static:
         return [(settings.static, settings.size)]
     return [(family_of(name), size) for name, size in FIRST]
-
-
-def _with_map(bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False) -> Trial:
-    """The trial with one map more, in the directions that explain most.
-
-    Args:
-        bench: the data.
-        found: the model without it.
-        family, size: of the map.
-        hold_signals: whether those of products are held while directions are compared.
-
-    Raises:
-        ModelError: if all directions diverge.
-    """
-    model, size = found.model, _size(family, size)
-    known = bench.extended.get((id(found), family.name, size, hold_signals))
-    if known is not None:
-        return known
-    segments, ways = bench.segments(model), bench.directions(found)
-    start = with_one_map_more(found, segments, model.edge, family, size, ways, 10, bench.control, hold_signals)
-    if start is None:
-        raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
-    states = start.states if len(start.states) == len(segments) else None
-    trial = bench.refined(start.model, states, family, size)
-    bench.extended[id(found), family.name, size, hold_signals] = trial  # its directions keep this model
-    return trial
-
-
-def _size(family: Family, size: int) -> int:
-    """The given number of knots or degree, or the first that the family tries."""
-    return size or (family.sizes[0] if family.sizes else 0)
 
 
 def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -402,7 +366,7 @@ def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
     def trial(order: int, held: bool) -> Trial | None:
         bench.control.doing(f"two steps per sample, order {order}")
         with suppress(EmsidError):
-            return _with_map(bench, bench.linear(order, Steps(2, held), delay), best.family, best.size)
+            return with_map_more(bench, bench.linear(order, Steps(2, held), delay), best.family, best.size)
         return None
 
     ways = (False, True) if settings.held is None else (settings.held,)
@@ -432,36 +396,8 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, familie
             continue
         bench.control.doing(f"map: {name}")
         with suppress(EmsidError):
-            start, states = with_family(best.found, bench.shown, family, _size(family, size))
+            start, states = with_family(best.found, bench.shown, family, usual_size(family, size))
             yield bench.refined(start, states, family, size)
-
-
-def _maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
-    """Each of several models with a map more, in their order."""
-    if bench.threads > 1:  # in one order: random ones are among the directions
-        for each in models:
-            bench.directions(each.found)
-    with in_threads(bench.threads) as in_turn:
-        for trials in in_turn(lambda each: [*_one_map_more(bench, each, settings, maps)], models):
-            yield from trials
-
-
-def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
-    """With a map more, where samples suffice for it and more than noise is left."""
-    samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
-    if settings.maps is None and not bench.more_than_noise(best.found):
-        return
-    names = [(family_of(name), size) for name, size in maps]
-    if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
-        names = [(family_of("saturation"), 0)]
-    elif settings.static is not None:
-        names = [(best.family, best.size)]
-    for family, size in names:
-        if settings.maps is None and samples < PER_KNOT * _size(family, size):
-            continue
-        bench.control.doing(f"{ORDINALS[number]} map: {family.name}")
-        with suppress(EmsidError):
-            yield _with_map(bench, best.found, family, size)
 
 
 def _products(contest: Contest, single: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -496,4 +432,4 @@ def _with_product(bench: Bench, linear: Found) -> Iterator[Trial]:
         yield bench.refined(found.model, found.states, MULTIPLIED, 0)
     for family in BESIDE_PRODUCT:
         with suppress(EmsidError):
-            yield _with_map(bench, found, family, 0, True)
+            yield with_map_more(bench, found, family, 0, True)

@@ -124,20 +124,25 @@ def with_one_map_more(
         hold_signals: see `searched`.
     """
     best: Found | None = None
-    every = max(1, round(sum(len(y) for _, y in segments) / REFINED_ON))
+    parts = share_of(segments)
     for direction in directions:
         start = _joined(found, segments, direction, family, size)
         if start is None:
             continue
         try:
-            parts, states = segments[::every], start[1][::every]
-            new = searched(start[0], parts, transient, steps, 0.1, control, 1e-3, states, hold_signals)
+            states = start[1][parts]
+            new = searched(start[0], segments[parts], transient, steps, 0.1, control, 1e-3, states, hold_signals)
         except EmsidError:
             continue
         if best is None or new.error < best.error:
             best = new
         control.check()
     return best
+
+
+def share_of(segments: Segments) -> slice:
+    """The segments that maps in several directions are refined on."""
+    return slice(None, None, max(1, round(sum(len(y) for _, y in segments) / REFINED_ON)))
 
 
 def with_product(

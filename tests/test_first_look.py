@@ -310,7 +310,7 @@ def test_white_noise_has_no_command(run: Run, write: Write) -> None:
 
 
 def test_a_record_of_opposite_sign_among_others(write: Write) -> None:
-    paths = [write({"t": T, "u": U, "y": sign * Y}, f"{k}.csv") for k, sign in enumerate((1, -1, 1))]
+    paths = [write({"t": T, "u": U, "y": sign * Y + 0.01 * k}, f"{k}.csv") for k, sign in enumerate((1, -1, 1))]
     (finding,) = describe_files(paths)[1]
     assert (finding.code, finding.data) == ("records-of-opposite-sign", {"records": ["1.csv"], "of": 3})
     assert describe_files(paths[::2])[1] == []

@@ -252,15 +252,21 @@ def test_a_controller_and_a_sampled_sine_act_in_no_row_before_theirs(write: Writ
         assert "command-before-its-row" not in codes(describe(write({"t": T, **columns})))
 
 
-def test_a_mask_leaves_out_the_stuck_and_the_cut_off_samples_only(write: Write) -> None:
+def test_a_mask_leaves_out_the_stuck_samples_only(write: Write) -> None:
     stuck = np.round(Y, 3)
     stuck[400:520] = stuck[400]
     look = describe(write({"t": T, "u": U, "y (rpm)": stuck}))
     record = emsid.read(look.path, **{**look.reading, **look.mends})
     assert look.record is not None
     assert len(look.record) - len(record) == 120
+
+
+def test_samples_at_a_limit_stay_in_and_their_mask_is_named(write: Write) -> None:
+    """A tank that overflows stands at its limit, too; without these samples its model would not."""
     cut = np.clip(Y, -30, 50)
     look = describe(write({"t": T, "u": U, "y (rpm)": cut}), scale={"y (rpm)": -1.0})
-    record = emsid.read(look.path, **{**look.reading, **look.mends})
     assert look.record is not None
-    assert (look.mends["mask"], len(look.record) - len(record)) == ('"y (rpm)" <= -30', np.sum(cut == -30))
+    assert not look.mends
+    (mask,) = (each.data["mask"] for each in look.findings if each.code == "values-cut-off")
+    record = emsid.read(look.path, **{**look.reading, "mask": mask})
+    assert (mask, len(look.record) - len(record)) == ('"y (rpm)" <= -30', np.sum(cut == -30))

@@ -1,7 +1,9 @@
 """What the proposed command does about samples that are no measurements, and about a drift.
 
-A model of a sensor at its limit, of a sensor that stood still, or of a drift is a model of something else: without
-these samples, or without the line, the error of all kinds of models on other records is smaller.
+A model of a sensor that stood still, or of a drift, is a model of something else: without these samples, or without the
+line, the error of all kinds of models on other records is smaller. An output at its limit stays in: a sensor may be
+saturated, but a tank that overflows or an axis at its stop shows what the system does, and a model without these
+samples has several times the error. The finding names the mask.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.masks import in_expression
 
+STUCK = "value-stuck"
+"""The finding whose samples the command leaves out."""
 EXTRA = 0.1
 """A value occurs elsewhere too where its count exceeds the length of a stuck stretch by more than this share."""
 LEAST = 0.5
@@ -37,7 +41,7 @@ def mends(findings: Iterable[Finding], columns: Sequence[Column], mask: str) -> 
     for finding in findings:
         if finding.code in _CONDITIONS and finding.subject in named:
             condition = _CONDITIONS[finding.code](finding, named[finding.subject])
-            conditions += [condition] if condition else []
+            conditions += [condition] if condition and finding.code == STUCK else []
             finding = replace(finding, data={**finding.data, "mask": condition})
         elif finding.code == "output-drifts":
             read["detrend"] = 1
@@ -74,4 +78,4 @@ def _exact(number: float) -> str:
     return repr(number).removesuffix(".0")
 
 
-_CONDITIONS = {"value-stuck": _stuck, "values-cut-off": _cut_off}
+_CONDITIONS = {STUCK: _stuck, "values-cut-off": _cut_off}

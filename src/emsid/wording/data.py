@@ -280,9 +280,8 @@ def values_cut_off(f: Finding, argument: Spelling) -> str:
     condition = f" {d['mask']!r}" if d.get("mask") else ""
     return (
         f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
-        f"{100 * d['share']:.2g} % of the samples, as a "
-        "saturated sensor does; where the true value is unknown, leave these samples out with "
-        f"{argument('mask')}{condition}"
+        f"{100 * d['share']:.2g} % of the samples; if the sensor is saturated there, leave these samples out with "
+        f"{argument('mask')}{condition}; keep them if the system itself stops there, as at an end stop or an overflow"
     )
 
 

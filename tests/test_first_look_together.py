@@ -94,3 +94,10 @@ def test_the_command_mends_what_the_files_need(write: Write) -> None:
     given = describe(paths[1], mask="y > 19")
     assert (given.mends, given.reading["mask"]) == ({}, "y > 19")
     assert describe(paths[0]).mends == {}
+
+
+def test_a_drift_is_subtracted_beside_a_mask_of_the_user(write: Write) -> None:
+    u = np.repeat(np.random.default_rng(3).integers(-10, 11, 400).astype(float), 10)
+    y = signal.lfilter([0.0, 0.5], [1.0, -0.9], u) + np.linspace(0, 100, len(u))
+    path = write({"t": 0.01 * np.arange(len(u)), "u": u, "y": y})
+    assert describe(path).mends == describe(path, mask="u > 100").mends == {"detrend": 1}

@@ -252,9 +252,8 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})
         return _with_record(look, parsed, noticed, given | {"shift"})
     findings = [*record.findings, *noticed, *advice(record, found, look.tolerance)]
-    further: dict[str, Any] = {}
-    if "mask" not in given:
-        findings, further = mends(findings, look.columns, look.reading.get("mask", ""))
+    masked = () if "mask" in given else look.columns
+    findings, further = mends(findings, masked, look.reading.get("mask", ""))
     return replace(look, mends=further, record=record, response=found, findings=tuple(findings))
 
 

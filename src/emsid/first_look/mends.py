@@ -31,7 +31,7 @@ def mends(findings: Iterable[Finding], columns: Sequence[Column], mask: str) -> 
 
     Args:
         findings: about a record.
-        columns: that it may be read from.
+        columns: that new masks may be about.
         mask: with which it is read; it is a part of the new one.
     """
     named = {column.name: column for column in columns if column.kind == "numbers" and not column.period}

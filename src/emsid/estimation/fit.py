@@ -29,6 +29,11 @@ class Ending(Enum):
     OUT_OF_BUDGET = "out of budget"  # iterations or time ran out
     INTERRUPTED = "interrupted"  # cancelled by the user; the best estimate so far is kept
 
+    @property
+    def before_minimum(self) -> bool:
+        """Whether a search ended where the cost could still be lowered."""
+        return self in (Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Presented, Generic[M]):
@@ -96,7 +101,7 @@ class Fit(Presented, Generic[M]):
 
         Elsewhere the covariance says how flat the cost is there, and not how far away the minimum is.
         """
-        return self.has_intervals and self.ending not in (Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED)
+        return self.has_intervals and not self.ending.before_minimum
 
     @property
     def status(self) -> str:

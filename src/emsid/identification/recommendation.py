@@ -19,7 +19,6 @@ from emsid.first_look.data_advice import advice, response_of
 from emsid.first_look.dynamics import Response
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared
-from emsid.identification.verdict import UNFINISHED
 from emsid.record import Record
 from emsid.selection.improvement import better, equivalent, simplest
 from emsid.validation.comparison import Comparison
@@ -117,7 +116,7 @@ def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> d
     return {
         "instead_of": smallest.name,
         "because": {"code": against[0].code, **against[0].data} if against else None,
-        "unfinished": smallest.fit.ending in UNFINISHED,
+        "unfinished": smallest.fit.ending.before_minimum,
         "ratio": float(np.sqrt(own.left_out.mean / smallest.left_out.mean)),
         "same_in": _same_in(own, smallest),
         "parameters": [own.size, smallest.size],

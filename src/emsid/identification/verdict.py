@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from emsid.estimation.fit import Ending
 from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
@@ -41,7 +40,6 @@ LEFT = 0.5
 """A model lacks something if another one leaves less than this share of its squared error on unseen data."""
 CONCENTRATED = 0.5
 """The share of the squared error in one of the stretches above which the error is in this stretch."""
-UNFINISHED = {Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED}
 
 Reason = dict[str, Any]
 UNTESTED: Reason = {"code": "residual-untested"}
@@ -101,7 +99,7 @@ def _verdict(
     if not any(each["test"] == "past-inputs" for each in tests):
         tested.append(UNTESTED)
     limits = [] if useless else [*_poor(unseen, fitted), *tested, *other, *_disagreements(unseen, fitted)]
-    if unseen.fit.ending in UNFINISHED:
+    if unseen.fit.ending.before_minimum:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
     data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}
     if useless:

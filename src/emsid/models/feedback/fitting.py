@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
@@ -252,7 +252,7 @@ def searched(
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)
         states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
-        converged = minimum.ending in (Ending.CONVERGED, Ending.RANK_DEFICIENT)
+        converged = not minimum.ending.before_minimum
         short = minimum.iterations < STEPS and not least_saving  # other coordinates may save more again
         slow = minimum.cost > (1 - SAVED) * cost or short
         found = Found(model, states, minimum, converged or slow or control.ending is not None)

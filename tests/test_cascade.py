@@ -12,7 +12,8 @@ from scipy.signal import firwin, resample_poly
 from cascade_examples import CASCADES, FAST, SLOW, excitation, record_of
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import is_stable
-from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.nonlinear.losses import SQUARES
+from emsid.estimation.nonlinear.problem import Infeasible, linearised
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, freedom
@@ -60,6 +61,42 @@ def test_the_free_coordinates_are_differentiated_exactly(name: str) -> None:
         above, below = problem.residuals(theta + move), problem.residuals(theta - move)
         for (_, jacobian), a, b in zip(blocks, above, below, strict=True):
             np.testing.assert_allclose(jacobian[:, k], (a - b) / 2e-6, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CASCADES)
+def test_given_states_leave_their_columns_out(name: str) -> None:
+    cascade, u = unit_gain(CASCADES[name]), excitation(120)
+    segments = ((u, u), (u[::-1].copy(), u))
+    problem = FreeRun(cascade, freedom(cascade), segments, 5)
+    held = replace(problem, given=problem.starting_states())
+    count = len(problem.freedom.free)
+    assert len(problem.start) == count + 2 * cascade.states
+    assert np.array_equal(held.start, problem.start[:count])
+    for (r, jacobian), (same, part) in zip(problem.linearised(problem.start), held.linearised(held.start), strict=True):
+        assert np.array_equal(r, same)
+        assert np.array_equal(jacobian[:, :count], part)
+
+
+def test_threads_that_share_segments_change_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emsid.models.blocks.fitting.SHARED_SAMPLES", 0)
+    cascade, u = unit_gain(CASCADES["wiener-hammerstein"]), excitation(150)
+    one = FreeRun(cascade, freedom(cascade), tuple((np.roll(u, k), u) for k in range(7)), 5)
+    two, every = replace(one, threads=2), np.arange(len(one.start))
+    for r, same in zip(one.residuals(one.start), two.residuals(one.start), strict=True):
+        assert np.array_equal(r, same)
+    here, there = (linearised(each, one.start, every, SQUARES) for each in (one, two))
+    assert np.array_equal(here.information.factor, there.information.factor)
+    assert here.cost == there.cost
+
+
+def test_columns_that_are_zero_are_left_out_of_no_information() -> None:
+    cascade, u = unit_gain(CASCADES["wiener-hammerstein"]), excitation(150)
+    problem = FreeRun(cascade, freedom(cascade), ((u, u), (-u, u)), 5)
+    found = linearised(problem, problem.start, np.arange(1, len(problem.start)), SQUARES)
+    blocks = found.blocks()
+    rows = np.concatenate([np.column_stack([jacobian[:, 1:], -r]) for r, jacobian in blocks])
+    size = np.abs(rows.T @ rows).max()
+    np.testing.assert_allclose(found.information.factor.T @ found.information.factor, rows.T @ rows, atol=1e-12 * size)
 
 
 def test_a_derivative_uses_the_run_of_the_residual_before_it(monkeypatch: pytest.MonkeyPatch) -> None:

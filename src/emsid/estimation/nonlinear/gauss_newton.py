@@ -57,7 +57,16 @@ from emsid.estimation.nonlinear.box import Box
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
-from emsid.estimation.nonlinear.problem import Array, Block, Indices, Infeasible, Problem, cost, linearised, trial_cost
+from emsid.estimation.nonlinear.problem import (
+    Array,
+    Indices,
+    Infeasible,
+    Linearised,
+    Problem,
+    cost,
+    linearised,
+    trial_cost,
+)
 from emsid.estimation.nonlinear.smoothing import NONE, Penalty, Smoothing, chosen_weights
 from emsid.estimation.nonlinear.steps import bounded_step, promised, relative_offset
 from emsid.findings import Finding
@@ -85,14 +94,18 @@ class _Point:
     """A θ with its cost and its linearisation."""
 
     theta: Array
-    cost: float
-    blocks: Sequence[Block]
+    linearised: Linearised
     information: Information  # of the parameters that are not fixed, with the penalty
     lengths: Array  # of the columns of √w·J, without the penalty
     weights: Array  # of the penalties
     most: Array  # the largest weights that they may have
     independent: float  # effective samples of the residual, the most so far
     penalty: Penalty  # all of them together, with their weights
+
+    @property
+    def cost(self) -> float:
+        """The cost without the penalty."""
+        return self.linearised.cost
 
     @property
     def penalised_cost(self) -> float:
@@ -239,16 +252,17 @@ class _Search:
 
         The number of independent samples that the residual is worth never falls, so that the search settles.
         """
-        value, blocks, information = linearised(self.problem, theta, self.box.varied, self.loss)
+        here = linearised(self.problem, theta, self.box.varied, self.loss)
+        information = here.information
         penalties = self.smoothing.penalties
         if penalties:
-            independent = max(independent, self.smoothing.samples([r for r, _ in blocks]))
+            independent = max(independent, self.smoothing.samples(here.residuals))
             likely = chosen_weights(penalties, information, theta, self.box.varied, weights, independent)
             weights = np.minimum(likely, most)
         penalty = Penalty.weighted(penalties, weights, len(theta))
         lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
         information = penalty.added(information, theta, self.box.varied)
-        return _Point(theta, value, blocks, information, lengths, weights, most, independent, penalty)
+        return _Point(theta, here, information, lengths, weights, most, independent, penalty)
 
     def lower(self, iterate: _Iterate) -> tuple[Array | None, float]:
         """A θ with a lower cost, or where the change is rounding, and the next damping; None if no step leads there."""
@@ -425,10 +439,11 @@ def _conclude(
         findings.append(Finding("parameter-at-bound", labels[k], {"side": side, "bound": float(theta[k])}))
     white = robust = np.diag(np.full(len(columns), np.inf))
     if loss is not None:
+        blocks = point.linearised.blocks()
         white, robust = covariance_matrices(
-            point.blocks, columns, solution, loss, point.penalty.rows, point.independent, check
+            blocks, columns, solution, loss, point.penalty.rows, point.independent, check
         )
-    residuals = tuple(r for r, _ in point.blocks)
+    residuals = point.linearised.residuals
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
     determined = columns[np.isfinite(np.diag(solution.covariance))]

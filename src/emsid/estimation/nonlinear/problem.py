@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Generic, Protocol, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,60 @@ class Problem(Protocol):
         ...
 
 
+class Columns(NamedTuple):
+    """A residual and the columns of its derivative that are not zero.
+
+    Attributes:
+        residual: (N,) r.
+        rows: (k, N) derivatives; those that are no columns are not used.
+        which: (m,) the rows that are columns.
+        of: (m,) the parameters of these columns.
+    """
+
+    residual: Array
+    rows: Array
+    which: Indices
+    of: Indices
+
+    def block(self, parameters: int) -> Block:
+        """The residual with the whole derivative (N, p)."""
+        whole = np.zeros((parameters, len(self.residual)))
+        whole[self.of] = self.rows[self.which]
+        return self.residual, whole.T
+
+
+class SparseProblem(ABC):
+    """A `Problem` over several experiments that each have parameters of their own, such as initial states."""
+
+    @abstractmethod
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        """As in `Problem`."""
+
+    @abstractmethod
+    def columns(self, theta: Array) -> Iterable[Columns]:
+        """The residual and its derivative for every experiment, computed when it is asked for."""
+
+    def linearised(self, theta: Array) -> list[Block]:
+        """As in `Problem`."""
+        return [each.block(len(theta)) for each in self.columns(theta)]
+
+
+class Linearised(NamedTuple):
+    """A problem at one θ.
+
+    Attributes:
+        cost: V(θ).
+        residuals: (Nᵢ,) of every experiment.
+        information: of the parameters that are not fixed.
+        blocks: gives the residuals with their whole derivatives; those of a sparse problem are computed again.
+    """
+
+    cost: float
+    residuals: tuple[Array, ...]
+    information: Information
+    blocks: Callable[[], Sequence[Block]]
+
+
 class LastRun(Generic[Run]):
     """The run of a model at the last θ, kept for the derivative that follows its residual."""
 
@@ -61,10 +117,8 @@ class LastRun(Generic[Run]):
         return kept[1]
 
 
-def linearised(
-    problem: Problem, theta: Array, varied: Indices, loss: Loss
-) -> tuple[float, tuple[Block, ...], Information]:
-    """V(θ), the residuals with their derivatives and the information at θ, where the residual exists.
+def linearised(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> Linearised:
+    """A problem at a θ where the residual exists.
 
     Args:
         problem: residuals and their derivative.
@@ -76,19 +130,20 @@ def linearised(
         Infeasible: for a derivative that is too large.
         ModelError: for a derivative that is not finite or of another shape.
     """
-    blocks = tuple(problem.linearised(theta))
-    information = Information.empty(len(varied))
-    total = 0.0
-    for residual, jacobian in blocks:
-        if residual.ndim != 1 or jacobian.shape != (len(residual), len(theta)):
-            raise ModelError(
-                f"a residual of shape {residual.shape} with a derivative of shape {jacobian.shape}; for "
-                f"{len(theta)} parameters give (N,) and (N, {len(theta)})"
-            )
-        # Initial states of other segments have derivatives of zero, which need not be reduced.
-        own = np.flatnonzero((jacobian.T != 0).any(axis=1)[varied]) if len(blocks) > 1 else np.arange(len(varied))
+    blocks: Callable[[], Sequence[Block]]
+    if isinstance(problem, SparseProblem):
+        every, blocks = problem.columns(theta), partial(problem.linearised, theta)
+    else:
+        known = problem.linearised(theta)
+        every, blocks = (_columns(each, len(theta)) for each in known), lambda: known
+    place = np.full(len(theta), -1)
+    place[varied] = np.arange(len(varied))
+    information, total, residuals = Information.empty(len(varied)), 0.0, []
+    for residual, rows, which, of in every:
+        own = place[of]
+        which, own = which[own >= 0], own[own >= 0]
         columns = np.empty((len(own) + 1, len(residual)))
-        np.take(jacobian.T, varied[own], axis=0, out=columns[:-1], mode="clip")  # the default mode copies once more
+        np.take(rows, which, axis=0, out=columns[:-1], mode="clip")  # the default mode copies once more
         columns[-1] = -residual
         if loss is not SQUARES:
             columns *= np.sqrt(loss.weight(residual))
@@ -99,9 +154,26 @@ def linearised(
             information.add_columns(columns) if len(own) == len(varied) else information.add_part(own, columns)
         )
         total += float(np.sum(loss.cost(residual)))
+        residuals.append(residual)
     if not np.abs(information.factor).max(initial=0.0) < LARGEST:  # also where it is not a number
         raise Infeasible("the derivative is too large; scale the channels or choose a smaller order")
-    return total, blocks, information
+    return Linearised(total, tuple(residuals), information, blocks)
+
+
+def _columns(block: Block, parameters: int) -> Columns:
+    """The residual and the columns of a derivative.
+
+    Raises:
+        ModelError: for a derivative of another shape.
+    """
+    residual, jacobian = block
+    if residual.ndim != 1 or jacobian.shape != (len(residual), parameters):
+        raise ModelError(
+            f"a residual of shape {residual.shape} with a derivative of shape {jacobian.shape}; for "
+            f"{parameters} parameters give (N,) and (N, {parameters})"
+        )
+    which = np.flatnonzero((jacobian.T != 0).any(axis=1))
+    return Columns(residual, jacobian.T, which, which)
 
 
 def cost(problem: Problem, theta: Array, loss: Loss) -> float:

@@ -222,22 +222,24 @@ class Cascade(OneChannelMethods):
         """(N,) the output, from the result of `signals`."""
         return signals[-1][:: self.oversampling] + self.output_offset
 
-    def gradient(self, signals: Sequence[Array]) -> Array:
+    def gradient(self, signals: Sequence[Array], states: bool = True) -> Array:
         """(p + s, N) the derivative of the output with respect to parameters and initial states.
 
         Args:
             signals: the result of `signals`.
+            states: False leaves the initial states out, (p, N).
         """
         samples, count = len(signals[0]), len(self.parameters)
-        rows = np.empty((count + self.states, samples))
+        rows = np.empty((count + self.states * states, samples))
         rows[count - 2] = -1.0
         state = count
         for block, span, x, y in zip(self.blocks, self.spans, signals[:-1], signals[1:], strict=True):
             for before in (slice(0, span.start), slice(count - 2, count - 1), slice(count, state)):
                 block.push(x, rows[before])
             rows[span] = block.gradient(x, y)
-            rows[state : state + block.states] = block.state_gradient(samples)
-            state += block.states
+            if states:
+                rows[state : state + block.states] = block.state_gradient(samples)
+                state += block.states
         rows[count - 1] = 1.0
         return rows[:, :: self.oversampling]
 

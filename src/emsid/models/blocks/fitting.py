@@ -10,11 +10,11 @@ option, the first samples are left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypedDict, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,10 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
-from emsid.estimation.nonlinear.problem import LastRun
+from emsid.estimation.nonlinear.problem import Columns, LastRun, SparseProblem
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
+from emsid.estimation.threads import short_tasks
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
@@ -40,9 +41,12 @@ from emsid.models.terms import check_whole
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 # Samples that the curvature of the cost due to model error is estimated from.
 CURVATURE_SAMPLES = 5_000
+# Fewer samples in all segments are computed in one thread.
+SHARED_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +129,10 @@ def fixed_in(fit: Fit[Cascade]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class FreeRun:
+class FreeRun(SparseProblem):
     """The free-run residuals of a cascade over several segments, as a `Problem` for `gauss_newton`.
 
-    The parameters are φ (f,) and then the initial states (s,) of every segment.
+    The parameters are φ (f,) and then the initial states (s,) of every segment, unless these are given.
 
     Attributes:
         cascade: of unit gain.
@@ -136,6 +140,8 @@ class FreeRun:
         segments: (u, y) of each.
         transient: samples at the start of every segment that are left out of the residual.
         weightings: of every segment after the transient, for a residual that noise before the map makes coloured.
+        given: the initial states (s,) of every segment; None estimates them.
+        threads: that share the segments, where these are long.
     """
 
     cascade: Cascade
@@ -143,18 +149,27 @@ class FreeRun:
     segments: Segments
     transient: int
     weightings: tuple[Weighting, ...] = ()
+    given: tuple[Array, ...] | None = None
+    threads: int = 1
     _last: LastRun[tuple[Cascade, list[list[Array]]]] = field(default_factory=LastRun, init=False, repr=False)
 
     @cached_property
     def start(self) -> Array:
-        """φ₀, and the initial states of a free run."""
-        states = [self.cascade.starting(u, y[: self.cascade.memory], quick=True) for u, y in self.segments]
-        return np.concatenate([self.freedom.start[self.freedom.free], *states])
+        """φ₀, and the initial states of a free run if they are estimated."""
+        return self.at_start(() if self.given else self.starting_states())
+
+    def at_start(self, states: Sequence[Array]) -> Array:
+        """φ₀, and initial states (s,) of every segment if they are estimated."""
+        return np.concatenate([self.freedom.start[self.freedom.free], *(() if self.given else states)])
+
+    def starting_states(self) -> tuple[Array, ...]:
+        """(s,) the initial states of a free run of the cascade, for every segment."""
+        return tuple(self.cascade.starting(u, y[: self.cascade.memory], quick=True) for u, y in self.segments)
 
     @cached_property
     def penalties(self) -> tuple[Penalty, ...]:
         """On the roughness of every map that has one, in (φ, states)."""
-        count, free = self.cascade.states * len(self.segments), self.freedom.free
+        count, free = len(self.start) - len(self.freedom.free), self.freedom.free
         found = []
         for block, span in zip(self.cascade.blocks, self.cascade.spans, strict=True):
             rows = block.roughness() if isinstance(block, StaticMap) else None
@@ -192,24 +207,29 @@ class FreeRun:
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
         model, runs = self._run(theta)
-        errors = [(model.sampled(run) - y)[self.transient :] for run, (_, y) in zip(runs, self.segments, strict=True)]
-        return [self._weighted(k, error[None])[0] for k, error in enumerate(errors)] if self.weightings else errors
 
-    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
-        """Residual and derivative, per segment; the derivative with respect to the states of other segments is zero."""
-        count, (model, runs) = len(self.freedom.free), self._run(theta)
-        parameters, blocks = len(self.freedom.start), []
-        for k, (signals, (_, y)) in enumerate(zip(runs, self.segments, strict=True)):
-            rows = model.gradient(signals)
+        def residual(k: int) -> Array:
+            error = (model.sampled(runs[k]) - self.segments[k][1])[self.transient :]
+            return self.weightings[k].whitened(error[None])[0] if self.weightings else error
+
+        return list(self._of_each(residual))
+
+    def columns(self, theta: Array) -> Iterator[Columns]:
+        """Residual and derivative, per segment."""
+        model, runs = self._run(theta)
+        free, parameters = self.freedom.free, len(self.freedom.start)
+
+        def of_segment(k: int) -> Columns:
+            rows = model.gradient(runs[k], states=not self.given)
             self.freedom.tie(rows)
-            own = rows[np.append(self.freedom.free, np.arange(parameters, len(rows))), self.transient :]
-            error = (model.sampled(signals) - y)[self.transient :]
+            error, rows = (model.sampled(runs[k]) - self.segments[k][1])[self.transient :], rows[:, self.transient :]
             if self.weightings:
-                error, own = self._weighted(k, error[None])[0], self._weighted(k, own)
-            derivative, first = np.zeros((len(theta), len(error))), count + k * model.states
-            derivative[:count], derivative[first : first + model.states] = own[:count], own[count:]
-            blocks.append((error, derivative.T))
-        return blocks
+                error, rows = self.weightings[k].whitened(error[None])[0], self.weightings[k].whitened(rows)
+            states = np.arange(len(rows) - parameters)
+            which = np.append(free, parameters + states)
+            return Columns(error, rows, which, np.append(np.arange(len(free)), len(free) + k * len(states) + states))
+
+        yield from self._of_each(of_segment)
 
     def states(self, theta: Array) -> list[Array]:
         """(s,) the initial states of every segment."""
@@ -225,14 +245,20 @@ class FreeRun:
         def run() -> tuple[Cascade, list[list[Array]]]:
             model = self.model(theta)
             model.check()
-            return model, [model.signals(u, self._states(theta, k)) for k, (u, _) in enumerate(self.segments)]
+            runs = self._of_each(lambda k: model.signals(self.segments[k][0], self._states(theta, k)))
+            return model, list(runs)
 
         return self._last.at(theta, run)
 
-    def _weighted(self, k: int, rows: Array) -> Array:
-        return self.weightings[k].whitened(rows)
+    def _of_each(self, function: Callable[[int], T]) -> Iterable[T]:
+        """The results of a function of the index of a segment, for all of them."""
+        shared = self.threads > 1 and sum(len(u) for u, _ in self.segments) > SHARED_SAMPLES
+        in_turn = short_tasks(self.threads) if shared else map
+        return in_turn(function, range(len(self.segments)))
 
     def _states(self, theta: Array, k: int) -> Array:
+        if self.given:
+            return self.given[k]
         first = len(self.freedom.free) + k * self.cascade.states
         return theta[first : first + self.cascade.states]
 
@@ -250,6 +276,7 @@ class Search(TypedDict, total=False):
     covariances: bool
     weightings: Sequence[Weighting]
     correlated: bool
+    threads: int
     control: Control
 
 
@@ -283,6 +310,7 @@ def search(
     covariances: bool = True,
     weightings: Sequence[Weighting] = (),
     correlated: bool = True,
+    threads: int = 1,
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
     """The minimum of `fit_cascade` without its covariance, for comparisons of models.
@@ -300,6 +328,7 @@ def search(
         covariances: as in `gauss_newton`; a comparison of models needs none.
         weightings: of every segment after its transient, see `process_noise`.
         correlated: see `Smoothing`; for curves with a penalty.
+        threads: that share long segments; one for a search beside others.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -311,25 +340,26 @@ def search(
     cascade.check()
     several = [records] if isinstance(records, Record) else records
     segments = segments_longer_than(cascade.memory if transient is None else transient, cascade, several)
-    problem = FreeRun(cascade, freedom(cascade, fixed), segments, max(transient or 0, cascade.edge), tuple(weightings))
+    settled = max(transient or 0, cascade.edge)
+    problem = FreeRun(cascade, freedom(cascade, fixed), segments, settled, tuple(weightings), threads=threads)
     problem.check_values()
-    theta = problem.start
-    count = len(problem.freedom.free)
-    low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
     if transient is not None:
-        low[count:] = high[count:] = theta[count:]
+        problem = replace(problem, given=problem.starting_states())
     names = [cascade.names[k] for k in problem.freedom.free]
-    names += [f"state {j + 1} of segment {k + 1}" for k in range(len(problem.segments)) for j in range(cascade.states)]
+    count = len(names)
+    if not problem.given:
+        segments_of = range(len(problem.segments))
+        names += [f"state {j + 1} of segment {k + 1}" for k in segments_of for j in range(cascade.states)]
 
     options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
     options["covariances"] = covariances
-    same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
+    same: dict[str, Any] = {"loss": loss, "tolerance": tolerance, "names": names}
     same |= {"control": control, "smoothing": Smoothing(problem.penalties, correlated)}
 
     def searched(theta: Array, **others: Any) -> Minimum:
         return gauss_newton(problem, theta, **same, **(options | others))
 
-    minimum = searched(theta)
+    minimum = searched(problem.start)
     if restarts and not (least_saving and minimum.ending is Ending.OUT_OF_BUDGET):
         minimum = begun_again(minimum, searched, count, control)
     return minimum, problem

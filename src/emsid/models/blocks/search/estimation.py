@@ -289,6 +289,7 @@ def _fitted(
     if steady is not None:
         records, transient = steady.with_end_ahead(start)
     how = Search(transient=transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control)
+    how["threads"] = settings.threads
     first = Search(restarts=True, least_saving=settings.least_saving, control=control.during(f"fitting {start.name}"))
     found = searched(start, records, **(how | first))
     corrected = Corrected()

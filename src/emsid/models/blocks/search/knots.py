@@ -36,7 +36,7 @@ def too_few_knots(minimum: Minimum, problem: FreeRun) -> tuple[Finding, ...]:
     """
     cascade = problem.model(minimum.estimate)
     found: list[Finding] = []
-    before = _remaining(problem, minimum.estimate, minimum)
+    before = _remaining(problem, minimum.estimate)
     independent = effective_samples(minimum.residuals)
     for k, block in enumerate(cascade.blocks):
         finer = block.with_more_knots() if isinstance(block, StaticMap) else block
@@ -44,9 +44,9 @@ def too_few_knots(minimum: Minimum, problem: FreeRun) -> tuple[Finding, ...]:
             continue
         larger = replace(cascade, blocks=(*cascade.blocks[:k], finer, *cascade.blocks[k + 1 :]))
         same = replace(problem, cascade=larger, freedom=freedom(larger))
-        theta = np.concatenate([same.freedom.start[same.freedom.free], *problem.states(minimum.estimate)])
+        theta = same.at_start(problem.states(minimum.estimate))
         try:
-            after = _remaining(same, theta, minimum)
+            after = _remaining(same, theta)
         except Infeasible:
             continue
         (square, rank), (least, more) = before, after
@@ -56,10 +56,7 @@ def too_few_knots(minimum: Minimum, problem: FreeRun) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _remaining(problem: FreeRun, theta: Array, minimum: Minimum) -> tuple[float, int]:
+def _remaining(problem: FreeRun, theta: Array) -> tuple[float, int]:
     """The least mean square of the linearised residual, and the rank of its derivative."""
-    states = len(theta) - len(problem.freedom.free)
-    estimated = minimum.free[len(minimum.free) - states :]
-    varied = np.flatnonzero(np.append(np.ones(len(theta) - states, dtype=bool), estimated))
-    _, _, information = linearised(problem, theta, varied, SQUARES)
+    information = linearised(problem, theta, np.arange(len(theta)), SQUARES).information
     return float(information.factor[-1, -1] ** 2) / information.samples, information.solve().rank

@@ -364,7 +364,8 @@ def test_a_filter_continues_from_its_recorded_states() -> None:
     x = np.random.default_rng(0).standard_normal(60)
     state, _ = block.resting(x[0])
     y = block.output(x, state)
-    visited = block.visited(x, y)
+    visited = block.visited(x, y, np.arange(60))
+    np.testing.assert_allclose(block.visited(x, y, np.array([0, 7, 40])), visited[:, [0, 7, 40]], atol=1e-12)
     np.testing.assert_allclose(visited[:, 0], state, atol=1e-12)
     np.testing.assert_allclose(block.output(x[40:], visited[:, 40]), y[40:], atol=1e-12)
 

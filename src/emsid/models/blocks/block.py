@@ -78,8 +78,8 @@ class Block(Protocol):
         """(s, N) the derivative of y with respect to each element of the initial state."""
         ...
 
-    def visited(self, x: Array, y: Array) -> Array:
-        """(s, N) the state before each sample of the input x (N,), given the output y (N,)."""
+    def visited(self, x: Array, y: Array, times: NDArray[np.intp]) -> Array:
+        """(s, m) the state before some samples (m,) of the input x (N,), given the output y (N,)."""
         ...
 
     def resting(self, level: float) -> tuple[Array, float]:

@@ -60,6 +60,8 @@ Array = NDArray[np.float64]
 
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
+# Reachable states are collected at this many times, or fewer.
+REACHABLE = 1_000
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
 
@@ -272,13 +274,15 @@ class Cascade(OneChannelMethods):
         return self.sampled(signals), self.state_gradient(signals).T
 
     def reachable(self, u: Array) -> Array:
-        """(2N, s) the states that an input (N,) produces from zero and from rest."""
+        """(2m, s) the states that an input (N,) produces from zero and from rest, at `REACHABLE` times or fewer."""
         reachable = []
         for states in (np.zeros(self.states), self.resting(float(u[0]))):
             signals = self.signals(u, states)
-            visited = [block.visited(x, y) for block, x, y in zip(self.blocks, signals[:-1], signals[1:], strict=True)]
-            reachable.append(np.concatenate(visited))
-        return np.concatenate(reachable, axis=1).T
+            times = np.arange(0, len(signals[0]), -(-len(signals[0]) // REACHABLE))
+            inside = zip(self.blocks, signals[:-1], signals[1:], strict=True)
+            reachable.append(np.concatenate([block.visited(x, y, times) for block, x, y in inside]))
+        visited: Array = np.concatenate(reachable, axis=1).T
+        return visited
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
         """The steady state for a constant input; see `Model.at_rest`."""

@@ -178,15 +178,15 @@ class Rational:
             _shift_into(rows[j], response, j)
         return rows
 
-    def visited(self, x: Array, y: Array) -> Array:
-        """(s, N) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals constant before t = 0."""
+    def visited(self, x: Array, y: Array, times: NDArray[np.intp]) -> Array:
+        """(s, m) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals constant before t = 0."""
         b, a = self.transfer
-        flows = np.zeros((self.states, len(x)))
+        before = np.maximum(times - np.arange(1, self.states + 1)[:, None], 0)
+        inputs, outputs = x[before], y[before]
+        flows = np.zeros((self.states, len(times)))
         for j in range(self.states):
-            for k in range(j + 1, self.states + 1):
-                flow, late = b[k] * x - a[k] * y, k - j
-                flows[j, :late] += flow[0]
-                flows[j, late:] += flow[:-late]
+            count = self.states - j
+            flows[j] = b[j + 1 :] @ inputs[:count] - a[j + 1 :] @ outputs[:count]
         return flows
 
     def resting(self, level: float) -> tuple[Array, float]:

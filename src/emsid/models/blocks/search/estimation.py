@@ -29,7 +29,7 @@ from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Task, from_smaller, improving, with_spread_knots
-from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
+from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back, shortened
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.knots import too_few_knots
 from emsid.models.blocks.search.map_families import Family
@@ -53,6 +53,9 @@ from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
+# Choices are made in one thread if they look at segments of fewer samples on average: what is computed of a segment is
+# so short then that threads wait for each other.
+SHARED_SAMPLES = 5_000
 # The least number of changes of a two-level input that identify a map after a filter.
 CHANGES = 5
 
@@ -259,7 +262,10 @@ def estimate(
     longest = max(len(u) for u, _ in as_arrays(shown))
     if delay >= longest:
         raise ModelError(f"{topology.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
-    task = Task(topology, shown, rounds, orders, settings, replace(template, delay=delay), control)
+    pieces = as_arrays(shortened(shown))
+    threads = settings.threads if sum(len(u) for u, _ in pieces) > SHARED_SAMPLES * len(pieces) else 1
+    choosing = replace(settings, threads=threads)
+    task = Task(topology, shown, rounds, orders, choosing, replace(template, delay=delay), control)
     best: Choice | None = None
     try:
         for choice in improving(task):

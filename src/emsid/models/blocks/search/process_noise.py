@@ -213,7 +213,7 @@ def _grown(
     part = _first_segments(records, model, how)
     samples = sum(len(record) for record in part)
     weightings = _weightings(model, _from_the_start(model, part, how), noise)
-    limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings, fixed=[_spread_name(model)])
+    limits = QUICK | Search(weightings=weightings, fixed=[_spread_name(model)])
 
     def larger(than: Cascade) -> list[Cascade]:
         return [*_one_larger(than, orders), *(_with_spline(than, part) if free_map else [])]

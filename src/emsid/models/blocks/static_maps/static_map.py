@@ -238,9 +238,9 @@ class StaticMap(ABC):
         """(0, N)."""
         return np.zeros((0, samples))
 
-    def visited(self, x: Array, y: Array) -> Array:
-        """(0, N)."""
-        return np.zeros((0, len(x)))
+    def visited(self, x: Array, y: Array, times: NDArray[np.intp]) -> Array:
+        """(0, m)."""
+        return np.zeros((0, len(times)))
 
     def resting(self, level: float) -> tuple[Array, float]:
         """No state, and f of the level."""

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.restarts import AGREEING
-from emsid.estimation.threads import cores, in_threads, one_blas_thread
+from emsid.estimation.threads import in_threads, one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState
@@ -71,7 +71,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
-from emsid.models.plants.search.task import known_values
+from emsid.models.plants.search.task import known_values, threads_for
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import KEPT, Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
 from emsid.record import Record
@@ -486,7 +486,7 @@ class _Choice:
             plants = [plant for plant, _ in starts]
             return self._trials.fitted(plants, names, self.trial.states) if few is None else few.fitted(plants, names)
 
-        with in_threads(cores()) as in_turn:
+        with in_threads(threads_for(self._trials.segments)) as in_turn:
             return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:

@@ -31,6 +31,15 @@ Array = NDArray[np.float64]
 Limits = dict[str, tuple[float, float]]
 
 
+# Fewer samples are searched in one thread: their runs are so short that threads wait for each other.
+SHARED_SAMPLES = 2_000
+
+
+def threads_for(segments: Sequence[Record]) -> int:
+    """The number of threads for a search over these records."""
+    return cores() if sum(map(len, segments)) > SHARED_SAMPLES else 1
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """What is asked, checked and with a value for everything.
@@ -126,7 +135,7 @@ def prepare(
     _check_start(start, asked, limits)
     return Task(
         given, start, segments, shown, asked, values, sheet, unresolved, limits, weighting,
-        threads or cores(), control,
+        threads or threads_for(segments), control,
     )  # fmt: skip
 
 

@@ -19,7 +19,6 @@ from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.threads import cores
 from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback import fitting as feedback
@@ -32,7 +31,7 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.one_channel import segments_longer_than
-from emsid.models.plants.free_run_error import FreeRunError, elsewhere
+from emsid.models.plants.free_run_error import FreeRunError, elsewhere, threads_for
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -149,7 +148,7 @@ def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Con
     segments = [segment for record in records for segment in record.segments if len(segment) > fit.model.memory]
     states = [plant.first_state(signals, segment) for segment in segments]
     unknown = [plant.free_states(signals, segment) for segment in segments]
-    threads, weighting = cores(), elsewhere(fit.weighting, plant, segments, signals)
+    threads, weighting = threads_for(segments), elsewhere(fit.weighting, plant, segments, signals)
     problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, weighting, threads)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(

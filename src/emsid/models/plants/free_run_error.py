@@ -37,7 +37,7 @@ from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Block, Infeasible, LastRun
-from emsid.estimation.threads import short_tasks
+from emsid.estimation.threads import cores, short_tasks
 from emsid.models.plants.drifting_load import DriftingLoad, by_sample
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Signal
@@ -112,8 +112,15 @@ NEAR = 1e-4
 """The relative step of a search below which its derivatives are central differences."""
 AT_ONCE = 10_000
 """The most samples of free runs that are computed at once; more would leave the cache of a core."""
+SHARED_SAMPLES = 2_000
+"""Fewer samples are searched in one thread: their runs are so short that threads wait for each other."""
 LOST, WIDER = 100.0, 1e3
 """Below `LOST` times the precision of the runs, their difference is rounding; its step is widened by `WIDER`."""
+
+
+def threads_for(segments: Sequence[Record]) -> int:
+    """The number of threads for searches over these records."""
+    return cores() if sum(map(len, segments)) > SHARED_SAMPLES else 1
 
 
 class _Run(NamedTuple):

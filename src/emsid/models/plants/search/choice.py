@@ -42,7 +42,7 @@ from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import Weighting, all_alike
+from emsid.models.plants.free_run_error import Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant
@@ -71,7 +71,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
-from emsid.models.plants.search.task import known_values, threads_for
+from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import KEPT, Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
 from emsid.record import Record

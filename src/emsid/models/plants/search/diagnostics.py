@@ -14,10 +14,10 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.threads import cores, one_blas_thread
+from emsid.estimation.threads import one_blas_thread
 from emsid.models.plants.beginning import begun
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.free_run_error import FreeRunError, threads_for
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.result import GreyBoxFit
 
@@ -226,7 +226,7 @@ def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequenc
     """That of the fit, begun elsewhere, with some of its parameters."""
     signals = fit.model.signals
     first, unknown = begun(plant, signals, fit.segments, fit.begins, states)
-    return FreeRunError(plant, signals, fit.segments, free, first, unknown, fit.weighting, cores())
+    return FreeRunError(plant, signals, fit.segments, free, first, unknown, fit.weighting, threads_for(fit.segments))
 
 
 def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:

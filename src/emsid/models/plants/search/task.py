@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Infeasible
-from emsid.estimation.threads import cores
 from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
-from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
@@ -29,15 +28,6 @@ from emsid.units import with_unit
 
 Array = NDArray[np.float64]
 Limits = dict[str, tuple[float, float]]
-
-
-# Fewer samples are searched in one thread: their runs are so short that threads wait for each other.
-SHARED_SAMPLES = 2_000
-
-
-def threads_for(segments: Sequence[Record]) -> int:
-    """The number of threads for a search over these records."""
-    return cores() if sum(map(len, segments)) > SHARED_SAMPLES else 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
-from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio, simplest
+from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio, equivalent, simplest
 from source_tree import nodes_of
 
 SOURCES = Path(emsid.__file__).parent
@@ -61,6 +61,23 @@ def test_the_unit_of_the_output_does_not_matter() -> None:
     for scale in (1.0, 0.8, 0.6):
         answers = {better(StretchErrors.of(k * scale * one), StretchErrors.of(k * other)) for k in (1e-12, 1.0, 1e12)}
         assert len(answers) == 1
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_a_model_exact_at_standstill_is_not_better_by_rounding(unit: float) -> None:
+    """Over twelve stretches of motion and four of standstill, where one model is exact and the other rounds."""
+    samples, standstill = np.full(16, 100.0), np.arange(16) >= 12
+    rounds, exact = (StretchErrors(unit * np.where(standstill, rest, 1.0), samples) for rest in (1e-30, 0.0))
+    assert equivalent(rounds, exact)
+    assert equivalent(exact, rounds)
+    worse = StretchErrors(2.0 * exact.means, samples)
+    assert better_by_ratio(rounds, worse)
+    assert not better_by_ratio(worse, rounds)
+    creeps = StretchErrors(unit * np.where(standstill, 0.01, 1.0), samples)  # a tenth of its error in motion
+    assert not equivalent(creeps, exact)
+    perfect = StretchErrors(np.zeros(16), samples)
+    assert better_by_ratio(perfect, exact)
+    assert equivalent(perfect, perfect)
 
 
 def test_samples_of_a_transient_do_not_count() -> None:

@@ -7,6 +7,10 @@ and if the mean of the paired differences is larger than chance explains: Studen
 which is one standard error. Free-run errors last for many samples, and so stretches are long; a correlation ρ that
 remains between neighbouring differences multiplies their variance by (1 + ρ)/(1 - ρ).
 
+Ratios of mean squares are compared by their logarithms. A model can be exact in a stretch at standstill, where the
+logarithm of its error is -∞, or far below that of others by rounding alone. Mean squares below `EXACT` of the error
+over all samples, of the better model, are therefore raised to this limit.
+
 Refinements of a plant are compared on the record that they were fitted to, by Schwarz's criterion, since the end of a
 record shows little of what a refinement changes; the number of samples in it is that of independent errors.
 
@@ -38,6 +42,8 @@ EQUIVALENT = 0.05
 """Root mean square errors that differ by at most this share are the same in practice."""
 UNEVEN = 2.0
 """By the ratios of the stretches, which vary more, they may differ by so many times that share."""
+EXACT = 1e-4
+"""In ratios, the mean square error of a stretch is at least this share of that over all (1 % of its root)."""
 CHANCE = 0.16
 """The probability that a model without a real advantage passes the test of paired differences."""
 
@@ -95,7 +101,7 @@ def better(model: StretchErrors, than: StretchErrors) -> bool:
         model: the errors of the more complex model.
         than: those of the simpler one on the same samples.
     """
-    return _more_than_noise(model, than, lambda means: means)
+    return _more_than_noise(model, than, lambda model, than: than.means - model.means)
 
 
 def better_by_ratio(model: StretchErrors, than: StretchErrors) -> bool:
@@ -109,7 +115,7 @@ def better_by_ratio(model: StretchErrors, than: StretchErrors) -> bool:
         model: the errors of the model.
         than: those of the other one on the same samples.
     """
-    return _more_than_noise(model, than, _logarithm)
+    return _more_than_noise(model, than, _log_ratios)
 
 
 def equivalent(model: StretchErrors, best: StretchErrors) -> bool:
@@ -123,23 +129,30 @@ def equivalent(model: StretchErrors, best: StretchErrors) -> bool:
     """
     if not np.isfinite(model.mean):
         return False
-    both = (model.samples > 0) & (best.samples > 0)
-    ratio = float(np.mean(_logarithm(model.means[both]) - _logarithm(best.means[both])))
+    ratio = float(np.mean(_of_both(-_log_ratios(model, best), model, best)))
     return model.mean <= (1 + EQUIVALENT) ** 2 * best.mean and ratio <= 2 * log(1 + UNEVEN * EQUIVALENT)
 
 
-def _logarithm(means: Array) -> Array:
-    """Of mean square errors, some of which may be zero."""
-    return np.asarray(np.log(np.maximum(means, np.finfo(float).tiny)))
+def _log_ratios(model: StretchErrors, than: StretchErrors) -> Array:
+    """The logarithm of the error of ``than`` over that of a model, by stretch."""
+    least = max(EXACT * min(model.mean, than.mean), np.finfo(float).tiny)
+    return np.asarray(np.log(np.maximum(than.means, least)) - np.log(np.maximum(model.means, least)))
 
 
-def _more_than_noise(model: StretchErrors, than: StretchErrors, scale: Callable[[Array], Array]) -> bool:
-    """Whether a model saves something that matters, and more on this scale than chance explains."""
+def _of_both(values: Array, model: StretchErrors, than: StretchErrors) -> Array:
+    """Values by stretch, where samples of both models count."""
+    return values[(model.samples > 0) & (than.samples > 0)]
+
+
+def _more_than_noise(
+    model: StretchErrors, than: StretchErrors, savings: Callable[[StretchErrors, StretchErrors], Array]
+) -> bool:
+    """Whether a model saves something that matters, and more, by stretch, than chance explains."""
     if not np.isfinite(than.mean):
         return bool(np.isfinite(model.mean))
     if not matters(model.mean, than.mean):
         return False
-    saved = (scale(than.means) - scale(model.means))[(than.samples > 0) & (model.samples > 0)]
+    saved = _of_both(savings(model, than), model, than)
     return len(saved) < 2 or float(np.mean(saved)) > stdtrit(len(saved) - 1, 1 - CHANCE) * _deviation_of_mean(saved)
 
 

@@ -16,7 +16,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from emsid.cli.interruption import INTERRUPTION
-from emsid.units import in_unit, plain_unit
+from emsid.units import plain_unit
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from emsid.identification.characteristics import Characteristic
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.report import document
-    from emsid.validation.comparison import Row
 
 
 SPELT_OUT = "emsid-spelt-out"
@@ -111,51 +110,22 @@ FREE_RUN_EXPLAINED = (
 )
 """The note below a table of free runs."""
 EXPLAINED = (
-    f"{FREE_RUN_EXPLAINED} one-step: prediction from measured outputs up to the sample before. method: ls least "
-    "squares, rls recursive least squares, gn Gauss–Newton search on the free run. data: used in fit, or unseen (no "
+    f"{FREE_RUN_EXPLAINED} one-step: prediction from measured outputs up to the sample before. method: LS least "
+    "squares, RLS recursive least squares, GN Gauss–Newton search on the free run. data: used in fit, or unseen (no "
     "model was fitted to it)."
 )
 """The note below a table of errors."""
 
 
 def text_table(content: document.Table) -> Table:
-    """A table of the report, with its caption above."""
+    """A table of the report, with its caption above and its note below."""
     headings: dict[str, Align] = {
         heading: "left" if content.is_text(k) else "right" for k, heading in enumerate(content.header)
     }
     folded = [heading for k, heading in enumerate(content.header) if k > 0 and content.is_text(k)]
-    return plain_table(content.caption, headings, content.rows, folded)
-
-
-def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
-    """A table with a line for every row and output."""
-    from emsid.validation.comparison import OutputErrors
-
-    several = any(row.outputs for row in rows)
-    rmse = in_unit("free-run RMSE", "" if several else unit)
-    headings: dict[str, Align] = dict.fromkeys(("model", "method", "data", *("output",) * several), "left")
-    headings |= dict.fromkeys((rmse, "free-run MSE", "free-run fit %", "one-step MSE"), "right")
-    lines = []
-    for row in rows:
-        note = "" if row.diverged_at is None else f" (diverged at sample {row.diverged_at})"
-        for errors in row.outputs or (row,):
-            names = []
-            if isinstance(errors, OutputErrors):
-                names = [in_unit(errors.output, errors.unit)]
-            fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
-            lines.append(
-                (
-                    row.model + note,
-                    row.method,
-                    row.data_label,
-                    *names,
-                    f"{errors.simulation_rmse:.5g}",
-                    f"{errors.simulation_mse:.4g}",
-                    fit,
-                    f"{errors.one_step_mse:.4g}" if isfinite(errors.one_step_mse) else "–",
-                )
-            )
-    return plain_table(title, headings, lines)
+    table = plain_table(content.caption, headings, content.rows, folded)
+    table.caption = shown(content.note)
+    return table
 
 
 def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
@@ -208,16 +178,19 @@ def _half(error: float | None) -> str:
 
 
 def show(table: Table) -> None:
-    """Print a table in the width of the terminal, if there is one, below its title, which may be wider than it."""
+    """Print a table in the width of the terminal, if there is one, with its title and note, which may be wider."""
     from rich.console import Console
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(width=160)
-    if table.title is not None:
-        console.print(table.title)
-        table.title = None
+    title, note = table.title, table.caption
+    table.title = table.caption = None
+    if title is not None:
+        console.print(title)
     console.print(table)
+    if note:
+        console.print(note, markup=False)
     console.print()
 
 

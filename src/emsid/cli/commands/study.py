@@ -11,7 +11,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show, text_table, working
+from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -75,6 +75,7 @@ def study(
     """
     from emsid.io import read_motor
     from emsid.report.study_page import study_report, summary_table
+    from emsid.report.views.tables import results_table
     from emsid.study import Settings
     from emsid.study import study as run
     from emsid.study.summary import findings, study_data
@@ -98,7 +99,11 @@ def study(
             say_json(as_json(study_data(result)))
         else:
             for part in result.parts:
-                show(error_table(part.rows, f"{part.name} study"))
+                show(
+                    text_table(
+                        results_table(part.rows, unit=part.unseen.output_units[0], caption=f"The {part.name} study.")
+                    )
+                )
                 show(text_table(summary_table(part, own_records=result.own_records)))
             say(EXPLAINED, "", *_noticed(findings(result)))
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)

@@ -10,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show, text_table
+from emsid.cli.terminal import EXPLAINED, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
@@ -160,10 +160,11 @@ def _print(
 ) -> None:
     """The errors on one record, the parameters that were estimated again, and the findings."""
     from emsid.report.views.front import region_tables
+    from emsid.report.views.tables import results_table
     from emsid.wording import sentence
 
-    show(error_table([assessed.row], assessed.record.name, assessed.record.output_units[0]))
-    for table in region_tables(regions, f"on {assessed.record.name}"):
+    errors = results_table([assessed.row], unit=assessed.record.output_units[0], caption=f"{assessed.record.name}.")
+    for table in (errors, *region_tables(regions, f"on {assessed.record.name}")):
         show(text_table(table))
     if again is not None:
         show(physical_table(again.fit))  # type: ignore[arg-type]

@@ -50,6 +50,7 @@ STRANGERS = {
     "estimation.linear": ("estimation.nonlinear", "estimation.uncertainty"),
     "models.model": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.free_run": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.extrapolation": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.terms": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.regression": ("models.blocks", "models.feedback", "models.plants"),
     "models.linear": ("models.blocks", "models.feedback", "models.plants"),

@@ -17,9 +17,10 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.wide_differences import Widened
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
+from emsid.models.extrapolation import Extremes, diverges
 from emsid.models.regression import free_run_fit
 from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
-from emsid.models.regression.search.judge import Judge, diverges, enlarged, fit_to_compare
+from emsid.models.regression.search.judge import Judge, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
 from emsid.models.regression.structures import friction_narx, input_knots, polynomial_narx
@@ -272,7 +273,7 @@ def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
     u = np.full(60, 0.8)
     record = Record(np.concatenate([-u, u]), model.simulate(np.concatenate([-u, u])).output, 0.1)
     assert not diverges(model, record)
-    assert diverges(model, enlarged(record, 1.2))
+    assert diverges(model, Extremes(record).larger)
     judge = Judge.of(record, 0.25, 1)
     assert judge.errors(structure, lambda *_: model).mean == np.inf
 
@@ -282,7 +283,7 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() ->
     model = Narx(structure, np.array([0.5, 0.5, 0.1]), 0.1)
     u = np.tile([0.9, -0.9], 100)  # with no steady state for u = 0.9
     record = Record(u, model.simulate(u).output, 0.1)
-    assert not diverges(model, enlarged(record, 1.2))
+    assert not diverges(model, Extremes(record).larger)
     judge = Judge.of(record, 0.25, 1)
     assert judge.errors(structure, lambda *_: model).mean == np.inf
     stable = Narx(structure, np.array([0.5, 0.5, 0.05]), 0.1)

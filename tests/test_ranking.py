@@ -121,7 +121,7 @@ def test_a_feedback_model_that_runs_away_is_no_refit(fits, monkeypatch):
         first.append(np.ptp(model.output(segments[0][0], states[0])))
         return abs(first[-1] - first[0]) > 1e-3 * first[0]
 
-    monkeypatch.setattr("emsid.models.refitting.runs_away", runs_away)
+    monkeypatch.setattr("emsid.models.feedback.search.trials.runs_away", runs_away)
     other = drive(1, 400, pole=0.85, gain=1.5)
     before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
     assert after == pytest.approx(before, rel=0.02)

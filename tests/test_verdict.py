@@ -18,7 +18,7 @@ from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
 from emsid.identification.ranking import ranked
 from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended
 from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
-from emsid.models.regression.search.judge import runs_away
+from emsid.models.extrapolation import Extremes, runs_away
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import as_fit, compare
 from emsid.validation.correlation import input_test
@@ -382,7 +382,7 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_recommended
     assert excluded_models(Finding(code, "cubic", data) for code, data in findings.items()) == {"cubic"}
     stable = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, -0.4 * (1 - slow)]), DT))
     assert "diverges-on-constant-input" not in implausible(stable, known)
-    assert [runs_away(each.model, known) for each in (fit, stable)] == [True, False]
+    assert [runs_away(each.model, Extremes(known)) for each in (fit, stable)] == [True, False]
 
 
 def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():

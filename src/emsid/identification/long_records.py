@@ -11,8 +11,7 @@ from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
 from emsid.identification.options import Continued, Options
 from emsid.identification.ranking import ranked
-from emsid.models.plants.grey_box import GreyBox
-from emsid.models.regression.search.judge import runs_away
+from emsid.models.refitting import is_safe
 from emsid.record import Record
 from emsid.record.excerpt import excerpt, outside_excerpt
 from emsid.selection.improvement import better
@@ -64,10 +63,11 @@ def on_all_samples(judged: Compared, train: Record, options: Options, control: C
         found = kind.continued(fit, train, options, control.during(doing))
         control.check()
         errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], choice), None, options)}
-        far = not isinstance(found.model, GreyBox) and runs_away(found.model, choice)
+        safe = is_safe(found.model, choice)
     except (EmsidError, Stopped):
         return judged
-    return judged if far or better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found, train)
+    worse = better(errors[id(fit)], than=errors[id(found)])
+    return judged.with_finished(found, train) if safe and not worse else judged
 
 
 def about_excerpt(judged: Compared, train: Record) -> list[Finding]:

@@ -23,13 +23,12 @@ from emsid.first_look.dynamics import response
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.extrapolation import LARGER, Extremes, diverges
 from emsid.models.free_run import free_run
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
-from emsid.models.regression.search.judge import BEYOND as BEYOND_INPUT
-from emsid.models.regression.search.judge import diverges, enlarged, extremes_held
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -93,12 +92,12 @@ class Plausibility:
     @cached_property
     def beyond(self) -> Record:
         """The beginning of the record with a larger input."""
-        return enlarged(self.record[:LOOKED_AT], BEYOND_INPUT)
+        return Extremes(self.record[:LOOKED_AT]).larger
 
     @cached_property
     def held(self) -> Record:
         """The beginning of the record with its largest and its smallest input, each for long."""
-        return extremes_held(self.record)
+        return Extremes(self.record).held
 
     @cached_property
     def steps(self) -> Record:
@@ -116,7 +115,7 @@ class Plausibility:
             return []
         found: list[Finding] = []
         if not isinstance(model, GreyBox) and diverges(model, self.beyond):
-            found.append(Finding(DIVERGES, model.name, {"factor": BEYOND_INPUT}))
+            found.append(Finding(DIVERGES, model.name, {"factor": LARGER}))
         if not isinstance(model, GreyBox) and free_run(model, self.held).diverged_at is not None:
             found.append(Finding(DIVERGES_HELD, model.name))
         if not isinstance(model, GreyBox) and free_run(model, self.steps).diverged_at is not None:

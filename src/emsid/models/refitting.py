@@ -21,9 +21,10 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
+from emsid.models.extrapolation import Extremes, runs_away
 from emsid.models.feedback import fitting as feedback
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.trials import runs_away
+from emsid.models.feedback.search import trials
 from emsid.models.free_run import free_run_error
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
@@ -36,7 +37,6 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.search import judge
 from emsid.record import Record
 
 STEPS = 8
@@ -98,7 +98,7 @@ def better_refit(
 
 def is_safe(model: Model, record: Record) -> bool:
     """Whether a model, stable on a record, does not run away on inputs that the record lacks; a plant never does."""
-    return isinstance(model, GreyBox) or not judge.runs_away(model, record)
+    return isinstance(model, GreyBox) or not runs_away(model, Extremes(record))
 
 
 def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, control: Control) -> Model:
@@ -125,7 +125,7 @@ def _feedback(fit: Fit[FeedbackModel], records: Sequence[Record], _: Linear, con
     """Among the models that do not run away, as in the search for the structure."""
     segments = segments_longer_than(fit.model.memory, fit.model, records)
     found = feedback.searched(
-        fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING, refused=runs_away
+        fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING, refused=trials.runs_away
     )
     return found.model
 

@@ -20,13 +20,13 @@ from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.uncertainty.coloured_residuals import autoregression, effective_samples
 from emsid.models.blocks.search.map_families import Family
+from emsid.models.extrapolation import FAR, HELD, LARGER, leaves_range
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import RUNAWAY, squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.regression.search.judge import BEYOND, FAR, HELD
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import FOLDS, folded, validation_splits
@@ -299,7 +299,7 @@ class Bench:
 def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:
     """Whether the free run leaves the range of the measured output by far on an input that no fit has seen.
 
-    It is that of every segment, larger by the factor `BEYOND` about its middle, and then the same backward in time. In
+    It is that of every segment, larger by the factor `LARGER` about its middle, and then the same backward in time. In
     the end the largest and the smallest input are held. The output of a plant that integrates leaves the range there,
     so a run has to leave it much farther.
 
@@ -313,10 +313,9 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
     )
     held = [(np.full(HELD, end), RUNAWAY) for end in (most, least)]
     for number, ((u, _), x) in enumerate(zip(segments, states, strict=True), start=1):
-        larger, now = u + (BEYOND - 1) * (u - 0.5 * (least + most)), x
+        larger, now = u + (LARGER - 1) * (u - 0.5 * (least + most)), x
         for v, times in [(larger, FAR), (larger[::-1], FAR), *(held if number == len(segments) else [])]:
             run, now = model.stepped(model.entering(v), now)
-            far = np.abs(run.y[:: model.oversampling] - 0.5 * (low + high))
-            if not far.max() <= times * 0.5 * (high - low):  # also where it is not a number
+            if leaves_range(run.y[:: model.oversampling], low, high, times):
                 return True
     return False

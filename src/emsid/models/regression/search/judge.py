@@ -1,14 +1,15 @@
 """The error by which regressions are chosen: the free run on parts of the data that were not fitted.
 
 A short record is cross-validated: each of several parts, which together cover the whole record, is unseen once, and
-the structure is fitted anew to the rest. Of a long record a part is held back. A model whose free run diverges on an
-input a little larger than that of the record, or while its largest or smallest input is held, is never chosen.
+the structure is fitted anew to the rest. Of a long record a part is held back. A model that diverges on inputs beyond
+those of the record (`emsid.models.extrapolation`) is never chosen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.models.free_run import free_run, squared_errors
+from emsid.models.extrapolation import Extremes, runs_away
+from emsid.models.free_run import squared_errors
 from emsid.models.model import Model
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
@@ -29,12 +31,6 @@ from emsid.selection.improvement import STRETCHES, StretchErrors
 SEARCHED = 20_000
 # The same where every part is unseen once.
 FOLDED = 32_000
-# The input of the record, made larger by this factor about its middle, must not make a free run diverge.
-BEYOND = 1.2
-# A free run that leaves the middle of the measured output by this many times its half range has diverged.
-FAR = 10.0
-# The samples for which an extreme input is held, and those of the record before.
-HELD, BEGUN = 300, 200
 # Steps and tolerance of a fit that is only compared with others, and the relative reduction of its cost over a few
 # steps below which it ends.
 STEPS, TOLERANCE, SAVING = 30, 0.03, 1e-4
@@ -73,6 +69,11 @@ class Judge:
         fitted, splits = folded(searched) if folds else validation_splits(searched, held_back)
         return cls(fitted, splits, transient, control)
 
+    @cached_property
+    def extremes(self) -> tuple[Extremes, ...]:
+        """The records that a search sees, with inputs that they lack."""
+        return tuple(Extremes(record) for record in self.fitted)
+
     @property
     def refits(self) -> bool:
         """Whether every split has its own data to fit."""
@@ -102,7 +103,7 @@ class Judge:
         for train, unseen in self.splits:
             try:
                 model = model_for(structure, train)
-                far = any(runs_away(model, record) for record in self.fitted)
+                far = any(runs_away(model, extremes) for extremes in self.extremes)
                 squares = np.full(1, np.inf) if far else squared_errors(model, unseen, self.transient)
             except (EmsidError, ValueError, ArithmeticError):  # what cannot be fitted to a part is not chosen
                 squares = np.full(1, np.inf)
@@ -124,38 +125,3 @@ def fit_to_compare(structure: Structure, records: Record | Sequence[Record], sta
         control=control.quietly(),
         covariances=False,
     )
-
-
-def enlarged(record: Record, factor: float) -> Record:
-    """A record whose inputs are larger by a factor, about the middle of their range."""
-    middle = 0.5 * (record.input.min(axis=0) + record.input.max(axis=0))
-    return replace(record, input=middle + factor * (record.input - middle))
-
-
-def diverges(model: Model, record: Record) -> bool:
-    """Whether the free run leaves the range of the measured output by far."""
-    run = free_run(model, record)
-    if run.diverged_at is not None:
-        return True
-    low, high = float(record.output.min()), float(record.output.max())
-    return bool(np.abs(run.output[run.counted] - 0.5 * (low + high)).max(initial=0.0) > FAR * 0.5 * (high - low))
-
-
-def extremes_held(record: Record) -> Record:
-    """The beginning of the longest segment, then its largest input for long, the beginning, and its smallest input.
-
-    Several inputs are at the same end of their ranges at a time. Of the outputs after the beginning, which a free run
-    does not see, only the range is right.
-    """
-    segment = max(record.segments, key=len)
-    begun = segment[:BEGUN]
-    largest, smallest = (np.tile(end, (HELD, 1)) for end in (segment.input.max(axis=0), segment.input.min(axis=0)))
-    inputs = np.concatenate([begun.input, largest, begun.input, smallest])
-    ends = np.stack([segment.output.min(axis=0), segment.output.max(axis=0)])
-    outputs = np.resize(ends, (len(inputs) - len(begun), ends.shape[1]))
-    return replace(begun, input=inputs, output=np.concatenate([begun.output, outputs]))
-
-
-def runs_away(model: Model, record: Record) -> bool:
-    """Whether a model, stable on a record, diverges on one with a larger input, or while an extreme input is held."""
-    return diverges(model, enlarged(record, BEYOND)) or free_run(model, extremes_held(record)).diverged_at is not None

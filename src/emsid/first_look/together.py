@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from emsid.first_look.systems import Source, systems
 from emsid.io.columns import as_numbers
 from emsid.io.reading import read_columns
 from emsid.record import Record, concatenate
+from emsid.record.overlap import has_equal_samples
 
 OF_ALL = frozenset(
     {
@@ -156,24 +156,22 @@ def describe_files(
 
 def _without_copies(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:
     """The looks, those at the samples of an earlier file marked, and a finding for each file that has copies."""
-    first: dict[bytes, FirstLook] = {}
     copies: dict[str, list[str]] = {}
-    found = []
+    found: list[FirstLook] = []
     for look in looks:
-        original = look if look.record is None else first.setdefault(_samples(look.record), look)
-        if original is not look:
+        original = next((each for each in found if not each.copy_of and _is_copy(look.record, each.record)), None)
+        if original is not None:
             copies.setdefault(original.path, []).append(look.path)
             look = replace(look, copy_of=original.path)
         found.append(look)
     return found, [Finding("files-equal", file, {"copies": others}) for file, others in copies.items()]
 
 
-def _samples(record: Record) -> bytes:
-    """The same for records of the same samples."""
-    digest = sha256(repr((record.dt, record.breaks, record.input.shape, record.output.shape)).encode())
-    for channels in (record.input, record.output):
-        digest.update(np.ascontiguousarray(channels).tobytes())
-    return digest.digest()
+def _is_copy(record: Record | None, other: Record | None) -> bool:
+    """Whether two records have the same samples at the same times."""
+    if record is None or other is None or (record.dt, record.breaks) != (other.dt, other.breaks):
+        return False
+    return has_equal_samples(record, other)
 
 
 def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:

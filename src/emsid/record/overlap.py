@@ -46,6 +46,11 @@ def has_fingerprint(record: Record, known: bytes) -> bool:
     return any(bool(np.isin(sought, _stretches(segment, LONG)).any()) for segment in record.segments)
 
 
+def has_equal_samples(record: Record, other: Record) -> bool:
+    """Whether two records have the same inputs and outputs, sample by sample."""
+    return np.array_equal(record.input, other.input) and np.array_equal(record.output, other.output)
+
+
 def holds_some_of(record: Record, other: Record) -> bool:
     """Whether a stretch of one record is also one of the other, in every input and output."""
     return any(_shared_stretch(one, two) for one in record.segments for two in other.segments)
@@ -55,7 +60,7 @@ def _shared_stretch(one: Record, other: Record) -> bool:
     """Whether two segments are equal, or have a stretch in common."""
     if one.input.shape[1:] != other.input.shape[1:] or one.output.shape[1:] != other.output.shape[1:]:
         return False
-    if np.array_equal(one.input, other.input) and np.array_equal(one.output, other.output):
+    if has_equal_samples(one, other):
         return True
     few, many = sorted((one, other), key=len)
     if len(few) < STRETCH:

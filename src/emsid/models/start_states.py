@@ -8,9 +8,8 @@ mean m and covariance C of the states that this input produces, weighted by the 
 The variance σ² is not known in advance, and the sum has several minima for a model that loses the sign of a signal.
 Short searches therefore begin at those reachable states that fit best and differ from each other. Their σ² is the error
 of the best of these states, which is too large. One more search begins at the best state with a very small σ². The
-least residual of all searches gives σ²; those that ended at different outputs continue with it, and the least sum is
-the estimate. Where its residual is much smaller, σ² was too large, and the search continues from there with the smaller
-one.
+least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate. Where its
+residual is much smaller, σ² was too large, and the search continues from there with the smaller one.
 """
 
 from __future__ import annotations
@@ -147,7 +146,7 @@ def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: 
         found: where the first searches have ended.
         freedom: samples less states.
     """
-    least, begun = min(found, key=_of_samples), _different(found, freedom)
+    least, begun = min(found, key=_of_samples), [states for states, _ in found]
     for _ in range(ROUNDS):
         before = _of_samples(least)
         if before == 0:
@@ -174,22 +173,6 @@ def _searched(problem: _Start, starts: list[Array], effort: dict[str, Any]) -> I
     for start in starts:
         with suppress(ModelError):
             yield few_unknowns(problem, start, **effort)
-
-
-def _different(found: list[Found], freedom: int) -> list[Array]:
-    """The states (n,) where searches have ended, without those whose output differs by less than the standard error.
-
-    Args:
-        found: where the searches have ended.
-        freedom: samples less states.
-    """
-    ordered = sorted(found, key=_of_samples)
-    close = _of_samples(ordered[0]) / freedom * len(ordered[0][0])  # n·σ²
-    kept: list[Found] = []
-    for end in ordered:
-        if all(float(np.sum((end[1][0] - other[1][0]) ** 2)) > close for other in kept):
-            kept.append(end)
-    return [states for states, _ in kept]
 
 
 def _of_samples(found: Found) -> float:

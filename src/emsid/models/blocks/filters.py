@@ -185,8 +185,8 @@ class Rational:
         inputs, outputs = x[before], y[before]
         flows = np.zeros((self.states, len(times)))
         for j in range(self.states):
-            count = self.states - j
-            flows[j] = b[j + 1 :] @ inputs[:count] - a[j + 1 :] @ outputs[:count]
+            for k in range(j + 1, self.states + 1):
+                flows[j] += b[k] * inputs[k - j - 1] - a[k] * outputs[k - j - 1]
         return flows
 
     def resting(self, level: float) -> tuple[Array, float]:

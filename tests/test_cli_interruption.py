@@ -16,7 +16,7 @@ import pytest
 
 import emsid
 from command_line import FIRST_ORDER, IDENTIFY, MOTOR
-from emsid.cli.interruption import ERASED, Interruption, tell
+from emsid.cli.interruption import ERASED, Interruption, print_notice
 from emsid.cli.live_view import Screen
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Stopped
@@ -80,13 +80,13 @@ def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path
 
 def test_an_answer_on_a_terminal_takes_the_place_of_the_progress_bar(monkeypatch, answers):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    tell("stopping")
+    print_notice("stopping")
     assert answers == [f"{ERASED}emsid: stopping\n"]
 
 
 def test_a_live_view_shows_the_answer_to_ctrl_c_itself(capsys, answers):
     pressed = Interruption()
-    with Screen(str) as view, pressed.asked("ending; writing record and report", view.told):
+    with Screen(str) as view, pressed.asked("ending; writing record and report", view.notify):
         pressed()
     assert "ending; writing record and report" in capsys.readouterr().out
     assert answers == []

@@ -31,7 +31,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record, concatenate
-from emsid.record.overlap import fingerprint, has_fingerprint, holds_some_of
+from emsid.record.overlap import fingerprint, has_common_samples, has_fingerprint
 from emsid.report.identification_page import which_model
 from emsid.report.notebook import parameter_rows
 from emsid.report.views import parameter_table
@@ -360,7 +360,7 @@ def test_the_error_of_the_chosen_model_is_from_data_that_did_not_choose_it(given
         return
     choice, unseen = result.on_choice, result.unseen
     assert (len(choice.best.record), len(unseen)) == (1000, 1000)
-    assert not holds_some_of(choice.best.record, unseen)
+    assert not has_common_samples(choice.best.record, unseen)
     errors = [row.simulation_mse for row in choice.rows]
     assert errors == sorted(errors)
     assert [fit.model.name for fit in result.fits] == [row.model for row in choice.rows]
@@ -379,11 +379,11 @@ def test_the_error_of_the_chosen_model_is_from_data_that_did_not_choose_it(given
 
 def test_overlapping_records_are_seen():
     whole = WHITE.record(0, 600)
-    assert holds_some_of(whole[300:500], whole)
-    assert holds_some_of(whole[1:], whole[:-1])
-    assert holds_some_of(whole[:200], whole[168:])
-    assert not holds_some_of(whole[:300], whole[300:])
-    assert not holds_some_of(WHITE.record(1, 600), whole)
+    assert has_common_samples(whole[300:500], whole)
+    assert has_common_samples(whole[1:], whole[:-1])
+    assert has_common_samples(whole[:200], whole[168:])
+    assert not has_common_samples(whole[:300], whole[300:])
+    assert not has_common_samples(WHITE.record(1, 600), whole)
 
 
 def test_a_fingerprint_is_that_of_the_samples():
@@ -416,7 +416,7 @@ def test_coarse_readings_that_repeat_by_chance_are_not_an_overlap():
     """At a constant input, two counts that take turns are equal for 40 samples."""
     turns, rng = np.tile([3.0, 4.0], 20), np.random.default_rng(0)
     one, other = (Record(np.ones(240), np.concatenate([rng.integers(0, 9, 200), turns]), 0.1) for _ in range(2))
-    assert not holds_some_of(one, other)
+    assert not has_common_samples(one, other)
 
 
 def test_the_end_of_a_record_at_constant_speed_is_unseen():
@@ -424,22 +424,22 @@ def test_the_end_of_a_record_at_constant_speed_is_unseen():
     y = np.diff(np.floor(55.4 * np.arange(301)))
     y[:20] = np.arange(20)
     record = Record(np.where(np.arange(300) < 5, 0.0, 255.0), y, 0.01)
-    assert not holds_some_of(record[200:], record[:200])
-    assert holds_some_of(record[:200], record)
+    assert not has_common_samples(record[200:], record[:200])
+    assert has_common_samples(record[:200], record)
 
 
 def test_a_short_end_that_is_like_the_beginning_of_the_rest_is_no_overlap():
     counts = 55.0 + np.random.default_rng(0).integers(0, 2, 200)
     counts[100:116] = counts[84:100]
     record = Record(np.full(200, 255.0), counts, 0.01)
-    assert not holds_some_of(record[100:], record[:100])
-    assert holds_some_of(record[68:], record[:100])
+    assert not has_common_samples(record[100:], record[:100])
+    assert has_common_samples(record[68:], record[:100])
 
 
 def test_standstills_of_two_records_are_not_an_overlap():
     rest = np.zeros(100)
     one, other = (np.concatenate([rest, np.random.default_rng(k).standard_normal(100)]) for k in (0, 1))
-    assert not holds_some_of(Record(one, one, 0.1), Record(other, other, 0.1))
+    assert not has_common_samples(Record(one, one, 0.1), Record(other, other, 0.1))
 
 
 def dead_zone_record(edge: float) -> Record:

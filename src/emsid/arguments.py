@@ -27,7 +27,7 @@ def as_names_with_commas(names: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def did_you_mean(name: str, known: Iterable[str], most: int = 1) -> str:
-    """The end of a message that suggests at most so many near names; empty where none is near.
+    """The end of a message that suggests the most similar names, at most ``most``; empty if none is similar.
 
     >>> did_you_mean("rigde", ["ridge", "forgetting"])
     '; did you mean ridge?'

@@ -25,7 +25,7 @@ def has_free_core() -> bool:
 
 
 def forked(work: Callable[..., None], *arguments: Any) -> "tuple[ForkProcess, Connection]":
-    """A fork of this process and a connection to it; it never hears Ctrl-C.
+    """A fork of this process, which ignores Ctrl-C, and a connection to it.
 
     Args:
         work: called there with a function that sends to the connection, and the arguments.
@@ -88,16 +88,16 @@ def _answer(send: Callable[[Any], None], function: Callable[[], Any]) -> None:
     send(answer)
 
 
-def _run(work: Callable[..., None], theirs: "Connection", connection: "Connection", *arguments: Any) -> None:
-    """The life of a fork.
+def _run(work: Callable[..., None], other_end: "Connection", connection: "Connection", *arguments: Any) -> None:
+    """Run the work in a fork, and end with the first process.
 
     Args:
         work: what it does.
-        theirs: the end of the first process, closed here; otherwise it would not be closed where that process ends.
+        other_end: the end of the first process, closed here; otherwise it would not be closed where that process ends.
         connection: the other end.
         arguments: of the work.
     """
-    theirs.close()
+    other_end.close()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with, args=(connection,), daemon=True).start()
     with suppress(BrokenPipeError, ConnectionResetError):

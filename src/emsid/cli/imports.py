@@ -8,7 +8,7 @@ from functools import cache
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """While it lasts no garbage is collected, and what exists at its end is not searched for garbage any more.
+    """Within this context no garbage is collected; objects that exist at its end are left out of later collections.
 
     Imports make many objects that stay. To visit them again and again takes a quarter of the time of a short command.
     """

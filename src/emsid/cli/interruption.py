@@ -41,7 +41,7 @@ class Interruption:
     def __init__(self) -> None:
         self.own_process = False
         self.pressed = self._deferred = False
-        self._told: Callable[[str], None] = tell
+        self._notify: Callable[[str], None] = print_notice
         self._answer, self._when = "", -inf
         self.begin()
 
@@ -53,7 +53,7 @@ class Interruption:
             return
         first, self.pressed = not self.pressed, True
         if self._answer and first:
-            self._told(self._answer)
+            self._notify(self._answer)
             return
         if not self._deferred:
             raise KeyboardInterrupt
@@ -91,7 +91,7 @@ class Interruption:
         """End the process if by then Python has not called the handler of a signal that came at this time."""
         sleep(CLEANING)
         if self._when < pressed - CLEANING / 2 and not self._deferred:
-            tell("ended within a step that cannot be interrupted")
+            print_notice("ended within a step that cannot be interrupted")
             os._exit(INTERRUPTED)
 
     def _leave_soon(self) -> None:
@@ -103,7 +103,7 @@ class Interruption:
     def begin(self) -> None:
         """Begin: not pressed yet, no result yet."""
         self.pressed = self._deferred = False
-        self._answer, self._told, self._when = "", tell, -inf
+        self._answer, self._notify, self._when = "", print_notice, -inf
         self.words = "interrupted; there is no result"
 
     def raise_again(self) -> None:
@@ -116,14 +116,14 @@ class Interruption:
         self.pressed = self.pressed or interrupted
 
     @contextmanager
-    def asked(self, answer: str, told: Callable[[str], None] | None = None) -> Iterator[None]:
+    def asked(self, answer: str, notify: Callable[[str], None] | None = None) -> Iterator[None]:
         """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once.
 
         Args:
             answer: what the first Ctrl-C is answered at once.
-            told: shows the answer, by default `tell`; called by a handler of a signal.
+            notify: shows the answer, by default `print_notice`; called by a handler of a signal.
         """
-        self._answer, self._told = answer, told or tell
+        self._answer, self._notify = answer, notify or print_notice
         try:
             yield
         finally:
@@ -139,7 +139,7 @@ class Interruption:
             self._deferred = False
 
 
-def tell(words: str) -> None:
+def print_notice(words: str) -> None:
     """Print a line on standard error, in place of a progress bar, which goes on below; safe in a signal handler."""
     in_place = ERASED if sys.stderr.isatty() else ""
     os.write(2, f"{in_place}emsid: {words}\n".encode())

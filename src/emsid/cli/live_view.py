@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
-from emsid.cli.interruption import tell
+from emsid.cli.interruption import print_notice
 from emsid.cli.terminal import plain_table, say, say_json
 from emsid.units import plain_unit, with_unit
 
@@ -30,7 +30,7 @@ class View(Protocol):
         """Show one."""
         ...
 
-    def told(self, answer: str) -> None:
+    def notify(self, answer: str) -> None:
         """Show the answer to Ctrl-C; safe in a handler of a signal."""
         ...
 
@@ -54,9 +54,9 @@ class JsonLines:
 
         say_json(msgspec.json.encode(message) + b"\n")
 
-    def told(self, answer: str) -> None:
-        """See `View.told`."""
-        tell(answer)
+    def notify(self, answer: str) -> None:
+        """See `View.notify`."""
+        print_notice(answer)
 
     def __enter__(self) -> "JsonLines":
         return self
@@ -89,9 +89,9 @@ class Lines:
             for table in tables(self._last, self._start):
                 show(table)
 
-    def told(self, answer: str) -> None:
-        """See `View.told`."""
-        tell(answer)
+    def notify(self, answer: str) -> None:
+        """See `View.notify`."""
+        print_notice(answer)
 
     def __enter__(self) -> "Lines":
         return self
@@ -121,7 +121,7 @@ class Screen(Lines):
         if self._live is not None and message["kind"] != "end":
             self._live.update(self._content(), refresh=message["kind"] != "finding")
 
-    def told(self, answer: str) -> None:
+    def notify(self, answer: str) -> None:
         """Keep the answer for the last content: what is written between would be drawn over."""
         self._found.append(answer)
 

@@ -31,7 +31,7 @@ class Reader:
     usual: Mapping[str, Any]
 
     def __call__(self, path: Path) -> "Record":
-        """Read a file; what it says about another sample time is a finding of the record."""
+        """Read a file; another sample time stated in it is a finding of the record."""
         from emsid.first_look.clock import contradiction, stated_clock
         from emsid.io import ParsedFile, read, read_columns
 

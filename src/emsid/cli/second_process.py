@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 MOST = 64
-"""Of more models it fits none."""
+"""With more models than this, it fits none."""
 LAST = 0.5
 """Seconds that an interrupted search may take to end with its best result."""
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from emsid.cli.interruption import INTERRUPTION, tell
+from emsid.cli.interruption import INTERRUPTION, print_notice
 from emsid.cli.terminal import say, working
 from emsid.errors import DataError
 
@@ -95,7 +95,7 @@ def draw(
         folder: where to.
         report: what to draw.
         pdf: whether figures are written as PDF too.
-        interrupted: whether Ctrl-C has stopped the search; then it is said that there is more to wait for.
+        interrupted: whether Ctrl-C has stopped the search; then a message says that the drawing follows.
     """
     try:
         INTERRUPTION.raise_again()
@@ -104,7 +104,7 @@ def draw(
         with working(LEFT_OUT) as control:
             content = report()
             if interrupted:
-                tell(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
+                print_notice(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
             files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):

@@ -22,7 +22,7 @@ from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.record import Record
-from emsid.record.overlap import holds_some_of
+from emsid.record.overlap import has_common_samples
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
@@ -50,7 +50,7 @@ def observations(
         choice: the models on further unseen data that chose among them; None where ``unseen`` did.
         tests: whether the residuals of the best model are tested.
     """
-    seen = holds_some_of(unseen, record)
+    seen = has_common_samples(unseen, record)
     return [
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
         *_about_the_best(comparison, unseen, seen, choice),

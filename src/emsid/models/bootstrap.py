@@ -79,8 +79,8 @@ def bootstrap(
         records: those that it was fitted to.
         count: how many times pieces are drawn.
         rng: draws the pieces.
-        pieces: how many; by default 30, or three for each parameter if that is more, as far as the data last. Where the
-            data have at least as many segments of their own, these are drawn.
+        pieces: how many; by default 30, or three for each parameter if that is more, as far as the data suffice. Where
+            the data have at least as many segments of their own, these are drawn.
         control: when to stop, and where to report progress.
 
     Raises:

@@ -26,7 +26,7 @@ HELD, BEGUN = 300, 200
 
 @dataclass(frozen=True, eq=False)
 class Extremes:
-    """A record with inputs that it lacks.
+    """Inputs that a record lacks: larger ones, and extreme ones that are held.
 
     Attributes:
         record: with inputs and outputs.

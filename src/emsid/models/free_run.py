@@ -1,9 +1,9 @@
 """The free run of a model over a record: segments, initial state, transient and divergence.
 
 Every segment is run on its own. With measured outputs, its first samples give the initial state (`Model.initial`);
-after them the model sees only the input, and they enter no error. Where a segment begins at rest (`begins_at_rest`) or
-in a steady state (`begins_steady`), it was there before: its first sample, repeated, gives the initial state, and all
-of its samples count. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow
+after them the model sees only the input, and they enter no error. A segment that begins at rest (`begins_at_rest`) or
+in a steady state (`begins_steady`) was in that state before. There the first sample, repeated, gives the initial state,
+and all samples count. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow
 another constant input before the start.
 
 A run has diverged if it is `RUNAWAY` times larger than the measured output. If that is constant, as for a motor at
@@ -210,7 +210,7 @@ def continued(model: Model, state: object, segment: Record, samples: int) -> Arr
 
 
 def begins_at_rest(segment: Record) -> bool:
-    """Whether nothing drives a segment at its start, and nothing moves until something does.
+    """Whether a segment begins at rest, without an input.
 
     Its first inputs, at least `RESTING` of them, are exactly zero, and its outputs are exactly equal meanwhile.
     """
@@ -222,8 +222,7 @@ def begins_steady(segment: Record, samples: int) -> bool:
     """Whether a segment begins in a steady state, for this many samples and at least `RESTING`.
 
     Its first inputs and outputs are exactly equal, and the input changes before the output does. The input need not be
-    zero: some drives have another neutral command. What more of these samples would say of the initial state is the
-    same.
+    zero: some drives have another neutral command. Further samples of this kind would give the same initial state.
     """
     driven, moved = _until_change(segment.input), _until_change(segment.output)
     return max(samples, RESTING) <= driven <= moved and driven < len(segment)

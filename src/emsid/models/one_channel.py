@@ -44,7 +44,7 @@ Adjusted = TypeVar("Adjusted", bound=Adjustable)
 
 
 class OneChannelMethods(RunMethods):
-    """`advance`, `check_record` and `with_estimates` too, for a class of models with one input and one output."""
+    """The methods of `RunMethods`, and `advance`, `check_record` and `with_estimates`, for one input and one output."""
 
     def advance(self: Model, state: Any, u: ArrayLike) -> tuple[Array, Any]:
         """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""

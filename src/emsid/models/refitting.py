@@ -1,8 +1,8 @@
 """`refitted`: the structure of a fit, estimated from other data.
 
-The search begins at the estimate and takes a few steps only, without intervals. Repeated without one part of the data
-after another, it shows the error of a structure on data that its parameters are not from, at a small part of the cost
-of a fit. `better_refit` is what all data say that were partly held back from the fit.
+The search begins at the estimate and takes a few steps only, without intervals. Repeated with one part of the data left
+out after another, it gives the error of a structure on data that it was not fitted to, at a small part of the cost of
+full fits. `better_refit` estimates the parameters from all data, including those held back from the fit.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Linear = Callable[[Structure, Sequence[Record]], Fit[Narx]]
 def refitted(
     fit: Fit[Any], records: Record | Sequence[Record], *, linear: Linear = least_squares, control: Control = FREE
 ) -> Model:
-    """The model of a fit with the parameters that suit other data.
+    """The model of a fit with its parameters estimated from other data.
 
     Args:
         fit: its structure and the parameters that it estimated are kept, and its estimate begins the search.

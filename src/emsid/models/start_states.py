@@ -5,11 +5,11 @@ mean m and covariance C of the states that this input produces, weighted by the 
 
     Σ (y − ŷ(x))² + σ² (x − m)ᵀ C⁻¹ (x − m).
 
-The variance σ² is not known in advance, and the sum has several minima for a model that loses the sign of a signal.
-Short searches therefore begin at those reachable states that fit best and differ from each other. Their σ² is the error
-of the best of these states, which is too large. One more search begins at the best state with a very small σ². The
-least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate. Where its
-residual is much smaller, σ² was too large, and the search continues from there with the smaller one.
+The variance σ² is not known in advance, and the sum has several minima for a model that does not depend on the sign of
+a signal. Short searches therefore begin at those reachable states that fit best and differ from each other. Their σ² is
+the error of the best of these states, which is too large. One more search begins at the best state with a very small
+σ². The least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate.
+Where its residual is much smaller, σ² was too large, and the search continues from there with the smaller one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 
 Array = NDArray[np.float64]
 
-# Weight of the state at rest where there is hardly a prior, relative to the samples of the start.
+# Weight of the state at rest where the prior is weak, relative to the samples of the start.
 REST = 1e-2
 # Effort: within half a standard error for the first searches, and then within a twentieth.
 FIRST_LOOK: dict[str, Any] = {"max_iterations": 6, "tolerance": 0.5}
@@ -104,7 +104,7 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
         model: with parameters.
         u: (N,) input of the segment.
         y: (m ≤ N,) measured output of its first samples; without it, the states at rest are returned.
-        quick: search from the best reachable state only and hardly with a prior at first, in a quarter of the time: for
+        quick: search from the best reachable state only, at first with a weak prior, in a quarter of the time: for
             a fit, which goes on to estimate the states.
     """
     rest = model.resting(float(u[0])) if len(u) else np.zeros(model.states)
@@ -144,7 +144,7 @@ def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: 
     Args:
         weighted: the problem with a σ².
         found: where the first searches have ended.
-        freedom: samples less states.
+        freedom: the number of samples minus that of states.
     """
     least, begun = min(found, key=_of_samples), [states for states, _ in found]
     for _ in range(ROUNDS):

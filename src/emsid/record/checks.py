@@ -1,4 +1,4 @@
-"""What the arrays and numbers of a record must be; everything else is refused, never converted by guess."""
+"""Checks of the arrays and numbers of a record. Other values are refused, and nothing is converted silently."""
 
 from __future__ import annotations
 

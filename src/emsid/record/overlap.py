@@ -1,10 +1,10 @@
 """Whether two records have samples in common, such as two cuts of one file.
 
 Samples are compared exactly. Stretches of `STRETCH` samples that are equal show how far one record is shifted against
-the other. A stretch at standstill shows nothing, as every experiment has some like it: of a stretch that counts, at
-least half of the samples change some output, and it occurs only once in its record: at constant speed a coarse sensor
-repeats some counts, in any record. The records have samples in common only if they are equal wherever they overlap
-after the shift, in twice as many samples at least: the end of one may be like the beginning of the next by chance.
+the other. Every experiment has stretches at standstill, and at constant speed a coarse sensor repeats the same counts.
+So a stretch counts only if at least half of its samples change some output, and if it occurs only once in its record.
+The records have samples in common only if they are equal wherever they overlap after the shift, in twice as many
+samples at least: the end of one may be like the beginning of the next by chance.
 
 A model file has no samples to compare with, but a fingerprint: the numbers of some stretches of the record that the
 model was fitted to. They are longer than those of two records.
@@ -51,7 +51,7 @@ def has_equal_samples(record: Record, other: Record) -> bool:
     return np.array_equal(record.input, other.input) and np.array_equal(record.output, other.output)
 
 
-def holds_some_of(record: Record, other: Record) -> bool:
+def has_common_samples(record: Record, other: Record) -> bool:
     """Whether a stretch of one record is also one of the other, in every input and output."""
     return any(_shared_stretch(one, two) for one in record.segments for two in other.segments)
 
@@ -84,7 +84,7 @@ def _equal_after(few: Record, many: Record, shift: int) -> bool:
 
 
 def _stretches(segment: Record, length: int = STRETCH) -> NDArray[np.uint64]:
-    """(N − length + 1,) a number for every stretch, alike only if it is alike; zero at a standstill."""
+    """(N − length + 1,) a hash of every stretch, equal only for equal stretches; zero at standstill."""
     if len(segment) < length:
         return np.zeros(0, dtype=np.uint64)
     values = np.column_stack([segment.input, segment.output]) + 0.0  # no negative zero
@@ -102,7 +102,7 @@ def _stretches(segment: Record, length: int = STRETCH) -> NDArray[np.uint64]:
 
 
 def _occurs_once(numbers: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """(N,) whether a stretch is no standstill, and like no other of its record."""
+    """(N,) whether a stretch is in motion, and differs from all others of its record."""
     _, group, count = np.unique(numbers, return_inverse=True, return_counts=True)
     return np.asarray((count[group] == 1) & (numbers != 0))
 

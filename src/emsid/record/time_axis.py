@@ -98,7 +98,7 @@ def time_axis(time: ArrayLike) -> TimeAxis:
 
 
 def _checked(time: ArrayLike) -> Array:
-    """(N,) the times, as numbers that can be those of samples.
+    """(N,) the times, checked for use as times of samples.
 
     Raises:
         DataError: see `time_axis`.
@@ -145,7 +145,7 @@ def _simplest_step(t: Array) -> float:
 
 
 def _simplest(value: float, allowed: float) -> float:
-    """The decimal number of fewest digits that is at most so far from a value."""
+    """The decimal number of fewest digits that differs from a value by at most ``allowed``."""
     candidates = (float(f"{value:.{digits}g}") for digits in range(1, 17))
     return next((number for number in candidates if abs(number - value) <= allowed), value)
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, MOST = 3, 1_000_000
 DRAWN, BASELINE = 3, "arx"
-"""Free runs and residuals are drawn of as many of the best models, and of the linear one."""
+"""Free runs and residuals of this many of the best models and of the linear one are drawn."""
 # At most this many characteristics, and notices about the data and the recommended model, are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 

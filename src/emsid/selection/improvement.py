@@ -41,7 +41,7 @@ NEGLIGIBLE = 0.02
 EQUIVALENT = 0.05
 """Root mean square errors that differ by at most this share are the same in practice."""
 UNEVEN = 2.0
-"""By the ratios of the stretches, which vary more, they may differ by so many times that share."""
+"""The ratios of the stretches vary more; they may differ by this multiple of that share."""
 EXACT = 1e-4
 """In ratios, the mean square error of a stretch is at least this share of that over all (1 % of its root)."""
 CHANCE = 0.16
@@ -218,7 +218,7 @@ def simplest(
 def front(
     models: Sequence[T], size: Callable[[T], int], *, as_good: Callable[[T, T], bool] = lambda model, best: True
 ) -> list[T]:
-    """The models that more parameters pay for, from simple to complex.
+    """The front of accuracy against number of parameters, from simple to complex.
 
     Each is better than the one before by more than noise. The others have a simpler or equally simple model that is as
     good.

@@ -127,7 +127,8 @@ def proposals(divided: "Sequence[Group]") -> list[list[str]]:
 
 
 def _turned(group: "Group") -> dict[str, Any]:
-    """The reading of files that are read alike, with all mends, and the sign of an input that all answer against."""
+    """The arguments for files that are read alike, with all repairs, and the sign of an input that all outputs go
+    against."""
     reading = {**group.looks[0].reading, **group.mends}
     if group.against:
         scale = reading.get("scale", {})

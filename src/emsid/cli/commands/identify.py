@@ -184,9 +184,9 @@ def identify(
 
     Models are ranked by their free run (simulation from the input alone) on unseen data, to which no model was fitted.
 
-    The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for
-    every model, and the figures as SVG. The recommended model is also in recommended.json, where the data are few
-    fitted again to all of them.
+    The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for every
+    model, and the figures as SVG. The recommended model is also in recommended.json, fitted again to all data if they
+    are few.
 
     \b
     Examples:
@@ -227,7 +227,7 @@ def identify(
 def _reading(
     reader: Any, files: Sequence[Path], validate: Sequence[Path]
 ) -> "Callable[[], tuple[list[Record], list[Record]]]":
-    """Gives what `_read` returns; a fork reads from now on, if a core is free."""
+    """A function that returns the result of `_read`, which a fork computes from now on if a core is free."""
     load_reading()
     return meanwhile(partial(_read, reader, files, validate), alone=INTERRUPTION.own_process)
 
@@ -246,11 +246,11 @@ def _checked(
     Unseen records with data of the fit are named now, before searches of minutes.
     """
     from emsid.findings import Finding
-    from emsid.record.overlap import holds_some_of
+    from emsid.record.overlap import has_common_samples
     from emsid.wording import sentence
 
     for test in tests:
-        if any(holds_some_of(test, record) for record in records):
+        if any(has_common_samples(test, record) for record in records):
             warn(sentence(Finding("data-not-unseen", test.name), option))
     return records, tests or unseen
 

@@ -172,7 +172,7 @@ def _followed(
     parser.implies = again is None
     receiver = Receiver(opened, log, again)
     try:
-        with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.told):
+        with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.notify):
             for message in messages(session, receiver, parser, settings, log, _control(), begun):
                 view.show(message)
     finally:

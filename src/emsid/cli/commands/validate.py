@@ -31,7 +31,10 @@ Free = Annotated[
     typer.Option(metavar="NAME,...", help="Estimate these physical parameters again from the first part of a record."),
 ]
 Part = Annotated[
-    float, typer.Option(metavar="FRACTION", help="With --free: the part of a record to estimate from; the rest judges.")
+    float,
+    typer.Option(
+        metavar="FRACTION", help="With --free: the part of a record to estimate from; errors are of the rest."
+    ),
 ]
 Folder = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; by default none is written.")

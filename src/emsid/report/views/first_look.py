@@ -27,7 +27,7 @@ from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
 NAMED = 3
-"""More files than these are counted."""
+"""Of more files than this, some are named and the number is given."""
 
 
 def column_table(look: FirstLook, most: int | None = None) -> Table:

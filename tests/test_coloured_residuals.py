@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from emsid.estimation.uncertainty.coloured_residuals import colour, coloured_covariance, whitened_sandwich
+from emsid.estimation.uncertainty.coloured_residuals import colour, coloured_covariance, whitened_robust_covariance
 
 SAMPLES, EXPERIMENTS = 400, 200
 SLOW = np.column_stack([np.sin(np.arange(SAMPLES) / 40 + phase) for phase in (0.0, 1.0)])
@@ -26,10 +26,10 @@ def test_the_noise_of_differences_has_a_zero_near_one():
     zeros = [colour([(residual_of(differences(rng)), SLOW)]).zero for _ in range(20)]
     assert min(zeros) >= 0.95
     assert [colour([(residual_of(rng.standard_normal(SAMPLES)), SLOW)]).zero for _ in range(20)].count(0.0) >= 18
-    assert whitened_sandwich([(rng.standard_normal(SAMPLES), SLOW)]) is None
+    assert whitened_robust_covariance([(rng.standard_normal(SAMPLES), SLOW)]) is None
 
 
-@pytest.mark.parametrize("estimate", [coloured_covariance, whitened_sandwich])
+@pytest.mark.parametrize("estimate", [coloured_covariance, whitened_robust_covariance])
 def test_the_covariance_under_the_noise_of_differences_is_that_of_repeated_experiments(estimate):
     rng = np.random.default_rng(1)
     noises = [differences(rng) for _ in range(EXPERIMENTS)]

@@ -1,4 +1,4 @@
-"""Regressions fitted to the free run: exact derivatives, no bias by noise, honest intervals, selected terms."""
+"""Regressions fitted to the free run: exact derivatives, no bias by noise, intervals that hold, selected terms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from emsid.identification.regressions import REGRESSIONS
 from emsid.models.extrapolation import Extremes, diverges
 from emsid.models.regression import free_run_fit
 from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
-from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
 from emsid.models.regression.structures import friction_narx, input_knots, polynomial_narx
@@ -259,9 +259,9 @@ def test_a_dictionary_has_every_product_once() -> None:
 def test_terms_are_selected_by_the_free_run() -> None:
     structure = Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "y(t-1)^3", "y(t-1)*u(t-1)^2")
     record = measured(structure, np.array([1.5, -0.7, 0.3, -0.05, 0.04]), 1200, 0.05)
-    judge = Judge.of(record, 0.25, 2)
+    validation = CrossValidation.of(record, 0.25, 2)
     start = emsid.fit(Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "1"), record, free_run=True)
-    found = select_by_free_run(start, polynomial_narx(2, 1, 3), judge)
+    found = select_by_free_run(start, polynomial_narx(2, 1, 3), validation)
     assert set(found.fit.model.structure.labels) == set(structure.labels)
     assert found.fit.names == found.fit.model.structure.labels
     assert found.errors.mean == pytest.approx(0.0025, rel=0.15)
@@ -274,8 +274,8 @@ def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
     record = Record(np.concatenate([-u, u]), model.simulate(np.concatenate([-u, u])).output, 0.1)
     assert not diverges(model, record)
     assert diverges(model, Extremes(record).larger)
-    judge = Judge.of(record, 0.25, 1)
-    assert judge.errors(structure, lambda *_: model).mean == np.inf
+    validation = CrossValidation.of(record, 0.25, 1)
+    assert validation.errors(structure, lambda *_: model).mean == np.inf
 
 
 def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() -> None:
@@ -284,10 +284,10 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() ->
     u = np.tile([0.9, -0.9], 100)  # with no steady state for u = 0.9
     record = Record(u, model.simulate(u).output, 0.1)
     assert not diverges(model, Extremes(record).larger)
-    judge = Judge.of(record, 0.25, 1)
-    assert judge.errors(structure, lambda *_: model).mean == np.inf
+    validation = CrossValidation.of(record, 0.25, 1)
+    assert validation.errors(structure, lambda *_: model).mean == np.inf
     stable = Narx(structure, np.array([0.5, 0.5, 0.05]), 0.1)
-    assert np.isfinite(judge.errors(structure, lambda *_: stable).mean)
+    assert np.isfinite(validation.errors(structure, lambda *_: stable).mean)
 
 
 # --- candidates ------------------------------------------------------------------------------------------------------
@@ -332,11 +332,11 @@ def test_the_rest_of_the_parameters_is_at_the_minimum_without_the_removed_ones()
 
 def test_a_fit_without_some_terms_goes_on_from_the_one_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
     record = second_order(0.1, 600)
-    judge = Judge.of(record, 0.25, 6)
-    fit = fit_to_compare(arx(5, 4), judge.fitted, None, judge.control)
+    validation = CrossValidation.of(record, 0.25, 6)
+    fit = fit_to_compare(arx(5, 4), validation.fitted, None, validation.control)
     begun = []
     monkeypatch.setattr(free_run_fit, "_towards_free_run", lambda *given: begun.append(given) or given[3])
-    trials = prune(Trial(fit, judge.refitted(fit)), judge)
+    trials = prune(Trial(fit, validation.refitted(fit)), validation)
     assert trials[-1].terms < 6
     assert not begun
 

@@ -127,7 +127,7 @@ def test_orders_that_no_linear_model_suits_are_named(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("noise", ["white", "coloured"])
-def test_instruments_have_no_bias_and_honest_intervals(noise: str) -> None:
+def test_instruments_have_no_bias_and_robust_intervals(noise: str) -> None:
     inside, errors = [], []
     for seed in range(25):
         fit = emsid.fit(emsid.arx(2, 2, constant=True), noisy(1000, noise, 1.5, seed), instruments=True)

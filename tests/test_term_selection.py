@@ -163,15 +163,15 @@ def test_the_free_run_selects_from_the_shortlist_of_a_large_dictionary(monkeypat
     monkeypatch.setattr(regressions, "LARGE", 34)
     monkeypatch.setattr(regressions, "SHORTLIST", 8)
     record = measured(700)
-    judge = regressions.Judge.of(record, 0.25, 3)
-    terms = regressions._dictionary(record, Options(), judge, (2, 2, 1))
-    assert terms.labels == emsid.select_terms(polynomial_narx(2, 2, 3), judge.fitted, 8).structure.labels
+    validation = regressions.CrossValidation.of(record, 0.25, 3)
+    terms = regressions._dictionary(record, Options(), validation, (2, 2, 1))
+    assert terms.labels == emsid.select_terms(polynomial_narx(2, 2, 3), validation.fitted, 8).structure.labels
 
 
 def test_knots_add_hinges_and_friction_to_the_dictionary() -> None:
     record = measured(700)
-    judge = regressions.Judge.of(record, 0.25, 3)
-    terms = regressions._dictionary(record, Options(knots=2), judge, (2, 2, 1)).labels
+    validation = regressions.CrossValidation.of(record, 0.25, 3)
+    terms = regressions._dictionary(record, Options(knots=2), validation, (2, 2, 1)).labels
     assert len(terms) == len(set(terms)) == 35 + 2 * 4 + 3
     assert "sign(y(t-1))" in {label.removeprefix("-") for label in terms}
-    assert regressions._dictionary(record, Options(), judge, (2, 2, 1)).labels == polynomial_narx(2, 2, 3).labels
+    assert regressions._dictionary(record, Options(), validation, (2, 2, 1)).labels == polynomial_narx(2, 2, 3).labels

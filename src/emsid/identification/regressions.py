@@ -1,7 +1,7 @@
 """Regressions as candidates: fitted one step ahead by least squares, or to the free run, or with selected terms.
 
-Orders, delay, knots and terms that are not given are chosen by the free run on selection data, see `Judge`. Then the
-model is fitted to the whole record.
+Orders, delay, knots and terms that are not given are chosen by the free run on selection data, see `CrossValidation`.
+Then the model is fitted to the whole record.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
-from emsid.models.regression.intervals import with_honest_intervals
+from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.orders import output_error_orders
 from emsid.models.regression.search.terms import Trial, prune, select_by_free_run, simplest
 from emsid.models.regression.structures import (
@@ -84,7 +84,7 @@ class Regression:
 
     def _estimated(self, structure: Structure, record: Record, options: Options) -> Fit[Narx]:
         fit = options.estimate(structure, record)
-        return with_honest_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
+        return with_robust_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
 
 
 class _OfFreeRun:
@@ -157,10 +157,10 @@ class FreeRunRegression(_OfFreeRun):
         plain = replace(options, ridge=0.0, forgetting=None)
         structure = chosen_structure(self.like.build, self.like.choices, record, plain, control)
         structure = replace(structure, name=self.name)
-        judge = Judge.of(record, options.held_back, structure.memory, control)
-        fit = fit_to_compare(structure, judge.fitted, None, control)
-        first = Trial(fit, judge.refitted(fit))
-        return refit_to(simplest([first, *prune(first, judge)]).fit, record, control)
+        validation = CrossValidation.of(record, options.held_back, structure.memory, control)
+        fit = fit_to_compare(structure, validation.fitted, None, control)
+        first = Trial(fit, validation.refitted(fit))
+        return refit_to(simplest([first, *prune(first, validation)]).fit, record, control)
 
 
 @dataclass(frozen=True)
@@ -180,15 +180,15 @@ class PolynomialNarx(_OfFreeRun):
         na, nb, nk, constant = self._lags(record, options, control)
         inputs = record.input.shape[1]
         structure = replace(arx(na, nb, nk, inputs, constant), name="polynomial-narx")
-        judge = Judge.of(record, options.held_back, max(na, nk + nb) + 1, control)
-        fit = fit_to_compare(structure, judge.fitted, None, control)
-        of_linear = judge.refitted(fit)
-        dictionary = _dictionary(record, options, judge, (na, nb, nk))
-        best = select_by_free_run(fit, dictionary, judge)
+        validation = CrossValidation.of(record, options.held_back, max(na, nk + nb) + 1, control)
+        fit = fit_to_compare(structure, validation.fitted, None, control)
+        of_linear = validation.refitted(fit)
+        dictionary = _dictionary(record, options, validation, (na, nb, nk))
+        best = select_by_free_run(fit, dictionary, validation)
         if better(best.errors, of_linear):
             na, nb = na if options.na else na + 1, nb if options.nb else nb + 1
-            dictionary = _dictionary(record, options, judge, (na, nb, nk))
-            best = simplest([best, select_by_free_run(best.fit, dictionary, judge)])
+            dictionary = _dictionary(record, options, validation, (na, nb, nk))
+            best = simplest([best, select_by_free_run(best.fit, dictionary, validation)])
         fit = refit_to(best.fit, record, control)
         return replace(fit, findings=(*fit.findings, *_about_dictionary(dictionary, record)))
 
@@ -207,7 +207,7 @@ class PolynomialNarx(_OfFreeRun):
         return na, nb, nk, "1" in found.labels
 
 
-def _dictionary(record: Record, options: Options, judge: Judge, lags: tuple[int, int, int]) -> Structure:
+def _dictionary(record: Record, options: Options, validation: CrossValidation, lags: tuple[int, int, int]) -> Structure:
     """The terms to select from; of many, those that predict best one step ahead."""
     na, nb, nk = lags
     dictionary = polynomial_narx(na, nb, options.degree or DEGREE, nk, record.input.shape[1])
@@ -217,7 +217,7 @@ def _dictionary(record: Record, options: Options, judge: Judge, lags: tuple[int,
         dictionary += Structure(tuple(bent), inputs=dictionary.inputs)
     if len(dictionary) <= LARGE:
         return dictionary
-    return select_terms(dictionary, judge.fitted, SHORTLIST, judge.control).structure
+    return select_terms(dictionary, validation.fitted, SHORTLIST, validation.control).structure
 
 
 def _about_dictionary(dictionary: Structure, record: Record) -> tuple[Finding, ...]:
@@ -255,7 +255,7 @@ def chosen_structure(build: Build, choices: Choices, record: Record, options: Op
     if key in known:
         return build(record, known[key])
     start = build(record, {name: values[-1] for name, values in tried.items()}).memory
-    judge = Judge.of(record, options.held_back, start, control)
+    validation = CrossValidation.of(record, options.held_back, start, control)
     exact = 1e-20 * float(np.var(record.output))  # smaller differences are rounding
 
     def errors(choice: Choice) -> StretchErrors:
@@ -263,7 +263,7 @@ def chosen_structure(build: Build, choices: Choices, record: Record, options: Op
             structure = build(record, choice)
         except EmsidError:  # leave out a choice that is no structure
             return StretchErrors.of(np.full(STRETCHES, np.inf))
-        return judge.errors(structure, lambda each, records: options.estimate(each, records).model, exact)
+        return validation.errors(structure, lambda each, records: options.estimate(each, records).model, exact)
 
     known[key] = coordinate_search(errors, tried, partial(control.doing, "choosing orders"))
     return build(record, known[key])

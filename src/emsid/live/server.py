@@ -1,7 +1,7 @@
 """Serves a board on a TCP port and on a pseudo-terminal, in the line protocol.
 
 Commands are lines: ``u 1.5`` sets the voltage until the next command, ``u 1,2,3`` one voltage for each of the next
-samples, ``stop`` sets zero volts, ``?`` asks for the header. Everybody who is connected receives every sample; who has
+samples, ``stop`` sets zero volts, ``?`` asks for the header. Every connected client receives every sample; the one that
 sent the last voltage drives the motor. It stands at zero volts when its driver disconnects, or sends no command for
 `WATCHDOG` seconds of real time.
 """
@@ -35,7 +35,7 @@ MOST_VALUES = 10_000
 
 @dataclass(eq=False)
 class _Client:
-    """Somebody who is connected."""
+    """A connected client."""
 
     number: int
     close: Callable[[], None]
@@ -217,7 +217,7 @@ class Server:
             self._driver, self.voltages = None, []
 
     def _sample(self, count: int) -> None:
-        """Compute samples and put them into the queue of everybody."""
+        """Compute samples and put them into the queue of every client."""
         now = self.voltages[:count]
         volts = np.array(now + [now[-1] if now else 0.0] * (count - len(now)))
         self.voltages = self.voltages[count:] or self.voltages[-1:]

@@ -170,7 +170,7 @@ def messages(
             yield from work.take(piece)
             if session.reason or control.ending is not None:
                 break
-        yield from work.look(receiver.heard)
+        yield from work.periodic(receiver.heard)
     if not session.reason:
         session.reason = "stopped"
     if session.reason != "duration":
@@ -181,7 +181,7 @@ def messages(
         raise parser.problem
     elif session.reason != "stopped":
         raise DataError(f"{session.name} has ended without enough samples; {parser.lines} lines have come")
-    yield from work.judge()
+    yield from work.conclude()
     yield _message({"kind": "end", **session.to_data()})
 
 
@@ -195,7 +195,7 @@ class _Work:
         self.shown = self.done = self.begun
         self.quiet = self.behind = False
         self.rates: deque[tuple[float, int]] = deque([(self.begun, 0)])
-        self.complained = 0
+        self.reported = 0
 
     def take(self, piece: Piece) -> Iterator[Message]:
         """What follows from a piece."""
@@ -281,7 +281,7 @@ class _Work:
         data = {"time": change.time, "since": change.since, "delay": delay, "what": change.kind, "false_alarm": run}
         return Finding("change-detected", record.output_names[0], data)
 
-    def look(self, heard: float) -> Iterator[Message]:
+    def periodic(self, heard: float) -> Iterator[Message]:
         """Periodic messages: estimates, silence, malformed lines, a full disk.
 
         Args:
@@ -295,7 +295,7 @@ class _Work:
         for name in ("malformed", "not_finite"):
             session.counts[name] = getattr(self.parser, name)
         if session.tracking is None and now - self.begun > self.settings.patience:
-            raise DataError(self.nothing(silent))
+            raise DataError(self.no_sample(silent))
         if silent > SILENT and session.tracking is not None and not self.quiet:
             self.quiet = True
             yield self.found(Finding("source-silent", session.name, {"seconds": silent}))
@@ -306,29 +306,29 @@ class _Work:
                 yield self.found(Finding("log-not-written", str(self.log.path), data))
         if now - self.shown >= self.settings.every and session.tracking is not None:
             self.shown = now
-            yield from self.complain()
+            yield from self.report_unused()
             yield self.estimate()
 
-    def complain(self) -> Iterator[Message]:
-        """Lines that are no samples: one message during the session, and their number at the end."""
+    def report_unused(self) -> Iterator[Message]:
+        """Report lines that are no samples: in one message during the session, and with their number at the end."""
         session, bad = self.session, self.parser.malformed + self.parser.not_finite
-        if bad > self.complained:
+        if bad > self.reported:
             data = {"lines": self.parser.malformed, "not_finite": self.parser.not_finite}
-            first, self.complained = not self.complained, bad
+            first, self.reported = not self.reported, bad
             found = Finding("lines-not-used", session.name, data | {"example": self.parser.example})
             session.findings = [each for each in session.findings if each.code != found.code]
             message = self.found(found)
             if first:
                 yield message
 
-    def judge(self) -> Iterator[Message]:
+    def conclude(self) -> Iterator[Message]:
         """Findings at the end, about the lines and about the prediction errors."""
-        yield from self.complain()
+        yield from self.report_unused()
         tracking = self.session.tracking
         if tracking is not None and tracking.correlation > COLOURED:
             yield self.found(Finding("tracking-errors-coloured", data={"correlation": tracking.correlation}))
 
-    def nothing(self, silent: float) -> str:
+    def no_sample(self, silent: float) -> str:
         """Why there is no sample after all this time."""
         name, patience = self.session.name, self.settings.patience
         if self.parser.lines:
@@ -367,7 +367,7 @@ class _Work:
         session, now = self.session, time.monotonic()
         tracking = session.tracking
         if tracking is None or tracking.last is None:
-            raise DataError(self.nothing(0.0))
+            raise DataError(self.no_sample(0.0))
         while len(self.rates) > 1 and now - self.rates[0][0] > 2.0:
             self.rates.popleft()
         before, count = self.rates[0]

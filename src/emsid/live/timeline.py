@@ -199,7 +199,7 @@ class Timeline:
 
 
 def _is_turn(count: float, steps: float) -> bool:
-    """Whether a counter went on by this number, while the clock, where there is one, went on by so many samples."""
+    """Whether a counter went on by this number, while the clock, if there is one, went on by this many samples."""
     return abs(count - steps) < 1.5 and count >= 1 if steps > 0 else 1 <= count <= NEAR_COUNT
 
 

@@ -34,7 +34,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.instruments import fit_instruments
-from emsid.models.regression.intervals import with_honest_intervals
+from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
 from emsid.record import Record
@@ -113,7 +113,7 @@ def _regression(
     if not recursive:
         several = (records,) if isinstance(records, Record) else tuple(records)
         fit = least_squares(structure, several, ridge=ridge, threads=threads)
-        return fit if ridge else with_honest_intervals(fit, several)
+        return fit if ridge else with_robust_intervals(fit, several)
     if ridge:
         raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
     return recursive_least_squares(structure, records, forgetting=forgetting or 1.0, history=history)

@@ -55,12 +55,12 @@ OCTAVES, LOWEST = 40, -24
 SHARE = 4
 GRID = 120  # sums in the Markov chain
 
-# A sum gives an alarm only where it is this many times the largest one that came to nothing before, and this many times
+# A sum gives an alarm only where it is this many times the largest earlier one that gave no alarm, and this many times
 # that which gave an alarm of its kind before. Both are halved in the third number times the settling.
 MARGIN, AGAIN, HALVED = 1.5, 2.0, 30
 
 # The state: samples so far, three sums, the samples since each was zero, their highest values since then, the largest
-# that came to nothing, the highest octave of the output; the samples in the autocorrelations, these, the last z; for
+# that gave no alarm, the highest octave of the output; the samples in the autocorrelations, these, the last z; for
 # every octave a number of samples, the variance of ε, its first value, that of its white part, and its first value.
 _COUNT, _SUMS, _SINCE, _PEAK, _LARGEST, _TOP, _KNOWN = 0, 1, 4, 7, 10, 13, 14
 _CORRELATION = _KNOWN + 1

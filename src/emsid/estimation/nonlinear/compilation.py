@@ -17,7 +17,7 @@ from emsid.estimation.nonlinear.control import Control, Stopped
 
 
 class _Passes(Listener):
-    """Hears of every pass of the compiler, in the thread that compiles."""
+    """Is called before and after every pass of the compiler, in the thread that compiles."""
 
     def __init__(self, control: Control) -> None:
         self._control = control

@@ -63,7 +63,7 @@ class FrequencyResponse:
     deviation: Array
 
     def ahead(self, samples: int) -> FrequencyResponse:
-        """The response without a delay of so many samples."""
+        """The response without a delay of this many samples."""
         if samples == 0:
             return self
         return replace(self, value=self.value * np.exp(2j * np.pi * self.frequency * samples))

@@ -250,7 +250,7 @@ class _Search:
     def _linearise(self, theta: Array, weights: Array, most: Array, independent: float) -> _Point:
         """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones.
 
-        The number of independent samples that the residual is worth never falls, so that the search settles.
+        The number of independent samples in the residual never falls, so that the search settles.
         """
         here = linearised(self.problem, theta, self.box.varied, self.loss)
         information = here.information

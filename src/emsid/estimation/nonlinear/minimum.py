@@ -141,7 +141,7 @@ def covariance_matrices(
         solution: of their information.
         loss: that was minimised.
         penalty: (k, p) rows of the penalties, in all parameters.
-        independent: the number of samples that the residual is worth.
+        independent: the number of independent samples in the residual.
         check: called between steps; what it raises ends the computation.
     """
     determined = np.isfinite(np.diag(solution.covariance))

@@ -1,7 +1,7 @@
-"""Searches that are begun again around the end of one that did not converge.
+"""Restarts around the end of a search that did not converge.
 
 The free run of a model with kinks is not smooth, and its valleys are narrow and bent: a search may stall, or use up its
-steps, beside a minimum or at a place where the derivative promises a descent that there is not. Searches from points
+steps, near a minimum or at a point where the derivative predicts a descent that does not exist. Searches from points
 drawn around that end, along its covariance, either find a minimum, or agree on where it is.
 """
 
@@ -31,7 +31,7 @@ SAME = 0.01
 CLOSE = 0.5
 """So are ends whose costs differ by less than a move by this many standard errors changes the cost."""
 AGREEING = 3
-"""How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
+"""How many searches must end in the same minimum as one that stalled, so that this counts as converged."""
 STEPS, SLOW = 25, 1e-3
 """The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
 FAR = 2.0
@@ -105,14 +105,14 @@ def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]], part: float = S
 def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
     """A search that stalled, with how many of those that began around its end ended with the same cost.
 
-    It counts as converged if these are some, and none found a lower cost.
+    It counts as converged if there are enough of these, and none found a lower cost.
 
     The error of a free run is not smooth where the motion sticks for one value and slides for the next, so that the
-    derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
+    derivative predicts a descent that does not exist. The estimates of ends with the same cost differ by more than the
     derivative says; their spread is added to the covariance.
 
-    Costs V that the data cannot tell apart count as the same. With a residual worth n independent samples, V is higher
-    by the part k²/n of itself at k standard errors from the minimum. For a slow residual that is more than `SAME`.
+    Costs V count as equal if their difference is not significant. If the residual has n independent samples, V is
+    higher by the share k²/n at k standard errors from the minimum. For a slow residual that is more than `SAME`.
 
     Args:
         minimum: the end of the search.

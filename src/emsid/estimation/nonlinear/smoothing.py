@@ -1,6 +1,6 @@
 r"""Penalties on roughness, each with a weight that the data choose.
 
-A curve with many knots needs a reason to be smooth, and not a choice of knots. A search minimises
+A penalty keeps a curve with many knots smooth, so that their number need not be chosen. A search minimises
 
     V(θ) + ½ Σⱼ μⱼ‖Rⱼθ + cⱼ‖²,
 
@@ -15,9 +15,9 @@ and of all other penalties, and U·d·Wᵀ the singular values of RA⁻¹, the r
 for M degrees of freedom, z and a in the coordinates W and U, and k the rank of R. It is computed on a grid of μ, so its
 highest maximum is found. Several penalties are weighted in turn.
 
-Neighbouring residuals that are alike, as those of a wrong model are, say less than as many independent ones; counted
-one by one they would let a curve follow them, and more so the more knots it has. M is therefore that of the number of
-independent samples, see `effective_samples` (Opsomer, Wang & Yang 2001 on what correlated errors do to the weight).
+Correlated residuals, as those of a wrong model are, contain less information than as many independent ones. If each
+counted as one, the curve would follow them, the more closely the more knots it has. M is therefore that of the number
+of independent samples, see `effective_samples` (Opsomer, Wang & Yang 2001 on what correlated errors do to the weight).
 
 References:
     Eilers, Marx, *Flexible smoothing with B-splines and penalties*, Statistical Science 11 (1996). O'Sullivan, *A
@@ -118,7 +118,7 @@ class Smoothing:
     correlated: bool = False
 
     def samples(self, residuals: Sequence[Array]) -> float:
-        """How many independent samples the residuals (Nᵢ,) of all experiments are worth."""
+        """The number of independent samples in the residuals (Nᵢ,) of all experiments."""
         return effective_samples(residuals) if self.correlated else float(sum(len(each) for each in residuals))
 
 
@@ -142,7 +142,7 @@ def chosen_weights(
         theta: (p,) θ.
         varied: the parameters that are estimated.
         before: (m,) weights to begin with; the weight of one penalty is chosen for those of the others.
-        samples: how many independent ones the residual is worth.
+        samples: the number of independent samples in the residual.
     """
     weights = before.copy()
     for j, penalty in enumerate(penalties):

@@ -166,7 +166,7 @@ def coloured_covariance(pieces: Sequence[tuple[Array, Array]], penalty: Array | 
     return covariance
 
 
-def whitened_sandwich(pieces: Sequence[tuple[Array, Array]]) -> Array | None:
+def whitened_robust_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array | None:
     """(p, p) covariance of the estimate by `long_run_variance`, from scores without the zero of the residual.
 
     ``Σₜ Jₜeₜ = Σₜ (HᵀJ)ₜwₜ`` is one number in two sums; the terms of the second are hardly correlated, so that
@@ -210,4 +210,4 @@ def effective_samples(pieces: Sequence[Array]) -> float:
 
 
 FEWEST = 10.0
-"""However much a residual hangs together, it is taken for this many independent samples."""
+"""A residual counts as at least this many independent samples, however correlated it is."""

@@ -1,9 +1,10 @@
 r"""Whether the residual that a fit has minimised is white.
 
 With autocorrelations r(k) of N residuals, ``Q = N(N + 2) Σ r(k)²/(N − k)`` over L lags follows χ² if they are white
-(Ljung & Box, *On a measure of lack of fit in time series models*, Biometrika 65, 1978). An estimate bends the residual
-towards white, which takes degrees of freedom from χ². Of an autoregression it takes one for every coefficient; of a
-regression with inputs only as much as past residuals have in common with its regressors, see `absorbed`.
+(Ljung & Box, *On a measure of lack of fit in time series models*, Biometrika 65, 1978). An estimate makes the residual
+look whiter than the noise is, which takes degrees of freedom from χ². Of an autoregression it takes one for every
+coefficient; of a regression with inputs only as much as past residuals have in common with its regressors, see
+`absorbed`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 r"""Linear regressions estimated with refined instruments (SRIV).
 
-Past outputs contain past noise, which biases least squares. Instruments are regressors that know nothing of the noise:
+Past outputs contain past noise, which biases least squares. Instruments are regressors that do not depend on the noise:
 here the past of the model's own free run x. With the signals filtered by 1/A(q), which makes the equation error that of
 the output, the estimate solves
 
@@ -144,7 +144,7 @@ def free_runs(structure: Structure, theta: Array, records: Sequence[Record]) -> 
     else:
         if found:
             return found
-    raise ModelError(f"{structure.name}: no stable free run to make instruments of; choose other orders")
+    raise ModelError(f"{structure.name}: no stable free run to compute instruments from; choose other orders")
 
 
 def instruments(structure: Structure, a: Array, runs: Sequence[tuple[Record, Record]]) -> list[Array]:

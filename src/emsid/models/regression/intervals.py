@@ -2,7 +2,7 @@ r"""Intervals of a regression whose residual is not white.
 
 The covariance σ²(ΦᵀΦ)⁻¹ of least squares holds for white residuals. For others it is (ΦᵀΦ)⁻¹ Ω (ΦᵀΦ)⁻¹, Ω the long-run
 variance of the scores φₜeₜ (`robust_covariance`), or ΦᵀΓΦ with Γ the covariance of the residual (`coloured_residuals`)
-where the regressors are inputs only; there this is all there is to mend.
+where the regressors are inputs only; there no other correction is needed.
 
 Past outputs as regressors contain past noise. If the residual is correlated, the noise in it is correlated with them,
 and the estimate tends to another value than the truth (Ljung 1999, sec. 7.3): white noise on the output, for instance,
@@ -37,8 +37,9 @@ EXACT = 1e-10
 """A residual below this part of the output is rounding."""
 
 
-def with_honest_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) -> Fit[Narx]:
-    """The fit with intervals for its residual as it is, and a finding where they are not those of white noise.
+def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) -> Fit[Narx]:
+    """The fit with intervals that hold for a coloured residual, and a finding where they differ from those of white
+    noise.
 
     Args:
         fit: by least squares, all parameters determined.

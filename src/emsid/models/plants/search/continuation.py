@@ -21,7 +21,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.threads import in_threads
-from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_sandwich
+from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_robust_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
@@ -329,9 +329,9 @@ def _after(steps: int, finding: Finding) -> Finding:
 
 
 def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
-    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's.
+    """The covariance under coloured noise, with deviations no smaller than those of the robust covariance.
 
-    To it comes what the free run itself is not sure of, which is all there is where the data are exact.
+    The rounding errors of the free run are added. Where the data are exact, these are the only errors.
     """
     determined = np.isfinite(np.diag(minimum.covariance))
     columns = np.flatnonzero(minimum.free & determined)
@@ -341,10 +341,10 @@ def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     for residual, jacobian in problem.exactly(minimum.estimate):
         parts = np.split(np.arange(len(residual)), channels)
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
-    covariance, whitened = coloured_covariance(pieces), whitened_sandwich(pieces)
+    covariance, whitened = coloured_covariance(pieces), whitened_robust_covariance(pieces)
     within = np.ix_(columns, columns)
-    sandwich, found = np.diag(minimum.covariance[within] if whitened is None else whitened), np.diag(covariance)
-    ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
+    robust, found = np.diag(minimum.covariance[within] if whitened is None else whitened), np.diag(covariance)
+    ratio = np.divide(robust, found, out=np.ones(len(columns)), where=found > 0)  # zero for exact data
     wider = np.sqrt(np.maximum(ratio, 1.0))
     whole = minimum.covariance.copy()
     inverse = inverse_triangle(minimum.information.select(np.flatnonzero(determined[minimum.free])).factor[:-1, :-1])

@@ -165,10 +165,9 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
     """The profile of one estimated parameter, step by step away from its estimate.
 
     Every point is a fit of all other parameters and the initial states, begun where the one before it ended. The
-    deviance 2·(V − V_min)/σ² is divided by how much colour inflates the variance, the ratio of the sandwich to the
-    white variance; where a bound holds the parameter it has none, and the largest of the others stands for it. Venzon,
-    Moolgavkar, *A method for computing profile-likelihood-based confidence intervals*, Applied
-    Statistics 37 (1988).
+    deviance 2·(V − V_min)/σ² is divided by the ratio of the robust variance to that for a white residual. At a bound
+    there is no such ratio, and the largest one of the other parameters is used. Venzon, Moolgavkar, *A method for
+    computing profile-likelihood-based confidence intervals*, Applied Statistics 37 (1988).
 
     Args:
         fit: of any plant.

@@ -47,7 +47,7 @@ from emsid.models.regression.instruments import (
     stable,
 )
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.structures import arx
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, better, simplest
@@ -155,8 +155,8 @@ def order_grid(
     grid = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     largest = _largest(grid, record)
     largest.check(record)
-    judge = Judge.of(record, unseen, largest.memory, control)
-    factors = [gather(largest, train)[0] for train, _ in judge.splits]
+    validation = CrossValidation.of(record, unseen, largest.memory, control)
+    factors = [gather(largest, train)[0] for train, _ in validation.splits]
     whole, _ = gather(largest, record)
     rows = []
     for number, choice in enumerate(grid):
@@ -164,7 +164,7 @@ def order_grid(
         structure = _structure(choice, record)
         columns = _columns(structure, largest)
         estimates = [factor.select(columns).solve().estimate for factor in factors]
-        errors = judge.errors(structure, _models(estimates, record))
+        errors = validation.errors(structure, _models(estimates, record))
         rows.append(_Judged(_row(choice, whole.select(columns), errors.mean), errors))
     chosen = simplest(rows, size=lambda judged: judged.row.parameters).row
     return OrderTable(tuple(judged.row for judged in rows), chosen)
@@ -235,18 +235,18 @@ def output_error_orders(record: Record, grid: Sequence[Choice], held_back: float
         ModelError: where no structure of the grid can be fitted.
     """
     largest = _largest(grid, record)
-    judge = Judge.of(record, held_back, largest.memory, control, folds=True)
+    validation = CrossValidation.of(record, held_back, largest.memory, control, folds=True)
     control.doing("choosing orders", 0, len(grid))
-    starts = list(_starts(record, grid, largest, judge))
+    starts = list(_starts(record, grid, largest, validation))
     found: list[_Trial] = []
     failures = 0
     for number, (structure, theta) in enumerate(starts):
         control.doing("choosing orders", len(grid) * (number + 1) // (len(starts) + 1), len(grid))
         try:
-            fit = fit_to_compare(structure, judge.fitted, theta, control)
+            fit = fit_to_compare(structure, validation.fitted, theta, control)
         except EmsidError:
             continue
-        trial = _Trial(fit, judge.refitted(fit))
+        trial = _Trial(fit, validation.refitted(fit))
         failures = 0 if all(better(trial.errors, each.errors) for each in found) else failures + 1
         found.append(trial)
         if failures == PATIENCE:
@@ -268,14 +268,14 @@ class _Trial:
 
 
 def _starts(
-    record: Record, grid: Sequence[Choice], largest: Structure, judge: Judge
+    record: Record, grid: Sequence[Choice], largest: Structure, validation: CrossValidation
 ) -> Iterator[tuple[Structure, Array]]:
     """The structures that are fitted to the free run, with starts: of every size the one with the best start."""
     structures = [_structure(choice, record) for choice in grid]
     columns = [_columns(structure, largest) for structure in structures]
     best: dict[int, tuple[float, Structure, Array]] = {}
     longest = max(structure.memory for structure in (largest, *structures))
-    below, runs = _first_instruments(judge.fitted)
+    below, runs = _first_instruments(validation.fitted)
     for number in range(PASSES):
         runs = _longer(runs, longest)
         information = instrument_information(instruments(largest, below, runs))
@@ -289,8 +289,10 @@ def _starts(
             break
         if number >= UNFITTED:
             with suppress(EmsidError):
-                theta = stable(structure, fit_to_compare(structure, judge.fitted, theta, judge.control).estimate)
-        below, runs = denominator(structure, theta), free_runs(structure, theta, judge.fitted)
+                theta = stable(
+                    structure, fit_to_compare(structure, validation.fitted, theta, validation.control).estimate
+                )
+        below, runs = denominator(structure, theta), free_runs(structure, theta, validation.fitted)
     for _, (error, structure, theta) in sorted(best.items()):
         if error <= HOPELESS * least < inf:
             yield structure, theta

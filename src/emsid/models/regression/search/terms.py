@@ -1,11 +1,12 @@
 r"""Terms of a nonlinear regression, selected from a dictionary by the free run.
 
-Least squares selects terms that predict one step ahead, which at a short sample time is easy; what a free run needs is
-hidden in the last digits. So terms are selected by the linearised free run. At the model so far, the output changes by
-``δŷ = Σⱼ Sⱼ δθⱼ``, where Sⱼ is the exact derivative with respect to the parameter of a term, those not yet in the model
-at θⱼ = 0 included. Orthogonal forward selection on [S, y − ŷ] finds the term that reduces the free-run error most.
-It is added, and all parameters are fitted again. Terms are added until they no longer reduce the error on unseen data;
-then those with the smallest θⱼ²/var θⱼ are removed, as long as that error hardly grows.
+Least squares selects the terms that predict best one step ahead. At a short sample time almost all terms predict well,
+and the errors hardly show which of them a free run needs. So terms are selected by the linearised free run. At the
+model so far, the output changes by ``δŷ = Σⱼ Sⱼ δθⱼ``, where Sⱼ is the exact derivative with respect to the parameter
+of a term, those not yet in the model at θⱼ = 0 included. Orthogonal forward selection on [S, y − ŷ] finds the term that
+reduces the free-run error most. It is added, and all parameters are fitted again. Terms are added until they no longer
+reduce the error on unseen data; then those with the smallest θⱼ²/var θⱼ are removed, as long as that error hardly
+grows.
 
 References:
     Billings, *Nonlinear System Identification* (2013), ch. 3. Piroddi, Spinelli, *An identification algorithm for
@@ -26,7 +27,7 @@ from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.selection.improvement import StretchErrors, better
 from emsid.selection.improvement import simplest as simplest_model
 
@@ -56,20 +57,20 @@ class Trial(NamedTuple):
         return len(self.fit.estimate)
 
 
-def select_by_free_run(start: Fit[Narx], dictionary: Structure, judge: Judge, most: int = MOST) -> Trial:
+def select_by_free_run(start: Fit[Narx], dictionary: Structure, validation: CrossValidation, most: int = MOST) -> Trial:
     """The simplest structure whose free run on unseen data is as good as the best that was found.
 
     Args:
         start: a model to begin with, such as an output-error model; its terms can be removed too.
         dictionary: terms that can be added.
-        judge: the data.
+        validation: the data.
         most: the largest number of terms.
 
     Raises:
-        Stopped: if the control of the judge ends the search.
+        Stopped: if the control of the validation ends the search.
     """
-    trials = grow(Trial(start, judge.refitted(start)), dictionary, judge, most)
-    trials += prune(simplest(trials), judge)
+    trials = grow(Trial(start, validation.refitted(start)), dictionary, validation, most)
+    trials += prune(simplest(trials), validation)
     return simplest(trials)
 
 
@@ -91,19 +92,19 @@ def _fits_as_well(simpler: Trial, best: Trial) -> bool:
     return simpler.fit.noise_variance <= WORSE * best.fit.noise_variance
 
 
-def grow(first: Trial, dictionary: Structure, judge: Judge, most: int) -> list[Trial]:
+def grow(first: Trial, dictionary: Structure, validation: CrossValidation, most: int) -> list[Trial]:
     """The trials with one term more at a time."""
     trials, best, failures = [first], first.errors, 0
     while failures < PATIENCE and trials[-1].terms < most:
-        judge.control.doing(f"adding term {trials[-1].terms + 1}", trials[-1].terms, most)
-        structure, start = next_term(trials[-1].fit, dictionary, judge)
+        validation.control.doing(f"adding term {trials[-1].terms + 1}", trials[-1].terms, most)
+        structure, start = next_term(trials[-1].fit, dictionary, validation)
         if structure is None:
             break
         try:
-            fit = fit_to_compare(structure, judge.fitted, start, judge.control)
+            fit = fit_to_compare(structure, validation.fitted, start, validation.control)
         except EmsidError:
             break
-        trials.append(Trial(fit, judge.refitted(fit)))
+        trials.append(Trial(fit, validation.refitted(fit)))
         if better(trials[-1].errors, best):
             best, failures = trials[-1].errors, 0
         else:
@@ -111,7 +112,7 @@ def grow(first: Trial, dictionary: Structure, judge: Judge, most: int) -> list[T
     return trials
 
 
-def next_term(fit: Fit[Narx], dictionary: Structure, judge: Judge) -> tuple[Structure | None, Array]:
+def next_term(fit: Fit[Narx], dictionary: Structure, validation: CrossValidation) -> tuple[Structure | None, Array]:
     """The structure with the term that reduces the linearised free-run error most, and a start for its parameters.
 
     The structure is None where every other term is a combination of those there are.
@@ -121,7 +122,7 @@ def next_term(fit: Fit[Narx], dictionary: Structure, judge: Judge) -> tuple[Stru
     here = np.concatenate([fit.estimate, np.zeros(len(whole) - len(structure))])
     count = len(structure)
     try:
-        chosen = forward_selection(linearised(whole, here, judge), count + 1, first=range(count)).order
+        chosen = forward_selection(linearised(whole, here, validation), count + 1, first=range(count)).order
     except (EmsidError, ValueError):  # terms that depend on each other: nothing can be added
         return None, here
     if len(chosen) == count:
@@ -129,9 +130,9 @@ def next_term(fit: Fit[Narx], dictionary: Structure, judge: Judge) -> tuple[Stru
     return with_terms(whole, chosen), here[list(chosen)]
 
 
-def linearised(structure: Structure, theta: Array, judge: Judge) -> Information:
+def linearised(structure: Structure, theta: Array, validation: CrossValidation) -> Information:
     """The information of [S, y − ŷ] at θ, from at most `COMPARED` samples."""
-    segments = [s for record in judge.fitted for s in record.segments if len(s) > structure.memory]
+    segments = [s for record in validation.fitted for s in record.segments if len(s) > structure.memory]
     every = max(1, -(-sum(map(len, segments)) // COMPARED))
     information = Information.empty(len(structure))
     for residual, derivative in FreeRunError(structure, segments, structure.memory).linearised(theta):
@@ -140,7 +141,7 @@ def linearised(structure: Structure, theta: Array, judge: Judge) -> Information:
     return information
 
 
-def prune(best: Trial, judge: Judge) -> list[Trial]:
+def prune(best: Trial, validation: CrossValidation) -> list[Trial]:
     """The trials with fewer terms, as long as the error on unseen data hardly grows.
 
     Of many terms several are removed at a time, and half as many where that was too many.
@@ -149,8 +150,8 @@ def prune(best: Trial, judge: Judge) -> list[Trial]:
     last = least = best
     number = max(1, best.terms // AT_ONCE)
     while last.terms > number:
-        judge.control.doing(f"removing terms of {best.terms}", best.terms - last.terms, best.terms)
-        trial = _without(last, number, judge)
+        validation.control.doing(f"removing terms of {best.terms}", best.terms - last.terms, best.terms)
+        trial = _without(last, number, validation)
         if trial is not None and as_good(trial, least) and as_good(trial, best):
             last, least = trial, min(least, trial, key=lambda each: each.errors.mean)
             trials.append(trial)
@@ -161,19 +162,19 @@ def prune(best: Trial, judge: Judge) -> list[Trial]:
     return trials
 
 
-def _without(trial: Trial, number: int, judge: Judge) -> Trial | None:
+def _without(trial: Trial, number: int, validation: CrossValidation) -> Trial | None:
     """The trial without the terms of smallest θⱼ²/var θⱼ; None where the rest cannot be fitted."""
     structure, theta = trial.fit.model.structure, trial.fit.estimate
     try:
-        covariance = linearised(structure, theta, judge).solve().covariance
+        covariance = linearised(structure, theta, validation).solve().covariance
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = np.nan_to_num(theta**2 / np.diag(covariance))
         kept = np.sort(np.argsort(weight)[number:])
         start = of_the_rest(theta, covariance, kept)
-        fit = fit_to_compare(with_terms(structure, kept.tolist()), judge.fitted, start, judge.control)
+        fit = fit_to_compare(with_terms(structure, kept.tolist()), validation.fitted, start, validation.control)
     except EmsidError:
         return None
-    return Trial(fit, judge.refitted(fit))
+    return Trial(fit, validation.refitted(fit))
 
 
 def of_the_rest(theta: Array, covariance: Array, kept: NDArray[np.intp]) -> Array:

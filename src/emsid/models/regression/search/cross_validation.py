@@ -37,7 +37,7 @@ STEPS, TOLERANCE, SAVING = 30, 0.03, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
+class CrossValidation:
     """Splits of a record into data to fit and unseen data.
 
     Attributes:
@@ -55,7 +55,7 @@ class Judge:
     @classmethod
     def of(
         cls, record: Record, held_back: float, transient: int, control: Control = FREE, folds: bool = False
-    ) -> Judge:
+    ) -> CrossValidation:
         """The splits of a record, of which a long one is searched in pieces.
 
         Args:

@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
 # Reachable states are collected at this many times, or fewer.
-REACHABLE = 1_000
+REACHABLE = 4_000
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
 

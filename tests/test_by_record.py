@@ -168,7 +168,7 @@ def test_records_with_the_same_name_are_numbered(records):
     [
         ({"per_record": "load"}, "has no parameter 'load'"),
         ({"per_record": "resistance"}, "resistance cannot be fixed and differ by record"),
-        ({"per_record": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "are the same thing in part"),
+        ({"per_record": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "overlap: both set one value"),
         ({"bounds": {"rotor_inertia": (1.0, 2.0)}}, "exclude its start"),
     ],
 )

@@ -287,7 +287,7 @@ def test_a_search_that_ends_where_it_saves_little_is_not_begun_again(monkeypatch
     assert again == [same]
 
 
-def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others() -> None:
+def test_a_model_that_is_much_worse_on_the_first_split_is_not_fitted_to_the_others() -> None:
     true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
     record = record_of(true, 400)
     splits = [Round([record[200:]], [record[:200]], [0]), Round([record[:200]], [record[200:]], [0])]

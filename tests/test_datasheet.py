@@ -163,7 +163,7 @@ def test_of_names_that_share_a_value_one_replaces_the_other():
         ({"rotor_friction": {"coulomb": [1.0, 2.0, 3.0]}}, "only frictions take a pair"),
         (
             {"rotor_friction": {"coulomb": 1e-3, "coulomb.forward": 2e-3}},
-            "rotor_friction.coulomb and rotor_friction.coulomb.forward are the same thing in part",
+            "rotor_friction.coulomb and rotor_friction.coulomb.forward overlap: both set one value",
         ),
     ],
 )

@@ -57,10 +57,10 @@ def test_records_of_other_channels_are_refused(record, message):
             {"fixed": {"resistance": 9.0}, "datasheet": {"resistance": Given(2.0, 0.1)}},
             r"resistance is fixed at 9 and the datasheet has it within \[1.8, 2.2\]",
         ),
-        ({"free": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "are the same thing in part"),
+        ({"free": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "overlap: both set one value"),
         (
             {"free": ["rotor_friction.coulomb"], "fixed": {"rotor_friction.coulomb.forward": 1e-3}},
-            "rotor_friction.coulomb and rotor_friction.coulomb.forward are the same thing in part",
+            "rotor_friction.coulomb and rotor_friction.coulomb.forward overlap: both set one value",
         ),
         ({"free": []}, "no parameter of rigid-motor is free"),
         ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 Ω; it must be positive"),

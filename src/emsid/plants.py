@@ -21,9 +21,9 @@ from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.constructors import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
 from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor

@@ -14,7 +14,7 @@ it was fitted to is too small and varies less. Efron's .632 estimator is the wei
 it is that of their logarithms, stretch by stretch, so that a stretch that is far off while it is left out weighs less.
 
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
-followed over the other folds: those with at most `HOPELESS` times its smallest error. Models that were fitted to an
+followed over the other folds: those with at most `MUCH_WORSE` times its smallest error. Models that were fitted to an
 excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
 another fit. Where there are none and the held-back part has `MANY` samples, where folds are too short (`LEAST`), or
 where only one model is left, the held-back part decides alone.
@@ -50,7 +50,7 @@ Array = NDArray[np.float64]
 
 FOLDS = 4
 """The parts of the data that are left out in turn, with the one that was held back from the fits."""
-HOPELESS = 4.0
+MUCH_WORSE = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
@@ -142,7 +142,7 @@ def ranked(
     if fitted is None or (outside is None and len(choice.best.record) >= MANY):
         return tuple(alone)
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
-    followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
+    followed = [each for each in usable if each.row.ranked_by <= MUCH_WORSE**2 * usable[0].row.ranked_by]
     start = choice.best.transient
     if len(followed) < 2:
         return tuple(alone)

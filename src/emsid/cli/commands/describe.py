@@ -127,8 +127,7 @@ def proposals(divided: "Sequence[Group]") -> list[list[str]]:
 
 
 def _turned(group: "Group") -> dict[str, Any]:
-    """The arguments for files that are read alike, with all repairs, and the sign of an input that all outputs go
-    against."""
+    """Arguments for files that are read alike, with all repairs, and the sign of an input that all outputs oppose."""
     reading = {**group.looks[0].reading, **group.mends}
     if group.against:
         scale = reading.get("scale", {})

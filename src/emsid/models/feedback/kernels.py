@@ -79,7 +79,7 @@ class LoopSignals(NamedTuple):
 
     @classmethod
     def empty(cls, steps: int, states: int, maps: int) -> LoopSignals:
-        """Room for a run."""
+        """Uninitialised arrays for a run."""
         return cls(np.empty((steps, states)), np.empty((steps, maps)), np.empty((steps, maps)), np.empty(steps))
 
 
@@ -214,7 +214,7 @@ def derivative(
         maps: along the run.
         u: (K,) input.
         x, w: (K, n), (K, m) of the run.
-        every: one in so many steps has an output.
+        every: one in ``every`` steps has an output.
         now: (n, p) the derivative of the state before the first step; overwritten by that after the last one.
         out: (⌈K/every⌉, p) receives the derivative.
     """
@@ -359,7 +359,7 @@ def pushed(matrix: Array, factors: Array, maps: MapSlopes, forces: Array, every:
         factors: (m, n + 2) F.
         maps: along the run.
         forces: (K, r) the signals.
-        every: one in so many steps has an output.
+        every: one in ``every`` steps has an output.
         out: (⌈K/every⌉, (n + 1)·r) receives the change by each signal added to x₁⁺, …, xₙ⁺ and y, row after row.
     """
     m, r = len(factors), forces.shape[1]

@@ -1,11 +1,10 @@
 """The state of a plant at the start of a record, as its first samples show it.
 
-A position keeps for ever what its start was off by, so where a model is less exact than the sensor, a free start would
-be bent to make up for errors that come later. It is then taken from the first samples alone: from a polynomial of
-second order through as many of them as it fits as well as their noise allows. A start that was estimated from a whole
-record is believed only where it agrees with that. Many records begin at rest with a counter at zero; where the record
-does not contradict that, it is assumed, as a free run is then more exact: an unknown start costs precision of all
-parameters.
+An error of the initial state never decays in the free run of a position. If the model is less exact than the sensor, an
+estimated initial state would compensate for later errors of the model. It is then taken from the first samples alone:
+from a polynomial of second order through as many of them as it fits within their noise. An initial state that was
+estimated from a whole record is used only where it agrees with that. Many records begin at rest with a counter at zero.
+This is assumed unless the record contradicts it, because an unknown initial state costs precision of all parameters.
 """
 
 from __future__ import annotations
@@ -29,17 +28,17 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 SAMPLES = (20, 40, 80, 160)
-"""Through how many samples a polynomial is laid, at least and at most."""
+"""Numbers of samples that a polynomial is fitted to, from the fewest to the most."""
 WORSE = 1.5
 """A polynomial through more samples must leave no more than this many times the variance."""
 AGREES = 5.0
-"""By how many standard deviations an estimated start may differ from what the first samples show."""
+"""An estimated initial state may differ from that of the first samples by this many standard deviations."""
 CLEARLY = 0.1
-"""Rest is believed against the first samples where it leaves less than this part of the cost with theirs."""
+"""Rest replaces the state of the first samples where its cost is below this share of theirs."""
 
 
 class InitialState(Enum):
-    """How a fit has the initial states of its segments."""
+    """How a fit finds the initial states of its segments."""
 
     SAMPLES = "as the first samples show it"
     FREE = "estimated"
@@ -113,10 +112,10 @@ def at_rest(state: Array, position: float) -> Array:
 def as_seen(
     segments: Sequence[Record], sampled: float, search: Callable[[InitialState, Found | None], Found | None]
 ) -> tuple[InitialState, Found] | None:
-    """How the records allow a fit to have its initial states other than from the first samples, and the fit with them.
+    """Another source of initial states than the first samples, if the records allow it, and the fit with it.
 
-    No polynomial goes through a step with which a record begins. So rest is believed also where it leaves a small part
-    of what a start from the first samples does; neither is estimated.
+    A polynomial cannot follow a step at the start of a record. So rest is used also where its cost is a small share of
+    that with states from the first samples; neither kind of state is estimated.
 
     Args:
         segments: with all their samples.
@@ -124,7 +123,7 @@ def as_seen(
         search: a fit with such initial states, begun where an earlier one ended; None where nothing can be simulated.
 
     Returns:
-        None where the first samples show it best.
+        None where the first samples are the best source.
     """
     free = search(InitialState.FREE, None)
     if free is None:
@@ -140,9 +139,9 @@ def as_seen(
 
 
 def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
-    """Whether estimated starts are such as the first samples of a measured position show, in every segment.
+    """Whether estimated initial states agree with the first samples of a measured position, in every segment.
 
-    Few samples are looked at: of many, a polynomial is off by more than their noise.
+    Only a few samples are used: over many, a polynomial differs from the position by more than the noise.
     """
     seen = [beginning(segment.output[: SAMPLES[0], 0], segment.dt) for segment in segments]
     return all(
@@ -153,7 +152,7 @@ def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
 
 
 def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
-    """Whether starts at rest at position zero leave no more than noise explains (χ², at 95 %).
+    """Whether rest at position zero raises the cost by no more than noise explains (χ², at 95 %).
 
     Args:
         resting: the cost with such starts.
@@ -167,10 +166,10 @@ def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
 
 
 def starts_at_rest(y: Array, signal: Signal = Signal.POSITION) -> bool:
-    """Whether the first three samples of an output are equal, and more of a position than in a motion.
+    """Whether the first three samples of an output are equal, and for a position more of them than in a motion.
 
-    In motion the counts of an encoder change every so many samples, one more or less, and with noise some samples are
-    equal by chance. So about as many are equal once more soon after the first change.
+    In motion the counts of an encoder change at nearly equal intervals, and with noise some samples are equal by
+    chance. Then about as many samples are equal again soon after the first change.
     """
     changes = np.flatnonzero(np.diff(y))  # the last samples before them
     if len(y) < 4 or not len(changes) or signal is not Signal.POSITION:

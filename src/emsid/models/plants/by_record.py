@@ -3,7 +3,7 @@ r"""A plant with some parameters that differ by record, such as the load that on
 One vector θ = (shared, own₁, own₂, …) describes all records, so a fit has one covariance. In record k the plant has the
 shared parameters and own_k. The derivative of the free run with respect to own_k is zero in every other record.
 
-In a record that it was not fitted to, recognised by its name, an own parameter has the median of its values.
+In other records than the fitted ones, which it recognises by their names, an own parameter has its median.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ class PlantByRecord(Plant):
         present: the number of the record that it runs in, `NEW` for any other.
 
     Raises:
-        ModelError: for no own parameter, an unknown one, two that are the same thing in part, or records with the same
-            name.
+        ModelError: for no own parameter, an unknown one, two that overlap, or records with the same name.
     """
 
     shared: Plant

@@ -74,7 +74,7 @@ def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
 
 
 def as_datasheet(plant: Plant, known: Mapping[str, Any] | None) -> dict[str, Given]:
-    """What is known of a plant by the full names of its parameters.
+    """The known values of a plant by the full names of its parameters.
 
     Args:
         plant: whose parameters they are.

@@ -1,16 +1,16 @@
 r"""Errors of a free run under a load that drifts.
 
-The free run of a position keeps for ever what a slow disturbance of the force did to it, and a fit to the plain error
-bends its parameters to make up for that. So the load is the parameter of the plant plus a drift d(t), of which a fit
-sees the means over K pieces of a segment. The drift either returns to zero within a time τ that is short against the
-record, or it begins at zero at the start of every segment and walks,
+The effect of a slow disturbance of the force on the free run of a position never decays, and a fit to the plain error
+biases its parameters to compensate for it. So the load is the parameter of the plant plus a drift d(t), constant over
+each of K pieces of a segment. The drift either returns to zero within a time τ that is short against the record, or it
+begins at zero at the start of every segment and walks,
 
     E d(t)·d(s) = q·τ/2·e^{−|t − s|/τ}      or      E d(t)·d(s) = q·min(t, s).
 
-The parameter is thus the mean of a load that returns, and else the load at the start of a record, as the initial
-position is the position there: what another record has in common with this one where the load drifts as a machine warms
-up. If the drift returns only after a longer time, one record cannot tell it from a walk, and the load at the start
-predicts another record about as badly as the mean does.
+The parameter is thus the mean of a load that returns, and otherwise the load at the start of the record. This is the
+value that records have in common where the load drifts because a machine warms up. If the drift returns only after a
+longer time, one record cannot distinguish it from a walk, and the load at the start predicts another record no better
+and no worse than the mean.
 
 Near a drift d₀ the free run ŷ is linear in d with derivative M, so the error at the parameters θ is
 
@@ -125,8 +125,8 @@ class DriftingLoad:
     def trusted(self, seconds: float) -> float:
         """The time from the start of a segment of this length until the drift moves the free run by more than noise.
 
-        Over this length the free run is trusted as it is; later errors count only as far as the drift does not explain
-        them. Both times are in s.
+        Up to this length the plain error of the free run counts; later errors count only as far as the drift does not
+        explain them. Both times are in s.
         """
         variances = np.sum((self.effects @ self.drift.prior(seconds)) * self.effects, axis=1)
         seen = np.append(variances > self.drift.noise**2, True)

@@ -244,7 +244,7 @@ class FreeRunError:
 
     @contextmanager
     def under(self, control: Control) -> Iterator[None]:
-        """While it lasts, a free run raises `Stopped` where the control ends the search."""
+        """Within this context, a free run raises `Stopped` when the control ends the search."""
         self.control = control
         try:
             yield
@@ -262,7 +262,7 @@ class FreeRunError:
         return found
 
     def _run(self, plants: Sequence[Plant], states: Sequence[list[Array]]) -> list[list[Array] | str]:
-        """The residuals of every plant from its initial states, or why there are none."""
+        """The residuals of every plant from its initial states, or the reason why there are none."""
         found: list[list[Array] | str] = [""] * len(plants)
         at_once = [plant.at_once(self.signals) for plant in plants]
         groups = [[k] for k, some in enumerate(at_once) if not some]

@@ -132,8 +132,8 @@ class GreyBox(RunMethods):
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment, estimated from its first ``samples`` samples.
 
-        Where several samples show it, they also show whether a plant that seems to be at rest is passing through zero,
-        and whether one that seems to move begins at rest with a step.
+        Several samples also show whether a plant at speed zero passes through zero, and whether a plant that seems to
+        move begins at rest with a step.
         """
         head = segment[: max(samples, 1)]
         plant = self.plant.for_segment(segment)
@@ -211,9 +211,7 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
     if not record.output.shape[1]:
         return
     if record.output.shape[1] != len(signals):
-        raise DataError(
-            f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals said to be in them"
-        )
+        raise DataError(f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals given for them")
     if channels is None:
         return
     for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):

@@ -106,7 +106,7 @@ class Sliding(NamedTuple):
 
 
 class OneMass(NamedTuple):
-    """A plant that is one mass, and what acts on it in all runs, one after the other.
+    """A plant that is one mass, and the forces on it in all runs, one after the other.
 
     Attributes:
         mass: M.

@@ -166,7 +166,7 @@ def refuse_overlap(plant: Named, names: Iterable[str]) -> None:
     for name in names:
         for path, _ in find_handle(plant, name).paths:
             if path in places:
-                raise ModelError(f"{places[path]} and {name} are the same thing in part; choose one of them")
+                raise ModelError(f"{places[path]} and {name} overlap: both set one value; choose one of them")
             places[path] = name
 
 

@@ -115,11 +115,11 @@ class Plant(ABC):
 
         @property
         def name(self) -> str:
-            """What it is called in tables and files."""
+            """Its name in tables and files."""
 
         @property
         def states(self) -> int:
-            """How many numbers an initial state has."""
+            """The number of elements of an initial state."""
 
     @property
     @abstractmethod
@@ -336,7 +336,7 @@ class Plant(ABC):
         return None
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Meaningful combinations of parameters, which may be better determined than the parameters; none."""
+        """Combinations of parameters with a meaning, such as time constants, which data may determine better; none."""
         return ()
 
     def equations(self) -> str:

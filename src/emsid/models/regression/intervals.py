@@ -38,8 +38,7 @@ EXACT = 1e-10
 
 
 def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) -> Fit[Narx]:
-    """The fit with intervals that hold for a coloured residual, and a finding where they differ from those of white
-    noise.
+    """The fit with intervals for a coloured residual, and a finding where they differ from those of white noise.
 
     Args:
         fit: by least squares, all parameters determined.

@@ -25,7 +25,7 @@ from emsid.record import Record
 ZERO = 3.0
 """A leading coefficient of fewer standard errors than this may be zero."""
 MOST = 4
-"""How many samples of dead time are moved to the input at most."""
+"""The most samples of dead time that are moved to the input."""
 STEPS = 40
 """A fit without a coefficient that is zero begins near its minimum; one that needs more steps is not taken."""
 

@@ -41,7 +41,7 @@ class Family:
         sizes: numbers of knots (or degrees) to choose from; empty if the family has one size. If the trial is of this
             family, its size is the first.
         smooth: whether a penalty keeps its maps smooth, so that choices use the first size and the last fit the last.
-        loses_sign: whether its maps lose the sign, so that signs must be recovered before a linear start.
+        loses_sign: whether its maps are even (lose the sign), so that signs must be recovered before a linear start.
         trial: for the input of the map, maps that are linear in their parameters and test the filters.
         direct: whether the trial maps are of this family, and not others in their place.
         plain: the family of the trial map, if it is a map of this family without its bends.

@@ -6,9 +6,9 @@ derivative with respect to the zero is the output s of the filter through a lag,
 
     ∂y/∂z = −F · q⁻¹/(1 − pq⁻¹) s,
 
-where F stands for the linearised blocks behind it. One linear problem tells how much of the squared error this
-direction explains that the parameters of the cascade do not (Rao's score test). The larger filter starts with the pole
-that explains most.
+where F stands for the linearised blocks behind it. One linear problem gives the part of the squared error that this
+direction explains in addition to the parameters of the cascade (Rao's score test). The larger filter starts with the
+pole that explains most.
 
 References:
     Rao, *Large sample tests of statistical hypotheses concerning several parameters*, Math. Proc. Cambridge Phil. Soc.

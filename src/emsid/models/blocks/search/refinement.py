@@ -39,8 +39,8 @@ CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
 COMPARED = 4
 # Steps of a fit to the parts of a short record that are not held back: it starts at the minimum of the whole. A sum of
 # squared errors on unseen data that is this many times larger than that of another model ends a comparison.
-REFIT_STEPS, HOPELESS = 5, 2.0
-# How often knots are placed anew at most.
+REFIT_STEPS, MUCH_WORSE = 5, 2.0
+# The most times that knots are placed anew.
 PLACEMENTS = 3
 # The error of a model that has not been run on unseen data.
 UNKNOWN = StretchErrors.of(np.array([np.inf]))
@@ -54,7 +54,7 @@ class Choice:
         model: the model with all its parameters.
         unseen: its free-run error on unseen data.
         known: the same on the data that it was refined on.
-        independent: the number of independent samples that its errors there are worth.
+        independent: the number of independent samples in its errors there.
         determined: the number of parameters and initial states that these data determine, and no penalty.
         size: the size of its map.
         family: the family of its map; None for a trial map.
@@ -78,7 +78,7 @@ class Choice:
 class Plan:
     """A model to refine, with the family and size of its map, unless it is a trial map.
 
-    A trial map that another kind of curve replaces need not be believed: it follows slow residuals (`correlated`).
+    A trial map that another kind of curve replaces may follow slow residuals (`correlated`).
     """
 
     model: Cascade
@@ -184,8 +184,8 @@ def unseen_errors(
     """The free-run errors of a model on the unseen data of all splits, fitted again to the rest of each of several.
 
     Raises:
-        ModelError: where a free run diverges, or the errors are hopelessly larger than those of the rival, if any; the
-            other splits are not looked at then.
+        ModelError: where a free run diverges, or the errors are much larger than those of the rival, if any; the other
+            splits are then left out.
     """
     stretches, parts = STRETCHES // len(rounds), dict[int, StretchErrors]()
     for k in _hardest_first(rival, len(rounds)):
@@ -194,13 +194,13 @@ def unseen_errors(
         if not np.isfinite(parts[k].mean):
             raise ModelError(f"{model.name}: the free run diverges on the data held back")
         so_far = sum(float(part.means @ part.samples) for part in parts.values())
-        if rival is not None and so_far > HOPELESS * rival.means @ rival.samples:
+        if rival is not None and so_far > MUCH_WORSE * rival.means @ rival.samples:
             raise ModelError(f"{model.name}: the error on the data held back is much larger than that of another model")
     return StretchErrors.joined([parts[k] for k in range(len(rounds))])
 
 
 def _hardest_first(rival: StretchErrors | None, rounds: int) -> list[int]:
-    """The order of splits in which a hopeless model is seen soonest: where the rival has most of its error, it fails.
+    """The order of splits that excludes a poor model soonest: first those with most of the rival's error.
 
     Args:
         rival: errors of another model on all splits, one after the other, if there are any.
@@ -345,7 +345,7 @@ def simplest(choices: Sequence[Choice]) -> Choice:
 def evident(choice: Choice, simpler: Choice, weights: int = 0) -> bool:
     """Whether the data that two models were refined on show that the larger one is better, by Schwarz's criterion.
 
-    Correlated errors, as those of a wrong model, are worth fewer independent samples and show less.
+    Correlated errors, as those of a wrong model, contain fewer independent samples.
 
     Args:
         choice: the larger model.

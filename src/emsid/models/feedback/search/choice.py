@@ -46,9 +46,10 @@ Array = NDArray[np.float64]
 ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
-HOPELESS = 2.0
-# Models with equally many maps that a further one is added to, where they are compared over at most so many samples;
-# over more it is one, as many independent errors tell models apart and every search takes long.
+MUCH_WORSE = 2.0
+# The number of models with equally many maps that a further one is added to, and the largest number of samples that
+# they are compared over; over more samples it is one model, as many independent errors distinguish models and every
+# search takes long.
 EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
@@ -210,15 +211,14 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
 
 
 def _that_explain_most(tried: Sequence[Trial], maps: int) -> list[Trial]:
-    """Of the models with so many maps that do not run away, those with the least final prediction errors."""
+    """The models with this number of maps that do not run away and have the least final prediction errors."""
     equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
     several = EXTENDED if equal and equal[0].errors.samples.sum() <= SHORT else 1
     return sorted(equal, key=lambda each: each.prediction_error)[:several]
 
 
 def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
-    """The models that a map more is added to: of those with so many maps the ones that explain most, and the best of
-    all where it has so many.
+    """The models with this number of maps that another one is added to: those that explain most, and the best of all.
 
     Where a map is missing, the residual is a slow signal with few independent errors. The rule that compares models
     then prefers those with few parameters, but the next map may only find its place beside one that explains more. The
@@ -239,7 +239,7 @@ def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
     Of a sensor that loses the sign, |z| and a spline count as two families.
     """
     others = [each for each in tried if each.family is not best.family or _other_sensor(each, best)]
-    near = [each for each in others if np.isfinite(each.errors.mean) and not _hopeless(each, best)]
+    near = [each for each in others if np.isfinite(each.errors.mean) and not _much_worse(each, best)]
     return sorted(near, key=lambda each: each.errors.mean)[:1]
 
 
@@ -247,8 +247,8 @@ def _other_sensor(trial: Trial, best: Trial) -> bool:
     return trial.family is MAGNITUDE and len(trial.found.model.maps) == 1 and trial.size != best.size
 
 
-def _hopeless(trial: Trial, best: Trial) -> bool:
-    return trial.found.error > HOPELESS * best.found.error
+def _much_worse(trial: Trial, best: Trial) -> bool:
+    return trial.found.error > MUCH_WORSE * best.found.error
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
@@ -283,7 +283,7 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Tria
                 if bench.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
-            behind = [each.family for each in trials if any(_hopeless(each, other) for other in trials)]
+            behind = [each.family for each in trials if any(_much_worse(each, other) for other in trials)]
             families = [each for each in families if each[0] not in behind]
             if order >= max(ORDERS) and not higher:
                 break

@@ -153,7 +153,7 @@ def _are_long(records: Sequence[Record]) -> bool:
 
 
 def _part_of(records: Sequence[Record], samples: int) -> list[Record]:
-    """Excerpts with so many samples in all."""
+    """Excerpts with this many samples in all."""
     return [excerpt(record, max(samples // len(records), 1)) for record in records]
 
 

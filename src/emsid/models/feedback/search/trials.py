@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 SEARCHED, JUDGED = 6_000, 8_000
 # The highest order, and the longest delay in samples, that are tried if none is given.
 MOST_ORDERS, LONGEST = 6, 5
-# Models that a map is added to at a time in records of at least so many samples. There compiled code, which leaves the
-# interpreter free, takes most of the time.
+# The number of models that a map is added to at a time, and the fewest samples of records for it. In these, compiled
+# code, which leaves the interpreter free, takes most of the time.
 AT_ONCE, LONG = 2, 2_500
 # Steps of a refinement for a choice.
 STEPS = 40
@@ -217,7 +217,7 @@ class Bench:
         Raises:
             ModelError: where its run diverges.
         """
-        saving = SAVING if self.compared else 0.0  # short records are cheap, and show a valley less
+        saving = SAVING if self.compared else 0.0  # short records take little time, and a valley is less visible
         found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, saving, states)
         return self.judged(found, family, size)
 

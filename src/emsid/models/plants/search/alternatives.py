@@ -1,13 +1,13 @@
 r"""Structures that simulate the records as well, and what they add to the uncertainty of the shared parameters.
 
-A delay of the command, a lag of the sensor and an inductance are nearly the same where the sample time is long: each
-is a short time between command and speed. They are not the same for the other parameters: a motor whose inductance is
-taken for a delay has a mechanical time constant that is too short by about L/R. The data cannot say which of them it
-is, so the covariance of the estimates θ includes what they differ by among the m structures θ̂ᵢ that are as good,
+At a long sample time, a delay of the command, a lag of the sensor and an inductance have nearly the same effect: a
+short time between command and speed. They affect the other parameters differently: if an inductance is modelled as a
+delay, the mechanical time constant is too short by about L/R. The data do not show which of them is present. So the
+covariance of the estimates θ includes their differences among the m structures θ̂ᵢ that are as good,
 
     C + 1/m·Σ (θ̂ᵢ − θ̂)(θ̂ᵢ − θ̂)ᵀ.
 
-Where none of them is in the plant and the residual shows that one is missing, the fit with it counts as well.
+If the plant has none of them and the residual shows that one is missing, the fit with it is included.
 
 References:
     Burnham, Anderson, *Model Selection and Multimodel Inference*, 2nd ed. (2002), ch. 4, on variance from the choice.
@@ -44,7 +44,7 @@ SHORT_TIMES = ("drive.delay", "sensor.lag", "inductance")
 STEPS = 20
 """Steps of the fit of an alternative."""
 MANY = 12_000
-"""Alternatives are fitted to an excerpt of this many samples: they differ by more than the noise of more samples."""
+"""Alternatives are fitted to an excerpt of this many samples; their differences exceed the noise of longer ones."""
 PIECES = 3
 """Of this excerpt."""
 SMALL = 0.1
@@ -52,7 +52,7 @@ SMALL = 0.1
 
 
 class Addition(NamedTuple):
-    """What the error of a model adds to the uncertainty of its estimates.
+    """The uncertainty of estimates that comes from errors of the model.
 
     Attributes:
         covariance: (p, p) added to the covariance of the estimates.
@@ -145,9 +145,10 @@ def _moved(
     other: str,
     time: float,
 ) -> Array | None:
-    """(p,) how far the estimates move with another short time instead of one; None where that is not as good.
+    """(p,) the change of the estimates with another short time in place of one; None where that is not as good.
 
-    An inductance comes with the usual shape of friction near rest. A rate of another shape is no shared parameter.
+    A motor with an inductance has the usual shape of friction near rest. A rate of another shape is no shared
+    parameter.
     """
     if other == mine or other in task.fixed or problem.plant.value(other) or other not in problem.plant.handles:
         return None

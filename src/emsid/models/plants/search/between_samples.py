@@ -1,4 +1,4 @@
-"""The hold of a command between its samples, chosen by the free run where the samples themselves do not show it.
+"""The hold of a command between its samples, chosen by the free run if the samples do not show it.
 
 A continuous command that is simulated as held is half a sample late, and the estimates of inertia, friction and dead
 zone are biased by that. A command that repeats its values or jumps in one record is held there, whatever its hold in
@@ -66,9 +66,9 @@ def holds_in(plant: Plant, segments: Sequence[Record]) -> tuple[Hold, ...]:
 
 
 def promising(task: Task, problem: FreeRunError, cost: float) -> list[Plant]:
-    """The plant with commands that go straight in some or all records, where that may simulate better than a minimum.
+    """Plants with linearly interpolated commands in some or all records, if they may simulate better than a minimum.
 
-    First straight in those that never jump, then in all, unless one of them can only be held.
+    First with interpolation in records whose command never jumps, then in all, unless a command is clearly held.
     """
     open_to_all = all(is_open(problem.plant, (segment,)) for segment in task.segments)
     found: list[Plant] = []
@@ -85,8 +85,8 @@ def promising(task: Task, problem: FreeRunError, cost: float) -> list[Plant]:
 def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: float) -> bool:
     """Whether another hold may simulate better than the minimum of a problem.
 
-    The error of its free run may be lowered by what the parameters can explain to first order, so no search is needed
-    to see that it does not.
+    The parameters can lower its free-run error by what they explain to first order, so no search is needed to rule it
+    out.
     """
     names = list(problem.free)
     other = task.problem(straight, names, problem.states(problem.start))
@@ -102,7 +102,7 @@ def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: flo
 
 
 def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
+    """The end of a search with a linearly interpolated command, if that simulates better."""
     with suppress(Stopped):
         for straight in promising(task, reached.problem, reached.cost):
             again = continuation.search(task, straight, max_iterations)
@@ -114,8 +114,8 @@ def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Rea
 def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> list[Finding]:
     """A finding where a user's plant simulates better with an input that is interpolated between its samples.
 
-    No search decides that for it, since its equations may be those of a sampled system. The parameters are fitted again
-    in a few steps, because those of a held input make up for some of the delay.
+    The program does not change the hold itself, since the equations may be those of a sampled system. The parameters
+    are fitted again in a few steps, because those of a held input compensate for some of the delay.
 
     Args:
         task: what was asked.

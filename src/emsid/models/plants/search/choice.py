@@ -1,25 +1,25 @@
-"""Which plant, when nobody says: refinements are added while a criterion prefers them, and removed where it does not.
+"""The choice of a plant: refinements are added while a criterion prefers them, and removed if it does not.
 
-A motor begins with what every motor has. Real drives add to that what `refinements` lists. The search is greedy. In
-every round each refinement is fitted, from several starts, to the whole record, and the one that Schwarz's criterion
-prefers most is added (`trials.gain`), until it prefers none to the plant as it is. Then what has become superfluous is
-removed in the same way; a delay, a lag and a mean over the sample, which look alike, are exchanged where that is better
-(`look_alikes`).
+The search begins with the effects that every motor has. `refinements` lists further effects of real drives. The search
+is greedy. In every round each refinement is fitted, from several starts, to the whole record, and the one that
+Schwarz's criterion prefers most is added (`trials.gain`), until it prefers none. Then superfluous refinements are
+removed in the same way. A delay, a lag and a mean over the sample have similar effects; they are exchanged if that is
+better (`look_alikes`).
 
 All of this is done in units of the record's own size (`scaling`), so the outcome does not depend on the units of its
 channels. Only the last fit, with its intervals, is done in SI units.
 
-**Drift.** The free run of a position keeps for ever what a slow disturbance did to it. Before and after that, the
-drift of the load is estimated (`load_drift`); if it changes, refinements are added and removed under the new one. What
-the first samples of a position do not show exactly is no drift: where an estimated start agrees with these samples
+**Drift.** The effect of a slow disturbance on the free run of a position never decays. The drift of the load is
+estimated before and after these rounds (`load_drift`); if it changes, refinements are added and removed under the new
+one. An inexact initial state must not count as drift: where an estimated one agrees with the first samples
 (`beginning`), it is estimated.
 
-**Another system.** A plant that, refined once, leaves several times what a linear model leaves of the output is not
-what was recorded; it is refined no further (`WORSE`).
+**Another system.** If the error of a plant with one refinement is several times that of a linear model, the record is
+of another kind of system, and the plant is refined no further (`WORSE`).
 
-**Intervals.** Of what the last fit says that its interval includes the value without effect (`support`), what costs
-least is removed and the rest fitted again, until nothing is left to remove. The fit need not have converged: a
-parameter without effect is often why it has not.
+**Intervals.** Some intervals of the last fit may include the value without effect (`support`). Of these refinements,
+the one that costs least is removed and the rest is fitted again, until there is none. The fit need not have converged,
+since parameters without effect often prevent that.
 """
 
 from __future__ import annotations
@@ -82,28 +82,28 @@ Array = NDArray[np.float64]
 Rule = Callable[[Trial, Trial], float]
 """A rule of choice between a simpler and a richer trial; see `choose`."""
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
-"""A plant of every kind to begin with where nothing is known."""
+"""The plant of every kind that a search without other knowledge begins with."""
 
 MOST = 8
 """How many refinements may be added, and how many removed."""
 OTHERS = 2
-"""From how many of the first starts a refinement is tried too, besides the best plant so far."""
+"""The number of first starts from which a refinement is tried too, besides the best plant so far."""
 RESTARTS = 8
-"""How often a plant that is taken is fitted again from around its minimum at most, until `AGREEING` of them agree."""
+"""The most fits of a chosen plant from points around its minimum; they end when `AGREEING` of them agree."""
 SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
 """Where trials see more than twice `SCREENED` samples, refinements are fitted to an excerpt of that many samples in
 `PIECES` pieces first, and only the best `CONFIRMED` of them to all."""
 POSITIVE = 2.0
 """By how much Schwarz's criterion prefers an unusual friction, at least: positive evidence (Kass, Raftery 1995)."""
 PASSES = 3
-"""How often refinements are added and removed at most, as another structure may need another weighting."""
+"""The most passes of adding and removing refinements, as another structure may need another weighting."""
 AKAIKE = 2.0
 """The increase of Akaike's criterion for a parameter."""
 STRONG = 10.0
 """Schwarz's criterion is strong evidence above this (Kass, Raftery, *Bayes factors*, JASA 90 (1995))."""
 UNEXPLAINED, WORSE = 0.1, 4.0
-"""A plant is refined no further that leaves more than this share of the output's variance after the first round, and
-this many times what a linear model leaves. Simulated motors without refinements leave up to half of that."""
+"""A plant is refined no further if its error after the first round is more than this share of the output's variance,
+and this many times that of a linear model. Simulated motors without refinements have up to half of that error."""
 
 
 @one_blas_thread()
@@ -167,7 +167,7 @@ def choose(
         said = searches_agreeing(plant.name, search.trial.cost, [cost for cost, _ in search.trial.ends])
         fit = replace(fit, findings=tuple(said if each.code == SEARCHES else each for each in fit.findings))
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
-    if search.hopeless:
+    if search.another_system:
         findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
     return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings))
 
@@ -177,8 +177,8 @@ class _Choice:
 
     Attributes:
         trial: the best plant so far.
-        asked: what is free of it, whether the record can tell it or not.
-        hopeless: whether the search ended because a linear model leaves much less of the output.
+        asked: its free parameters, whether the record identifies them or not.
+        another_system: whether the search ended because a linear model leaves much less of the output.
         thinned: whether trials see fewer samples than there are.
     """
 
@@ -214,7 +214,7 @@ class _Choice:
         start = reached.problem.plant
         assert isinstance(start, DrivenPlant)
         self.asked, self._fixed = free, tuple(fixed)
-        self.hopeless = False
+        self.another_system = False
         self._record = scaled
         limits = {**physical, **bounds_of_parts(plant, task.limits), **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
@@ -226,9 +226,9 @@ class _Choice:
         self.trial = Trial(start, tuple(reached.names), reached.states, reached.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
-        """The record that trials see, with a command that is held where it has fewer samples.
+        """The record for trials; with fewer samples, its command is held.
 
-        The start of a position is seen in all samples only, which are known of a single segment.
+        The initial state of a position needs all samples, which are known for a single segment only.
         """
         speed = signals == (Signal.SPEED,)
         if self._original.drive.codes or not (speed or (signals == (Signal.POSITION,) and len(record.segments) == 1)):
@@ -243,7 +243,7 @@ class _Choice:
 
     @property
     def weighting(self) -> Weighting:
-        """How errors count by their age, or the drift of the load."""
+        """The weighting of errors by their age, or the drift of the load."""
         return self._trials.weighting
 
     def weighting_of(self, record: Record) -> Weighting:
@@ -267,7 +267,7 @@ class _Choice:
     @property
     def between_samples_open(self) -> bool:
         """Whether the last fit decides on the hold of the command."""
-        return not self.hopeless and (self.thinned or self.found.hold is not Hold.ZERO)
+        return not self.another_system and (self.thinned or self.found.hold is not Hold.ZERO)
 
     def run(
         self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float
@@ -282,7 +282,7 @@ class _Choice:
                 self._weigh(*self._rich())
             for _ in range(PASSES):
                 self._add([each for each in refinements if each not in INSTEAD])
-                if self.hopeless:
+                if self.another_system:
                     break
                 self._exchange(refinements)
                 self._remove()
@@ -313,7 +313,7 @@ class _Choice:
         return [each for each, _ in starts], starts[0][1]
 
     def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:
-        """Take the drift of the load that a structure shows, linearised there; whether it is another than before."""
+        """Estimate the drift of the load with a structure, linearised there; whether it has changed."""
         before, found = self.weighting, chosen(self._trials, starts, names, self.trial.states)
         if found is None and before is all_alike:
             return False
@@ -322,10 +322,10 @@ class _Choice:
         return not alike(self.weighting, before)
 
     def _gain(self, simple: Trial, rich: Trial) -> float:
-        """By how much the richer of two trials is preferred: the rule, but for a constant load that drifts.
+        """By how much the richer of two trials is preferred: by the rule, except for a constant load that drifts.
 
-        Many samples do not make the drift smaller, so Schwarz's criterion asks too much of this parameter, and it is
-        judged by Akaike's.
+        Many samples do not make the drift smaller, so Schwarz's penalty is too large for this parameter, and Akaike's
+        is used.
         """
         more = has_load(rich) - has_load(simple)
         drifts = isinstance(self.weighting, tuple) and self._rule is gain
@@ -354,8 +354,8 @@ class _Choice:
             if best is not None:
                 self._trials, best = self._trials.settled(best)
                 self._take(best)
-            self.hopeless = done == 0 and self.left > self._most_left
-            if best is None or self.hopeless:
+            self.another_system = done == 0 and self.left > self._most_left
+            if best is None or self.another_system:
                 break
 
     def _tried_from_neutral(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
@@ -373,7 +373,7 @@ class _Choice:
         ]
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
-        """Whether both sides of what a refinement tells apart were seen, and a trial with a break is better on both.
+        """Whether the record has both cases that a refinement distinguishes, and a break improves both.
 
         With one that extrapolates it is better by more than noise, also on what it was not fitted to.
         """
@@ -402,7 +402,7 @@ class _Choice:
             self._exchange_hold()
 
     def _exchange_hold(self) -> None:
-        """Take another hold where it simulates some segment otherwise, and all of them better."""
+        """Take another hold if it changes the simulation of some segment and improves that of all."""
         segments = self._record.segments
         seen = [holds_in(self.trial.plant, segments)]
         for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
@@ -423,7 +423,7 @@ class _Choice:
             self._take(min(enough, key=lambda trial: self._gain(trial, self.trial)))
 
     def take_out(self, changes: Sequence[frozenset[str]]) -> bool:
-        """Remove the refinement that costs least of those that change these free names; whether there is one.
+        """Remove the refinement that costs least among those that change these free names; whether there is one.
 
         None is removed without which the error is larger by more than noise.
         """
@@ -440,8 +440,8 @@ class _Choice:
     def _needed(self, without: Trial) -> bool:
         """Whether a trial without a refinement has an error that is larger by more than noise.
 
-        Where the residual is white, strong evidence by Schwarz's criterion says so too: of a rate, or of parameters
-        that make up for one another, an interval from the derivatives says less.
+        If the residual is white, strong evidence by Schwarz's criterion is accepted too: for a rate, or for parameters
+        that compensate for each other, an interval from the derivatives is less reliable.
         """
         samples = sum(len(residual) for residual in self.trial.residuals)
         white = effective_samples(self.trial.residuals) >= WHITE * samples
@@ -451,10 +451,10 @@ class _Choice:
         self._trials.control.doing(f"{self._original.name}: {what}", done)
 
     def _screened(self, groups: Sequence[Sequence[Refined]]) -> Sequence[Sequence[Refined]]:
-        """Starts for `_tried`: of a long record only the groups that are best on an excerpt, with what they led to.
+        """Starts for `_tried`: for a long record only the groups that are best on an excerpt, with the fits there.
 
-        The others become empty. A position is not cut into pieces, as each would show its start in its first samples
-        only, and what is forgotten depends on the length of a piece.
+        The others become empty. A position is not cut into pieces: each would need an initial state of its own, and the
+            effect of a weighting by age depends on the length of a piece.
         """
         if len(self._record) <= 2 * SCREENED or self._trials.signals == (Signal.POSITION,):
             return groups
@@ -470,7 +470,7 @@ class _Choice:
         ]
 
     def _tried(self, groups: Sequence[Sequence[Refined]], few: Trials | None = None) -> list[Trial | None]:
-        """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate.
+        """A trial for each group of starts with the same free names; None if none can be simulated.
 
         Args:
             groups: of starts, each a plant and the names of its free parameters.
@@ -490,7 +490,7 @@ class _Choice:
             return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:
-        """Go on with a trial, or with a better one of its structure that begins around it."""
+        """Continue with a trial, or with a better one of its structure from a point near it."""
         trial = self._trials.around(trial, self._rng, RESTARTS, AGREEING)
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]

@@ -90,7 +90,7 @@ def searches_agreeing(model: str, cost: float, ends: Sequence[float], compared: 
 def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
     """The fit with intervals of parameters at a physical bound, where a profile takes no time.
 
-    A bound that is not physical says what a parameter may be, not what the data say of it.
+    Other bounds come from the user or a datasheet and do not show what the data say about the parameter.
     """
     physical = {
         finding.subject
@@ -111,7 +111,7 @@ def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
 
 
 def _shaft_unseen(task: Task, reached: Reached) -> bool:
-    """Whether a simpler plant is as good: what the others gain is what noise gives them (χ², at 95 %)."""
+    """Whether a simpler plant is as good: the cost is higher by no more than noise explains (χ², at 95 %)."""
     from scipy.special import chdtri
 
     problem, names, minimum = reached.problem, reached.names, reached.minimum

@@ -27,7 +27,7 @@ from emsid.models.plants.search.task import Task
 Array = NDArray[np.float64]
 
 PART = 0.1
-"""Held values are taken to be wrong by this part of them; a value of zero by this part of what is plausible."""
+"""The assumed relative error of held values; for a value of zero, relative to its plausible size."""
 TOLERABLE = 0.5
 """With an error of half a standard error, 95 % intervals hold the truth in 92 % of cases."""
 ROUNDING = 1e-4

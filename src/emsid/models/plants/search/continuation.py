@@ -1,8 +1,9 @@
 """The search itself: coarse parameters first, then all, then only those that the records identify.
 
-What the records do not identify is found from the derivative of the free run (`identifiability`): at the start without
-noise, and again every few steps with the noise found so far. It is kept at its start or at the value of the datasheet,
-and the search goes on with the rest; where that start turns out to matter, it is kept where the search had it.
+The parameters that the records do not identify are found from the derivative of the free run (`identifiability`): at
+the start without noise, and again every few steps with the noise estimated so far. They are kept at their start values
+or those of the datasheet, and the search continues with the others. If a start value turns out to affect the cost, the
+parameter is kept at the value that the search had reached.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from emsid.models.plants.search.task import Limits, Task, cost_of
 Array = NDArray[np.float64]
 
 LOOK = 20
-"""Steps after which the search looks again at what is identifiable: along what is not, it finds no end."""
+"""Steps after which identifiability is tested again: a search does not converge along unidentifiable directions."""
 FLAT = 0.01
 """A search whose later steps have not lowered V by more than this part is at the bottom of a valley."""
 
@@ -72,7 +73,7 @@ class Reached(NamedTuple):
 
     @property
     def unended(self) -> bool:
-        """Whether it ran without being ended early."""
+        """Whether it was not ended early."""
         return self.minimum.ending is not Ending.INTERRUPTED
 
     def or_better(self, other: Reached) -> Reached:
@@ -141,10 +142,10 @@ class _Rounds:
     Attributes:
         problem, names: of the round to come.
         steps: taken so far.
-        bar: the cost above which what was kept at its start in the last round must not be kept there.
-        stayed: the problem with it kept where the search had it.
-        released: what was kept and is estimated again.
-        dropped: what an end of the search did not identify.
+        bar: the cost above which the parameters kept in the last round must not be kept at their start.
+        stayed: the problem with these parameters kept at the values that the search had reached.
+        released: the parameters that were kept and are estimated again.
+        dropped: the parameters that an end of the search did not identify.
         so_far: where the last round ended, None before the first.
     """
 
@@ -204,11 +205,12 @@ class _Rounds:
         return None
 
     def _release(self, inside: Sequence[str], ended: Minimum) -> bool:
-        """Estimate also what was kept, where it is identifiable now; nothing is released twice.
+        """Estimate kept parameters again if they are identifiable now; none is released twice.
 
-        Its start would decide else where the search ends. Two parameters may make up for one another at the start only,
-        or until one of them is zero, such as friction. What an end of the search did not identify stays kept otherwise,
-        and so it does beside a parameter at a bound that is not zero, which may be all that identifies it.
+        Otherwise their start values would decide where the search ends. Two parameters may compensate for each other
+        only at the start, or until one of them, such as friction, is zero. In other cases, parameters that an end of
+        the search did not identify stay kept; so they do beside a parameter at a bound that is not zero, since that
+        bound may be what identifies them.
         """
         left = [name for name in self.task.asked if name not in self.names and name not in self.released]
         plant, states = self.problem.plant, self.problem.states(self.problem.start)
@@ -244,11 +246,11 @@ class _Rounds:
 
 
 SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
-"""By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""
+"""Factors of the fine parameters that are tried before the search: the error has many minima over a resonance."""
 
 
 def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
-    """The plant of a problem with each of the other parameters in turn moved to where it simulates best."""
+    """The plant of a problem with each of the other parameters, in turn, at the tried value that simulates best."""
     best, states = rough.plant, rough.states(rough.start)
     lowest = cost_of(rough)
     with in_threads(rough.threads) as in_turn:
@@ -263,7 +265,7 @@ def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
 
 
 def _tolerable(minimum: Minimum) -> float:
-    """By how much V may rise where what is not identifiable is kept at its start: as much as three standard deviations.
+    """The allowed rise of V if unidentifiable parameters are kept at their start: that of three standard deviations.
 
     Where the residual is coloured these are wider; then V may rise by `FLAT` of itself at most.
     """
@@ -278,7 +280,7 @@ def colour_of(minimum: Minimum, parameters: int) -> Array:
 
 
 def _put_back(plant: Plant, asked: Sequence[str], kept: Sequence[str], known: Mapping[str, float]) -> Plant:
-    """What is no longer estimated as the datasheet has it, if it does."""
+    """Parameters that are no longer estimated, at the values of the datasheet if it has them."""
     return plant.with_values({name: known[name] for name in asked if name not in kept and name in known})
 
 
@@ -294,7 +296,7 @@ def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum 
 
 
 def keep_identifiable(identifiability: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
-    """The parameters that are left when one after the other is kept at its start until the others are identifiable."""
+    """The parameters that remain if one after the other is kept at its start until the others are identifiable."""
     kept = list(names)
     while kept and (groups := identifiability.without([name for name in names if name not in kept]).groups):
         kept.remove(min(groups[0], key=preference.index))

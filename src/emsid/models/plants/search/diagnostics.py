@@ -42,7 +42,7 @@ class Curve:
 
 
 class Stop(NamedTuple):
-    """A time in which friction holds the simulated motor.
+    """A period in which friction holds the simulated motor.
 
     Attributes:
         segment: where in the ``segments`` of the fit; its ``name`` is that of the record.
@@ -61,7 +61,7 @@ class Profile:
     Attributes:
         name, unit: of the parameter.
         estimate, standard_error: of the fit; near the estimate the deviance is ((value − estimate)/standard error)².
-            Where a bound holds the estimate, the standard error is the one that it would have without.
+            For an estimate at a bound, the standard error is the one without the bound.
         values: (n,) the values tried, the estimate among them, ascending.
         deviance: (n,) 2·(log L_max − log L), corrected for colour of the residual; χ² with one degree of freedom.
         interval: where the deviance stays below the limit, up to a bound of the parameter; infinite where it still does
@@ -84,7 +84,7 @@ class Profile:
         return float(chdtri(1, 1 - self.level))
 
     def between(self, x: Array) -> Array:
-        """The deviance at (m,) values, its signed root taken to be straight between those tried."""
+        """The deviance at (m,) values; its signed root is interpolated linearly between those tried."""
         best = np.argmin(self.deviance)
         root = np.sign(self.values - self.values[best]) * np.sqrt(self.deviance)
         return np.asarray(np.interp(x, self.values, root)) ** 2
@@ -97,7 +97,7 @@ class Profile:
 
 
 def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve:
-    """Friction over speed, the viscous part included: N·m over rad/s, or N over m/s.
+    """Friction over speed, including the viscous part: N·m over rad/s, or N over m/s.
 
     Args:
         fit: of a plant that declares its friction.
@@ -121,7 +121,7 @@ def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> C
 
 
 def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve | None:
-    """What comes through the dead zone over what is applied, in V (N of an axis); None for a plant without one.
+    """The output of the dead zone over its input, in V (N for an axis); None for a plant without one.
 
     Args:
         fit: of a plant.
@@ -143,7 +143,7 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
 
 
 def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
-    """Where the simulated motor or axis sticks, whatever the sensor makes of it, segment by segment."""
+    """The periods in which the simulated motor or axis itself sticks, without the sensor, segment by segment."""
     found = []
     for k, segment in enumerate(fit.segments):
         held = np.concatenate([[False], _speeds(fit, k) == 0.0, [False]])
@@ -154,10 +154,11 @@ def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
 
 
 STEPS = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
-"""How far from the estimate a profile is taken, in standard errors; beyond `REACH` only until the limit is passed."""
+"""Distances from the estimate at which a profile is computed, in standard errors; beyond `REACH` only until the limit
+is passed."""
 REACH = 3.0
 PATIENT = 0.01
-"""A point of a profile is good enough where several more steps would move its deviance by this part of the limit."""
+"""A point of a profile is exact enough if several more steps would change its deviance by this part of the limit."""
 
 
 @one_blas_thread()
@@ -173,11 +174,11 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
         fit: of any plant.
         name: of the parameter.
         level: of the interval.
-        control: when to stop, and whom to tell of every fit.
+        control: when to stop, and where to report every fit.
 
     Raises:
         Stopped: where ``control`` stops it.
-        ModelError: for a parameter that was not estimated, or that moves nothing where it is.
+        ModelError: for a parameter that was not estimated, or without effect at its value.
     """
     if name not in fit.names:
         raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names) or 'none'}")
@@ -212,7 +213,7 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
 
 
 def _error_if_free(fit: GreyBoxFit, k: int) -> float:
-    """The standard error of an estimate that a bound holds, were it free: how far from there a profile looks."""
+    """The standard error of an estimate at a bound, as if it were free: the scale of the steps of its profile."""
     problem = _problem(fit, fit.model.plant, fit.names, fit.states)
     slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)]) * problem.sizes
     others = np.delete(slopes, k, axis=1)
@@ -222,7 +223,7 @@ def _error_if_free(fit: GreyBoxFit, k: int) -> float:
 
 
 def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequence[Array]) -> FreeRunError:
-    """That of the fit, begun elsewhere, with some of its parameters."""
+    """The problem of the fit with another start and some of its parameters."""
     signals = fit.model.signals
     first, unknown = begun(plant, signals, fit.segments, fit.begins, states)
     return FreeRunError(plant, signals, fit.segments, free, first, unknown, fit.weighting, threads_for(fit.segments))
@@ -238,7 +239,7 @@ def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
 def _others_at_their_best(
     fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], least_saving: float, control: Control
 ) -> tuple[float, Plant, Sequence[Array]]:
-    """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
+    """V, plant and initial states after all other parameters are estimated again, with one parameter fixed."""
     problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(
@@ -257,7 +258,7 @@ def _others_at_their_best(
 
 
 def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """Where the deviance, straight in its root between points, crosses the limit left and right of its minimum."""
+    """Where the deviance, with its root interpolated linearly, crosses the limit left and right of its minimum."""
     root, best = np.sqrt(deviance / limit), int(np.argmin(deviance))
     ends = []
     for side, bound in ((-1, bounds[0]), (1, bounds[1])):
@@ -273,11 +274,11 @@ def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float])
 
 
 def _speeds(fit: GreyBoxFit, segment: int) -> Array:
-    """(N,) how fast the plant itself moves, rad/s or m/s: a sensor that lags or is off never shows a standstill."""
+    """(N,) the speed of the plant itself in rad/s or m/s: a sensor with lag or offset never shows a standstill."""
     record, plant = fit.segments[segment], fit.model.plant
     speeds = plant.for_segment(record).motion(record.input, record.dt, fit.states[segment])
     if speeds is None:
-        raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows of")
+        raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows")
     return speeds
 
 

@@ -1,11 +1,11 @@
 r"""The physical parameters of a plant from records, by the error of its free run.
 
-In steps that stand in modules of their own: what is asked (`task`), where the search starts (`starts`), the search
-(`continuation`, on the problem of `problem`), and what is to be said of the result (`result`).
+The steps have modules of their own: the task (`task`), start values (`starts`), the search (`continuation`, which
+minimises `emsid.models.plants.free_run_error`), and the table and findings of the result (`result`).
 
 Not every parameter can be identified from every record: from voltage and speed of a rigid motor, R_a, K_m and J can be
-anything that keeps K_m/(R_a·J) and K_m²/(R_a·J). Some are then kept at their start, in the order in which a datasheet
-is likeliest to have them right, and the fit says which, at what, and which combinations do not depend on that.
+anything that keeps K_m/(R_a·J) and K_m²/(R_a·J). Some are then kept at their start, those first that a datasheet most
+likely has right. The fit lists them with their values, and the combinations that do not depend on them.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 TURNS = 3
-"""How often searches begin around the end of one that has not converged, as long as they lower the cost."""
+"""The most rounds of restarts around the end of a search that has not converged; they end when none lowers the cost."""
 SHORT = 0.02
-"""After which part of the longest segment errors are forgotten where a search begins at rest."""
+"""The time after which errors are forgotten in a search that begins at rest, as a part of the longest segment."""
 
 
 @one_blas_thread()
@@ -79,7 +79,7 @@ def simulation_error(
     Args:
         plant: what to fit, with its parameters as the start; a bare `Motor` gets a drive and a sensor without effect.
         records: a record, or several experiments, all with one set of parameters.
-        free: the parameters to estimate, by name or symbol; by default what plants of this kind usually have unknown.
+        free: the parameters to estimate, by name or symbol; by default those that are usually unknown for this kind.
         fixed: values that are known, by name or symbol, in SI units or as texts with a unit; they are not estimated.
             Intervals include the tolerance of ``"2 ohm ± 5 %"``; without one they hold only if the value is right, and
             say so where it matters.
@@ -87,18 +87,18 @@ def simulation_error(
         datasheet: what is known beforehand, by name or symbol: a value is the start, and a tolerance bounds it. Each is
             a number in SI units, a text with a unit (``"2 ohm"``), ``{"value": "2 ohm", "tolerance": "10 %"}``,
             ``"unknown"``, or a `Given`.
-        signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
+        signals: the quantities of the outputs, `Signal` or its name; by default from their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         hold: the course of the command between its samples: ``"zero"`` (held), ``"first"`` (straight to the next) or
-            ``"record"`` (straight in records where it changes smoothly at every sample and never jumps). By default
-            whichever simulates the records better.
-        per_record: parameters that have a value of their own in every record, by name or symbol, such as the load; all
-            others are the same in all records. In another record the model has their medians.
-        find_start: whether to begin at the datasheet, or where a regression on the records says if that simulates
-            better; otherwise the search begins with the plant as it is given.
+            ``"record"`` (straight in records where it changes smoothly at every sample and never jumps). By default the
+            one that simulates the records better.
+        per_record: parameters with a value of their own in every record, by name or symbol, such as the load; all
+            others are shared. For another record the model uses their medians.
+        find_start: whether to begin at the datasheet, or at the result of a regression on the records if that simulates
+            better; otherwise the search begins with the plant as given.
         max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
         threads: how many, by default as many as there are cores.
-        control: when to stop, and whom to tell of every step.
+        control: when to stop, and where to report every step.
 
     Raises:
         ModelError: for names that the plant does not have, bounds that exclude a start, a datasheet that contradicts
@@ -129,9 +129,9 @@ def searched(
     max_iterations: int = 60,
     **asked: Any,
 ) -> tuple[Task, Plant, Reached]:
-    """The search of `simulation_error`, whose arguments these are: the task, where it began and where it ended.
+    """The search of `simulation_error`, with the same arguments: the task, the start of the search and its end.
 
-    For a start of other searches it takes less time than a fit, which says how sure it is.
+    As a start for other searches it takes less time than a fit, as it computes no intervals.
     """
     task = prepare(
         plant if hold is None else plant.with_hold(as_hold(hold)), records, from_datasheet=find_start, **asked
@@ -184,7 +184,7 @@ def _by_record(
 
 
 def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: int) -> tuple[Task, Reached]:
-    """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it."""
+    """A search with initial states from the first samples, or estimated ones, or at rest, as the records allow."""
 
     def search(start: InitialState, before: Reached | None) -> Reached:
         if start is task.begins:
@@ -201,7 +201,7 @@ def _trials(task: Task) -> Trials:
 
 
 def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
-    """The start that leads furthest down in a few steps; the first where steps are slow, as with an elastic shaft."""
+    """The start with the lowest cost after a few steps; the first one if steps are slow, as with an elastic shaft."""
     first = starts[0]
     if len(starts) == 1 or first.secondary or not isinstance(first, DrivenPlant):
         return first
@@ -214,10 +214,10 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
 
 
 def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search that ended where few parameters have an effect, or a better one whose errors were first forgotten.
+    """A search that ended where few parameters have an effect, or a better one that began by forgetting errors.
 
-    The free run of a position that is a little wrong leaves more than a mass that never or hardly moves, whose error no
-    parameter changes, or few do. Of errors that are forgotten (`Recent`), the moving one leaves less.
+    A slightly wrong free run of a position has a larger error than a mass that hardly moves, on which few parameters
+    have an effect. With errors that are forgotten (`Recent`), the moving mass has the smaller error.
     """
     longest = max(len(segment) * segment.dt for segment in task.segments)
     with suppress(EmsidError, Stopped):
@@ -229,13 +229,14 @@ def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
 
 
 def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search, or a better one of some that begin on the other side of a kink of its cost; see `second_starts`.
+    """A search, or a better one from the other side of a kink of its cost; see `second_starts`.
 
-    Coulomb friction, a dead zone and a Stribeck excess with a low rate do nearly the same. A search that has taken one
-    of them to zero does not come back, as the others make up for it. So it begins again where it ended, with that
-    parameter inside, and usual rates. The effect of a delay has a kink at every whole number of samples, where a held
-    command changes, and that of a knee at every level of a command in steps. So a search begins again with a delay that
-    is half a sample shorter or longer, with other knees, and with parameters exchanged that do nearly the same.
+    Coulomb friction, a dead zone and a Stribeck excess with a low rate have nearly the same effect. If a search takes
+    one of them to zero, the others compensate for it, and it stays zero. So the search begins again where it ended,
+    with that parameter above zero, and usual rates. The effect of a delay has a kink at every whole number of samples,
+    where a held command changes, and that of a knee at every level of a command in steps. So a search begins again with
+    a delay that is half a sample shorter or longer, with other knees, and with parameters of nearly the same effect
+    exchanged.
     """
     plant = reached.problem.plant
     if not isinstance(plant, DrivenPlant) or plant.secondary:
@@ -255,8 +256,8 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
 def held_as_seen(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """A search of a speed, or a better one with other initial states; see `GreyBox.beginning`.
 
-    A first speed in noise does not show whether the first command acts before the record, and where it does not, the
-    search has bent speed and delay. So some more samples show it, with the plant that was found.
+    A noisy first speed does not show whether the first command acts before the record. If it does not, the search has
+    biased the initial speed and the delay. So further samples decide, with the plant that was found.
     """
     plant = reached.problem.plant
     if not isinstance(plant, DrivenPlant) or plant.secondary or starts_from_samples(plant, task.signals):
@@ -279,8 +280,9 @@ def _squares(problem: FreeRunError) -> Array:
 def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """The best of a search that did not converge and of some that begin around its end, until none of them is better.
 
-    Free runs have narrow, bent valleys. One that used up its steps may also follow a rate of Stribeck friction without
-    end, so it begins again with usual rates too. No search begins again that was to take a few steps only.
+    Costs of free runs have narrow, bent valleys. A search that used up its steps may also have followed a rate of
+    Stribeck friction without limit, so it begins again with usual rates too. Searches that are limited to a few steps
+    do not begin again.
     """
     plant, rng = reached.problem.plant, np.random.default_rng(0)
     if not isinstance(plant, DrivenPlant):

@@ -1,17 +1,18 @@
-"""What a trial predicts on kinds of samples that it was not fitted to: levels of the command, directions, speeds.
+"""The errors of a trial on kinds of samples that it was not fitted to: levels of the command, directions, speeds.
 
-The end of a record is the same experiment again. A refinement that acts at large commands only, or in one direction,
-is tested by leaving such samples out: the plant is fitted to the errors of all others and judged on those left out.
-Each kind is left out in turn, so what is seen at small commands has to hold at large ones, and the reverse.
+The end of a record is the same kind of experiment as its beginning. A refinement that acts at large commands only, or
+in one direction, is tested by leaving such samples out: the plant is fitted to the errors of all others and compared on
+those left out. Each kind is left out in turn, so a fit to small commands has to hold at large ones, and the reverse.
 
-Of a break, such as the limit of a supply, one side says nothing about the other. So both must have been seen: enough of
-the samples are on each side, and the error of neither is larger with the break than without. On the side with fewer
-samples it is smaller by more than noise. In all samples this would not be seen where few of them are beyond the break,
-as of a supply that limits one of many records.
+One side of a break, such as the limit of a supply, shows nothing about the other. So the record must have both: enough
+samples on each side, and on neither a larger error with the break than without. On the side with fewer samples the
+error is smaller by more than noise. The mean over all samples would not show this if few of them are beyond the break,
+as when a supply limits one of many records.
 
-What delays the output (a delay, a lag, a mean over the sample) does the same while the speed grows and while it falls.
-Where both are seen, they are judged like the sides of a break: a drive with a soft start, or a bridge that brakes other
-than it drives, is late in one of them only. Steps from rest show one only, and nothing can be said about the other.
+A delay, a lag and a mean over the sample delay the output in the same way while the speed grows and while it falls. If
+the record has both, they are compared like the sides of a break: a drive with a soft start, or a bridge that brakes in
+another way than it drives, is late in one of them only. Steps from rest have only one, and nothing is known about the
+other.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SHARE = 0.1
 SEEN = 0.02
 """Each side of a break has at least this part of all samples."""
 MOVING = 0.03
-"""Slower samples than this part of the top speed show no direction."""
+"""Samples slower than this part of the top speed have no direction."""
 BESIDE = 1.02
 """A voltage is beyond a break if it is larger by this factor: the largest one may be the limit itself."""
 PARTS = 3
@@ -51,7 +52,7 @@ def kinds(segments: Sequence[Record], signals: Sequence[Signal]) -> Iterator[tup
 
     Args:
         segments: records without gaps, driven by their first input.
-        signals: what their outputs are; the first is looked at.
+        signals: the quantities of their outputs; the first one is used.
     """
     commands = [np.abs(segment.input[:, 0]) for segment in segments]
     speeds = [speed_of(each.output[:, 0], each.dt, signals[0] is Signal.POSITION) for each in segments]
@@ -63,10 +64,10 @@ def kinds(segments: Sequence[Record], signals: Sequence[Signal]) -> Iterator[tup
 
 
 def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
-    """Whether the richer of two trials predicts most kinds of samples better that it was not fitted to.
+    """Whether the richer of two trials predicts most kinds of samples, each left out of its fit, better.
 
-    Where the records have one kind only, nothing is known, and the answer is no. A kind counts once, however large its
-    errors are: without the samples of one of them a plant may be hardly determined.
+    If the records have one kind only, the answer is no. Every kind counts once, however large its errors are: without
+        the samples of one of them a plant may be poorly determined.
     """
     better_ones = [
         _left_out(trials, rich, mask).mean < _left_out(trials, simple, mask).mean
@@ -84,7 +85,7 @@ def both_directions_seen(trials: Trials) -> bool:
 
 
 def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
-    """Whether both sides of a break in the voltage have been seen, and the break improves them.
+    """Whether the record has both sides of a break in the voltage, and the break improves them.
 
     Args:
         trials: what the two share.
@@ -100,7 +101,7 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
 
 
 def better_at_full_duty_and_below(trials: Trials, rich: Trial, simple: Trial) -> bool:
-    """Whether a loss below full duty improves the samples on both of its sides: the other parameters move with it.
+    """Whether a loss below full duty improves the samples on both of its sides, with the other parameters fitted again.
 
     Args:
         trials: what the two share.
@@ -117,19 +118,19 @@ def _wanted(trials: Trials, trial: Trial) -> list[Array]:
 
 
 def better_in_both_changes(trials: Trials, rich: Trial, simple: Trial) -> bool:
-    """Whether a refinement that delays the output improves both changes of the speed; it does if only one is seen.
+    """Whether a refinement that delays the output improves acceleration and deceleration; true with only one.
 
     Args:
         trials: what the two share.
-        rich, simple: the trials with and without the refinement; the free run of the latter says where the speed
-            changes, as noise hides it in samples.
+        rich, simple: the trials with and without the refinement; the free run of the latter shows where the speed
+            changes, without noise.
     """
     grows, falls = _changes(trials, simple)
     return not _enough_of_each(grows, falls) or _better_on_both(trials, rich, simple, grows, falls)
 
 
 def _changes(trials: Trials, trial: Trial) -> tuple[list[Mask], list[Mask]]:
-    """(N,) of every segment, where the speed of a free run grows and where it falls."""
+    """(N,) of every segment, masks of acceleration and of deceleration in a free run."""
     is_position = trials.signals[0] is Signal.POSITION
     changes = []
     for segment, state in zip(trials.segments, trial.states, strict=True):
@@ -145,8 +146,7 @@ def _enough_of_each(one: Sequence[Mask], other: Sequence[Mask]) -> bool:
 
 
 def _better_on_both(trials: Trials, rich: Trial, simple: Trial, one: Sequence[Mask], other: Sequence[Mask]) -> bool:
-    """Whether each side has enough samples, the error is smaller by more than noise on that with fewer, and not larger
-    on the other."""
+    """Whether both sides have enough samples, and a smaller error on that with fewer and no larger one on the other."""
     if not _enough_of_each(one, other):
         return False
     sides = [np.concatenate([np.tile(some, len(trials.signals)) for some in side]) for side in (one, other)]
@@ -166,7 +166,7 @@ def _left_out(trials: Trials, trial: Trial, mask: Sequence[Mask]) -> StretchErro
 
 
 def _ranges(values: Array) -> list[tuple[float, float]]:
-    """The ranges of `PARTS` parts of some values; zero is a part of its own and is not looked at."""
+    """The ranges of `PARTS` parts of some values; zero is a part of its own and is left out."""
     moving = values[values > 0]
     if not len(moving):
         return []

@@ -1,4 +1,4 @@
-r"""A load that drifts during the record: whether it does, and what that adds to the uncertainty of the estimates.
+r"""A load that drifts during the record: a test for it, and its effect on the uncertainty of the estimates.
 
 With a drift d of the load in pieces, as in `drifting_load`, the residual near the estimates is r + A·δ + M·d + noise of
 variance σ² for a change δ of the parameters. With A projected out of M and r (M̃, r̃), G = M̃ᵀM̃/σ² and h = −M̃ᵀr̃/σ², the
@@ -7,13 +7,14 @@ rate q and the time τ of the drift maximise the marginal likelihood, whose loga
     −½·log det(I + G·P) + ½·hᵀ·P·(I + G·P)⁻¹·h,
 
 and the drift is P·(I + G·P)⁻¹·h. With P = q·L·Lᵀ, the eigenvalues of LᵀGL give both for every q at once. A choice of
-refinements takes a drift into account where Schwarz's criterion prefers its two numbers, and where it leaves white
-noise: what else is wrong with a model is no drift. The parameters and the drift are estimated in turn.
+refinements takes a drift into account where Schwarz's criterion prefers its two numbers, and where the remaining
+residual is white, since a drift does not stand for other errors of a model. The parameters and the drift are estimated
+in turn.
 
-Where somebody has errors of a position forgotten (`Recent`) instead, a constant load takes up the mean of its drift
+If the user lets errors of a position be forgotten (`Recent`) instead, a constant load includes the mean of its drift
 over the record, which another record does not have. The drift has moved the estimates by A⁺M·d, so their covariance
-includes A⁺M·P·(A⁺M)ᵀ. The variance of the constant load includes also that of the mean of d over another record as long
-as this one, 1ᵀP1/K²: so its interval says what the load may be there.
+includes A⁺M·P·(A⁺M)ᵀ. The variance of the constant load also includes that of the mean of d over another record of this
+length, 1ᵀP1/K², so that its interval holds there.
 
 References:
     Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sec. 2.7 and 5.4.1.
@@ -50,14 +51,14 @@ PARTS = (0.1, 0.03)
 """Times τ of a drift that returns, as a part of the longest segment."""
 SHORT = log(5.0)
 """A drift returns where the logarithm of its marginal likelihood is larger than that of a walk by this. Longer times
-cannot be told from a walk. Those from 0.02 to 50 lengths are taken to be as likely in every decade, so that the longer
-ones are five times as likely as the half decade that one of `PARTS` stands for."""
+cannot be distinguished from a walk. Those from 0.02 to 50 lengths are taken to be as likely in every decade, so that
+the longer ones are five times as likely as the half decade that one of `PARTS` stands for."""
 DEVIATIONS = np.geomspace(1e-5, 0.3, 30)
-"""Standard deviations of a walk at the end of the longest segment that are looked at, in parts of the largest force."""
+"""Standard deviations of a walk at the end of the longest segment that are tried, in parts of the largest force."""
 ROUNDS = 3
-"""How often σ² is found anew from what the drift leaves."""
+"""How often σ² is estimated anew from the residual without the drift."""
 TURNS = 4
-"""How often drift and parameters are estimated in turn at most."""
+"""The most turns of estimating drift and parameters."""
 LONG = 800
 """Samples of a segment that can show a drift."""
 WHITE = 0.5
@@ -70,10 +71,10 @@ WHITE = 0.5
 def chosen(
     trials: Trials, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
 ) -> Trials | None:
-    """Trials weighted by the drift of the load; None where the records do not show it.
+    """Trials weighted by the drift of the load; None if the records do not show one.
 
-    The initial states are estimated under the drift, or at rest where the records allow it. Those that the first
-    samples show are too inexact to linearise a free run at.
+    The initial states are estimated under the drift, or at rest where the records allow it. States from the first
+    samples are too inexact to linearise a free run at.
 
     Args:
         trials: what all fits share.
@@ -92,7 +93,7 @@ def chosen(
 
 
 def _rests(trials: Trials, trial: Trial) -> bool:
-    """Whether estimated initial states would be better than rest by no more than noise explains."""
+    """Whether estimated initial states are better than rest by no more than noise explains."""
     free = replace(trials, begins=InitialState.FREE).fitted([trial.plant], trial.names, trial.states)
     return free is None or may_rest(trial.cost, free.cost, free.residuals)
 
@@ -100,7 +101,7 @@ def _rests(trials: Trials, trial: Trial) -> bool:
 def _under_a_drift(
     trials: Trials, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
 ) -> tuple[Trials, Trial] | None:
-    """Trials weighted by the drift of the load, and the structure fitted by them; None where no drift is seen."""
+    """Trials weighted by the drift of the load, and the structure fitted by them; None if there is no drift."""
     longest = max(len(segment) * segment.dt for segment in trials.segments)
     trial, found = trials.fitted(starts, names, states), trials.weighting
     known = found if isinstance(found, tuple) and not isfinite(found[0].drift.time) else ()
@@ -122,7 +123,7 @@ def _in_turn(
     starts: Sequence[DrivenPlant],
     times: Sequence[float],
 ) -> tuple[Trial | None, tuple[DriftingLoad, ...]]:
-    """Estimate drift and parameters in turn, from a trial and a drift; no drift where none is seen."""
+    """Estimate drift and parameters in turn, from a trial and a drift; no drift if there is none."""
     for _ in range(TURNS):
         before, known = known, () if trial is None else _estimated(trials, trial, known, times)
         if trial is None or not known:
@@ -201,9 +202,9 @@ def _basis(jacobian: Array) -> Array:
 
 
 def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Addition:
-    """What a drift of the load adds, in records of a position.
+    """The uncertainty that a drift of the load adds, in records of a position.
 
-    Nothing but a finding where the fit has taken the drift into account.
+    Only a finding if the fit has taken the drift into account.
 
     Args:
         task: what was asked.
@@ -267,7 +268,7 @@ def _finding(plant: DrivenPlant, names: Sequence[str], load: Array, prior: Array
 
 
 def _load_direction(plant: DrivenPlant, names: Sequence[str]) -> Array:
-    """(p,) how parameters change with a constant load; zeros where none of them does."""
+    """(p,) the change of the parameters for a larger constant load; zeros if none of them is a load."""
     along = np.zeros(len(names))
     sides = parts(plant, level_name(plant))
     if plant.load_name in names:
@@ -281,7 +282,7 @@ def _load_direction(plant: DrivenPlant, names: Sequence[str]) -> Array:
 
 
 class _Likeliest(NamedTuple):
-    """The drift that maximises the marginal likelihood, its values, and the logarithm of what that gains."""
+    """The drift that maximises the marginal likelihood, its values, and the increase of the log-likelihood."""
 
     drift: LoadDrift
     loads: Array
@@ -296,9 +297,9 @@ def _likeliest(
     Args:
         effects: (N, K·segments) M̃, by a drift as a part of the largest force.
         residual: (N,) r̃.
-        left: (N,) what a drift leaves of it, to begin with.
+        left: (N,) the residual without a drift, to begin with.
         durations: of the segments, in s.
-        times: τ that are looked at; the first one unless another is better by `SHORT`.
+        times: τ that are tried; the first one unless another is better by `SHORT`.
     """
     longest = max(durations)
     units = [LoadDrift(1.0 / float(np.sqrt(longest)), time, 1.0) for time in times]

@@ -1,8 +1,8 @@
-"""Refinements that delay the output and look alike in many records: one in the place of another.
+"""Refinements that delay the output with similar effects in many records: one in place of another.
 
-A choice adds them while other refinements are missing, so the first one that helps may be the wrong one, and another
-then makes up for the difference: a mean over the sample and a short lag for a longer lag. When nothing more is added,
-each is compared with the others in its place.
+They are added while other refinements are missing, so the first one that helps may be the wrong one, and another one
+then compensates for the difference: a mean over the sample and a short lag for a longer lag. When nothing more is
+added, each is compared with the others in its place.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from emsid.record import Record
 def in_place(
     plant: DrivenPlant, free: tuple[str, ...], start: DrivenPlant, refinements: Sequence[Refinement], record: Record
 ) -> Iterator[Sequence[Refined]]:
-    """Groups of starts, each with another refinement in the place of one that a plant has.
+    """Groups of starts, each with another refinement in place of one that a plant has.
 
-    A mean over the sample has no parameter, so `simplified` does not take it out; one of the groups does where a delay
-    or a lag is beside it. What is slow to simulate only comes in the place of a parameter.
+    A mean over the sample has no parameter, so `simplified` does not remove it; one of the groups does if there is also
+    a delay or a lag. Refinements that are slow to simulate only replace a parameter.
 
     Args:
         plant: with its refinements.
-        free: what is free of it.
+        free: its free parameters.
         start: the plant that the search began with.
         refinements: what is tried.
         record: what to identify from.
@@ -40,5 +40,5 @@ def in_place(
 
 
 def _has(plant: DrivenPlant, free: tuple[str, ...], start: DrivenPlant, name: str) -> bool:
-    """Whether a parameter that is zero without its refinement is free, or is not zero any more."""
+    """Whether a parameter that is zero without its refinement is free, or no longer zero."""
     return name in free or (name in plant.handles and plant.value(name) != 0 and start.value(name) == 0)

@@ -1,4 +1,4 @@
-"""Whether anything moves in some records: a search over records in which nothing does finds numbers all the same."""
+"""Whether the plant moves in some records: a search over records without motion would return meaningless numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def check_motion(segments: Sequence[Record]) -> None:
-    """Refuse records in which nothing drives, nothing moves, or a sensor shows nothing but its noise."""
+    """Refuse records with a constant input, a constant output, or an output that is only noise."""
     first = segments[0]
     for names, side in ((first.input_names, "input"), (first.output_names, "output")):
         values = [getattr(segment, side) for segment in segments]
@@ -34,13 +34,13 @@ def check_motion(segments: Sequence[Record]) -> None:
 
 
 CHANCE = 0.05
-"""How often noise may pass for motion, by either of two tests: rather that than a weak motion that passes for noise."""
+"""The chance that noise passes for motion, by either of two tests; a weak motion must not pass for noise."""
 SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-"""Time constants in samples of what may answer an input."""
+"""Time constants in samples of possible responses to an input."""
 
 
 def _is_noise(segments: Sequence[Record], channel: int) -> bool:
-    """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
+    """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with responses to the input."""
     from scipy.special import chdtrc
 
     lags = 20

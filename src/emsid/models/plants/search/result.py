@@ -31,11 +31,11 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 ZONE_ENDS = ("dead_zone.half_width", "dead_zone.b_l", "dead_zone.b_r")
-"""How names of parameters end that say where a dead zone ends."""
+"""Ends of the names of parameters that are the ends of a dead zone."""
 
 
 class Status(StrEnum):
-    """How the value of a parameter was come by."""
+    """The source of the value of a parameter."""
 
     ESTIMATED = "estimated"
     CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
@@ -52,9 +52,9 @@ class Estimate:
         name, symbol, unit, description: of the parameter.
         value: in that unit.
         standard_error: of it; None for one that was not estimated.
-        status: how it was come by.
+        status: the source of the value.
         start: the value the search began with.
-        datasheet: what the datasheet says, None without.
+        datasheet: the value in the datasheet; None without one.
         given: the fixed and kept values that the estimate depends on, by name; its interval holds only if they are
             right.
         interval: its 95 % interval, None without one; at a bound that of the likelihood profile.
@@ -76,19 +76,19 @@ class Estimate:
 
     @property
     def how(self) -> str:
-        """How the value was come by, in a few words for a table."""
+        """The source of the value, in a few words for a table."""
         return f"given {', '.join(self.given)}" if self.given else str(self.status)
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination of parameters that the data identify whatever was kept.
+    """A combination of parameters that the data identify independently of the kept values.
 
     Attributes:
         quantity: its name, formula, unit and value.
         standard_error: of it.
-        parameters: of those asked for, the ones that make it up.
-        given: the fixed and kept values that it depends on nevertheless, by name.
+        parameters: of those asked for, the ones in it.
+        given: the fixed and kept values that it still depends on, by name.
     """
 
     quantity: Quantity
@@ -98,7 +98,7 @@ class Combination:
 
     @property
     def how(self) -> str:
-        """How the value was come by, in a few words for a table."""
+        """The source of the value, in a few words for a table."""
         return f"combination, given {', '.join(self.given)}" if self.given else "identifiable combination"
 
     @property
@@ -114,14 +114,13 @@ class GreyBoxFit(Fit[GreyBox]):
 
     Attributes:
         table: every parameter that was asked for or fixed.
-        combinations: what the data identify although some parameters had to be kept; all quantities of the plant
-            that are identifiable.
+        combinations: all identifiable quantities of the plant, if some parameters had to be kept.
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
         begins: how these were found.
-        weighting: how errors counted by their age.
-        limits: bounds of the free parameters, those of a datasheet and of physics included.
+        weighting: of errors by their age, or by the drift of the load.
+        limits: bounds of the free parameters, including those of the datasheet and physical ones.
         cost: V at the minimum, half the weighted sum of squares.
         colour: (p,) how many times larger the variance of every parameter is than with a white residual.
     """
@@ -138,7 +137,7 @@ class GreyBoxFit(Fit[GreyBox]):
     colour: Array = field(default_factory=lambda: np.ones(0))
 
     def to_data(self) -> dict[str, Any]:
-        """Every parameter with unit, interval and how it was come by, the combinations, and every finding."""
+        """Every parameter with unit, interval and source of its value, the combinations, and every finding."""
         parameters = [asdict(row) | {"status": row.status.value} for row in self.table]
         combinations = [
             {
@@ -163,7 +162,7 @@ class GreyBoxFit(Fit[GreyBox]):
 
     @property
     def by_record(self) -> dict[str, dict[str, Estimate]]:
-        """For every record the rows of the parameters of its own, by their names in every record; empty without any."""
+        """For every record the rows of its own parameters, by their common names; empty if there are none."""
         found: dict[str, dict[str, Estimate]] = {}
         for row in self.table:
             if row.record:
@@ -218,7 +217,7 @@ def findings_of(
 
 
 def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
-    """What was decided about the input between its samples, sensor and friction, which is not among the parameters."""
+    """The choices about the input between its samples, the sensor and the friction, which are no parameters."""
     found = []
     if plant.hold is not task.plant.hold and not task.hold_given:
         held = holds_in(plant, task.segments).count(Hold.ZERO)
@@ -237,7 +236,7 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
 def _not_identifiable(
     task: Task, plant: Plant, names: Sequence[str], identifiability: Identifiability, together: Sequence[Combination]
 ) -> list[Finding]:
-    """Every group of parameters that the records do not identify, and what was done about it."""
+    """Every group of parameters that the records do not identify, and how it was treated."""
     source = "" if plant.channels is None else plant.channels.source
     channels = [source or "the input", *(signal.value for signal in task.signals)]
     if not names:
@@ -262,8 +261,8 @@ def _not_identifiable(
 def _is_zone_unseen(group: Sequence[str]) -> bool:
     """Whether inseparable parameters include a dead zone and a Coulomb level.
 
-    While the command is beyond the zone both take the same from it. Only what moves inside the zone tells them apart:
-    Coulomb friction goes on to brake it, a dead zone does not.
+    While the command is beyond the zone, both have the same effect. They differ only for a motion while the command is
+        inside the zone: Coulomb friction continues to brake it, a dead zone does not.
     """
     return any(name.endswith(ZONE_ENDS) for name in group) and any(".coulomb" in name for name in group)
 
@@ -277,7 +276,7 @@ def _is_one_way(task: Task) -> bool:
 def _at_bounds(
     task: Task, plant: Plant, names: Sequence[str], minimum: Minimum, groups: Sequence[Sequence[str]]
 ) -> list[Finding]:
-    """Every parameter that a bound holds, with where the bound is from, and what the data do not separate from it."""
+    """Every parameter at a bound, with the source of the bound, and parameters not separated from it."""
     found = []
     for name, value, free in zip(names, minimum.estimate.tolist(), minimum.free, strict=False):
         low, high = task.limits[name]
@@ -343,9 +342,9 @@ def combinations(
 ) -> tuple[Combination, ...]:
     """The quantities of the plant that the data identify, with standard errors to first order.
 
-    A tolerated value moves a quantity by ∂q/∂h + ∂q/∂θ·dθ̂/dh, which is zero for those that do not depend on it.
-    A quantity may also depend on what the data do not determine by less than `TOLERABLE` of its standard error, as the
-    mechanical time constant does on the viscous friction of a motor with an inductance.
+    A tolerated value moves a quantity by ∂q/∂h + ∂q/∂θ·dθ̂/dh, which is zero for those that do not depend on it. A
+    quantity is also given if undetermined parameters change it by less than `TOLERABLE` of its standard error, as the
+    viscous friction of a motor with an inductance changes the mechanical time constant.
     """
     quantities, asked = plant.quantities(), identifiability.names
     sizes = dict(zip(conditions.names, conditions.sizes.tolist(), strict=True))

@@ -1,9 +1,9 @@
 """Records and plants in units of their own size, so that a search does not depend on the units of channels.
 
-Divide the command by its largest value a and the output by its largest value b. A plant that moved before moves still
-if every parameter is divided by what its unit becomes: a force (torque) by f, a speed or a position by b, a voltage by
-a, an inertia or a damping by f/b, and so on, times staying as they are. Of a motor driven by a voltage f = a²/b leaves
-the resistance as it is; of any other plant f = a leaves what turns the command into a force.
+Divide the command by its largest value a and the output by its largest value b. A plant has the same motion in these
+units if every parameter is divided by the scale of its unit: a force (torque) by f, a speed or a position by b, a
+voltage by a, an inertia or a damping by f/b, and so on; times do not change. For a motor driven by a voltage, f = a²/b
+leaves the resistance unchanged; for any other plant, f = a leaves the factor from command to force unchanged.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _EXPONENTS = {
     "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "N*m*s^2/rad^2": (0, -2, 1), "N*s^2/m^2": (0, -2, 1),
     "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
 }  # fmt: skip
-# Of the drive, what is counted in units of the command, and what belongs to one unit of it.
+# Parameters of the drive in units of the command, and those per unit of it.
 _BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0)}
 
 
@@ -38,10 +38,10 @@ def _exponents(name: str, handle: Handle) -> tuple[int, int, int] | None:
 
 @dataclass(frozen=True)
 class Scaling:
-    """By what commands, outputs and forces are divided.
+    """The divisors of commands, outputs and forces.
 
     Args:
-        command, output, force: these three; 1 leaves them as they are.
+        command, output, force: the divisors; 1 for no change.
     """
 
     command: float = 1.0
@@ -50,7 +50,7 @@ class Scaling:
 
     @classmethod
     def of(cls, plant: DrivenPlant, record: Record) -> Scaling:
-        """That of a record and a plant; none where a parameter has a unit that is not known here."""
+        """The scaling of a record and a plant; no scaling if a parameter has a unit that is not known here."""
         known = all(_exponents(name, handle) for name, handle in plant.handles.items())
         command = float(np.max(np.abs(plant.drive.commands(record.input))))
         output = float(np.max(np.abs(record.output[:, 0])))
@@ -59,7 +59,7 @@ class Scaling:
         return cls(command, output, plant.force_scale(command, output))
 
     def factors(self, plant: Plant) -> Mapping[str, float]:
-        """By what every parameter of a plant is divided."""
+        """The divisor of every parameter of a plant."""
         sizes = (self.command, self.output, self.force)
         return {
             name: prod(size**power for size, power in zip(sizes, _exponents(name, handle) or (0, 0, 0), strict=True))

@@ -1,16 +1,16 @@
-r"""Where a search begins again that has ended on the wrong side of what it does not cross.
+r"""Second starts of a search that may have ended on the wrong side of a kink.
 
 A cost has kinks where a parameter becomes zero, where a delay is a whole number of samples, and where the knee of a
-drive is at a command that the record keeps for long. It also has a second minimum where two parameters that do nearly
-the same have changed places:
+drive is at a command that the record keeps for long. It also has a second minimum where two parameters of nearly the
+same effect are exchanged:
 
 - a Coulomb level and a Stribeck excess that hardly fades are both a constant friction;
 - a lag τ of the sensor and the time constant T of one mass commute in a linear system,
 
   1/(1 + sT) · 1/(1 + sτ) = 1/(1 + sτ) · 1/(1 + sT),
 
-  so that only what is not linear, such as friction, tells them apart. All inertias times τ/T and a lag of T exchange
-  the two, and leave the steady state as it is.
+  so that only nonlinear effects such as friction distinguish them. All inertias times τ/T and a lag of T exchange the
+  two, and do not change the steady state.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from emsid.models.plants.search.task import Task
 Values = dict[str, float]
 
 INSIDE = (0.1, 0.5)
-"""Where a parameter that ended at zero begins again, as a part of what is plausible."""
+"""Second starts of a parameter that ended at zero, as parts of its plausible size."""
 SLOWER = (0.2, 1.0)
-"""Rates of Stribeck friction with which an excess begins again, as parts of usual ones."""
+"""Second starts of the rate of Stribeck friction, as parts of usual rates."""
 FADES = log(2.0)
-"""An excess whose rate times the top speed is smaller keeps more than half of itself: it is rather a Coulomb level."""
+"""If rate times top speed is smaller, an excess keeps more than half of its size and acts as a Coulomb level."""
 ASIDE = (-0.5, 0.5)
-"""By how many samples a delay is moved where a search begins again."""
+"""Changes of a delay in samples, for second starts."""
 KNEES = ((0.9, 1.1), (0.5, 2.0))
-"""By what factors a knee is moved where a search begins again: across a kink, and to another minimum."""
+"""Factors of a knee for second starts: across a kink, and to another minimum."""
 INERTIA = ("kg*m^2", "kg")
 """Units of an inertia."""
 
 
 def second_starts(task: Task, plant: DrivenPlant, names: Sequence[str]) -> Iterator[list[Values]]:
-    """Values to begin again with, in groups of which the best start is searched from.
+    """Start values for second searches, in groups; a search begins at the best start of each.
 
-    They include parameters that were not estimated, as they have no effect where the search ended: the rate of an
-    excess that is zero, or an inertia that is too small to be seen.
+    They include parameters that were not estimated because they have no effect where the search ended: the rate of an
+        excess that is zero, or an inertia that is too small.
 
     Args:
         task: what is asked.
         plant: where a search ended.
-        names: what it estimated, and what is zero.
+        names: the parameters that it estimated, and those that are zero.
     """
     friction = [*_excess_again(task, plant), *_friction_exchanged(task, plant)]
     yield [*_inside(task, plant, names), *friction]
@@ -72,7 +72,7 @@ def _inside(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[Values
 
 
 def _excess_again(task: Task, plant: DrivenPlant) -> list[Values]:
-    """A Stribeck excess that is zero, or does not fade, begun again with slow, usual and the fastest resolved rates.
+    """Second starts of a Stribeck excess that is zero, or does not fade: slow, usual and the fastest resolved rates.
 
     One that does not fade is added to the Coulomb level. A search may have ceased to estimate it.
     """
@@ -94,7 +94,7 @@ def _is_excess(name: str) -> bool:
 
 
 def _friction_exchanged(task: Task, plant: DrivenPlant) -> list[Values]:
-    """Coulomb levels and Stribeck excesses exchanged, where the excess is larger, as it hardly ever is."""
+    """Coulomb levels and Stribeck excesses exchanged if the excess is larger, which is rare."""
     levels = {name: name.replace(".coulomb", ".stribeck") for name in task.asked if ".coulomb" in name}
     pairs = [pair for pair in levels.items() if pair[1] in task.asked and plant.value(pair[1]) > plant.value(pair[0])]
     exchanged = {a: plant.value(b) for pair in pairs for a, b in (pair, pair[::-1])}
@@ -110,8 +110,8 @@ def _other_delays(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[
 def _other_knees(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[list[Values]]:
     """Knees below and above that of a plant, where it is estimated.
 
-    All parameters are estimated again: beside the wrong knee, where the motor hardly answers larger commands, its
-    constant has no effect.
+    All parameters are estimated again: with a wrong knee, above which the motor hardly responds, its constant has no
+        effect.
     """
     if "drive.knee" not in names:
         return []

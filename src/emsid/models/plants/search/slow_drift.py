@@ -1,13 +1,13 @@
-r"""Parameters that are not the same in both halves of a long record, and what that adds to their uncertainty.
+r"""Parameters that differ between the halves of a long record, and the uncertainty that this adds.
 
-Friction and offset of a real axis change with its temperature. A free run over the whole record of a position takes
-such a slow drift into all parameters, and residuals of one run do not show by how much. So the halves are fitted too,
-each with its own initial state and its own offset. Where a parameter differs between them by more than `FAR` standard
-errors, the covariance includes what the halves differ from the whole by, in the mean of both,
+Friction and offset of a real axis change with its temperature. In a free run over the whole record of a position, such
+a slow drift biases all parameters, and the residuals do not show by how much. So the halves are fitted too, each with
+its own initial state and its own offset. If a parameter differs between them by more than `FAR` standard errors, the
+covariance includes the differences between the halves and the whole, in the mean of both,
 
     C + ½·Σᵢ (θ̂ᵢ − θ̂)(θ̂ᵢ − θ̂)ᵀ,
 
-which is half of what they differ from one another by, and what the drift has moved the estimates of the whole run by.
+which contains half of their difference from each other, and the shift of the estimates of the whole run by the drift.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.task import Task
 
 FAR = 3.0
-"""How many standard errors of the difference two halves must differ by."""
+"""The halves differ if their difference is more than this many of its standard errors."""
 LONG = 2000
 """Samples of a record whose halves are compared."""
 STEPS = 20
@@ -35,7 +35,7 @@ STEPS = 20
 
 
 def slow_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Addition:
-    """What the halves of a single long record of a position say about its parameters.
+    """The uncertainty of the parameters of a single long record of a position, from its halves.
 
     Args:
         task: what was asked.

@@ -1,4 +1,4 @@
-"""Speeds that records show: how fast a mass moves, and which rates of Stribeck friction its samples resolve."""
+"""Speeds in records: the largest speed of a mass, and the rates of Stribeck friction that its samples resolve."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Array = NDArray[np.float64]
 GONE = 3.0
 """An excess of friction is gone where it is e⁻³, 5 % of that at rest."""
 WINDOWS = tuple(2**k for k in range(9))
-"""Time constants in samples of the filters through which changes of speed are seen."""
+"""Time constants in samples of the filters for changes of speed."""
 
 
 def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
-    """The first output that shows a motion, None without one, and whether that is a position."""
+    """The first output that is a motion, None without one, and whether it is a position."""
     for k, signal in enumerate(signals):
         if signal is not Signal.CURRENT:
             return k, signal is Signal.POSITION
@@ -29,12 +29,12 @@ def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
 
 
 def speed_of(shown: Array, dt: float, is_position: bool) -> Array:
-    """(N,) a speed, or the slope of a position, of which a single sample shows none."""
+    """(N,) a speed, or the slope of a position; zero for a single sample."""
     return np.gradient(shown, dt) if is_position and len(shown) > 1 else shown
 
 
 def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
-    """How fast an output moves at most, but for a few samples."""
+    """The largest speed of an output, without a few samples."""
     several = [segment for segment in segments if len(segment) > 1 or not is_position]
     speeds = [speed_of(segment.output[:, channel], segment.dt, is_position) for segment in several]
     return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
@@ -50,11 +50,11 @@ def smoothed(values: Array, samples: float) -> Array:
 def resolved_rate(segments: Sequence[Record], signals: Sequence[Signal]) -> float:
     """The largest rate of Stribeck friction that samples resolve; infinite where no motion is seen.
 
-    With a larger rate the excess is gone within the smallest usual change of speed that is seen. Searches that go on to
-    larger rates come to many minima, in which single reversals stick for some samples more or fewer.
+    With a larger rate the excess disappears within the smallest usual change of speed in the record. At larger rates
+    the cost has many minima, in which single reversals stick for a few samples more or fewer.
 
-    The speed is seen through a filter, and changes while one time constant of it passes. Through a short one the change
-    is mostly noise, and falls with a longer one until it is mostly motion; in exact samples it is that at once. So
+    The change of the filtered speed over one time constant of the filter is computed. With a short time constant it is
+    mostly noise; with longer ones it falls until it is mostly motion. In exact samples it is motion from the start. So
     noise that is sampled faster does not lower the rate.
     """
     channel, is_position = motion_channel(signals)
@@ -70,7 +70,7 @@ def resolved_rate(segments: Sequence[Record], signals: Sequence[Signal]) -> floa
 
 
 def _usual_change(segments: Sequence[Record], channel: int, is_position: bool, window: int) -> float:
-    """The median change of speed in so many samples, through a filter of that time constant; infinite in short ones."""
+    """The median change of speed in ``window`` samples, filtered with that time constant; infinite if too short."""
     changes = []
     for segment in segments:
         if len(segment) > window + 1:

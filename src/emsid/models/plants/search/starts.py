@@ -1,20 +1,20 @@
-r"""Starting values of a grey box from nothing but its records.
+r"""Start values of a grey box from its records.
 
-With every signal passed through the same filter, the derivatives of a speed or a position are outputs of that filter
-too, and one mass is linear in what it takes to say how it moves:
+All signals pass through the same filter, which also gives the derivatives of a speed or a position. The equation of one
+mass is then linear in its coefficients:
 
     dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset.
 
-This is regressed on the samples that move, for several filters and several widths of the dead zone; the simulation
-error of each decides which is the start (`estimation`). It is inverse dynamics least squares as
-robotics uses it (Gautier, Khalil), with 1/(1 + τs)² run forward and backward as the filter.
+A regression on the samples in motion gives them, for several filters and several widths of the dead zone; the result
+with the smallest simulation error is the start (`estimation`). This is the least-squares inverse dynamics of robotics
+(Gautier, Khalil), with 1/(1 + τs)² run forward and backward as the filter.
 
-A mass that settles within a few samples has no derivative to be seen. What it shows is where it settles,
+If a mass settles within a few samples, its acceleration is not visible, only the speed at which it settles,
 
     v = (gain·D(u) − c·sgn(v) − offset)/damping,
 
-which is regressed too, and tried with several dampings. Where neither says anything, plausible motions may do: time
-constants from a few samples to a thousand, with little friction and with much.
+for which there is a second regression, tried with several dampings. If neither regression gives a start, plausible
+motions are tried: time constants from a few samples to a thousand, with little and with much friction.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ DEAD_ZONES = (0.0, 0.05, 0.1, 0.2, 0.35)
 SETTLING = (0.5, 1.5, 5.0, 15.0)
 """Time constants of a mass that settles quickly, in samples."""
 PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-"""Time constants in samples that are tried whatever the regressions say."""
+"""Time constants in samples that are always tried."""
 SLIDING, OFFSET = 2, 3
 """Columns of the regression: the direction of motion, and ones."""
 RATE = 20.0
@@ -59,11 +59,11 @@ LEVELS = (0.02, 0.1)
 def motions(
     segments: Sequence[Record], channel: int, is_position: bool, dead_zone: bool, offset: float = 0.0
 ) -> Iterator[Motion]:
-    """One mass as several regressions see it.
+    """The motion of one mass according to several regressions.
 
     Args:
         segments: records without gaps, driven by their first input.
-        channel: the output that shows speed or position.
+        channel: the output that is a speed or a position.
         is_position: which of the two.
         dead_zone: whether to try dead zones.
         offset: of the command.
@@ -96,7 +96,7 @@ def motions(
 
 
 def after_drive(drive: Drive, segments: Sequence[Record]) -> list[Record]:
-    """Segments whose only input is the command that acts: zero for codes, and after the knee of the drive."""
+    """Segments whose only input is the effective command: zero for codes, and after the knee of the drive."""
     return [
         replace(
             segment,
@@ -109,7 +109,7 @@ def after_drive(drive: Drive, segments: Sequence[Record]) -> list[Record]:
 
 
 def plausible_motions(segments: Sequence[Record], channel: int) -> Iterator[Motion]:
-    """Motions of a speed that are tried whatever the regressions say: `PLAUSIBLE` time constants, `LEVELS` of friction.
+    """Motions of a speed that are always tried: with `PLAUSIBLE` time constants and `LEVELS` of friction.
 
     Args:
         segments, channel: see `motions`.
@@ -123,10 +123,10 @@ def plausible_motions(segments: Sequence[Record], channel: int) -> Iterator[Moti
 
 
 def starts_of(task: Task) -> list[Plant]:
-    """The plants to begin with, those first that simulate the records best: as it is given, and as regressions suggest.
+    """The plants to begin with, the best simulation first: the plant as given, and plants from regressions.
 
-    A knee of which nothing is known is tried at several places. Stribeck friction of which nothing is known begins with
-    a rate that is not zero: at zero its excess is part of the Coulomb level.
+    An unknown knee is tried at several voltages. Unknown Stribeck friction begins with a rate that is not zero: at zero
+        its excess would be part of the Coulomb level.
     """
     if not isinstance(task.given, DrivenPlant):
         return [task.plant]
@@ -152,7 +152,7 @@ def usual_rates(task: Task, names: Sequence[str]) -> dict[str, float]:
 
 
 def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
-    """The plant as given, and moved to what regressions on the records say, each with its cost."""
+    """The plant as given, and with the results of regressions on the records, each with its cost."""
     asked, limits = task.asked, task.limits
     first = task.problem(plant, asked)
     if not isinstance(plant, DrivenPlant):
@@ -197,7 +197,7 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
 
 
 def _currents_against(drive: Drive, problem: FreeRunError) -> list[int]:
-    """The currents that fall where the voltage rises: a motor takes power, whatever it is like."""
+    """The currents that fall where the voltage rises: any motor takes power."""
     voltage = np.concatenate([drive.gain * drive.commands(segment.input) for segment in problem.segments])
     found = []
     for channel in (k for k, signal in enumerate(problem.signals) if signal is Signal.CURRENT):
@@ -209,7 +209,7 @@ def _currents_against(drive: Drive, problem: FreeRunError) -> list[int]:
 
 
 def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
-    """Refuse outputs that go against the command."""
+    """Refuse outputs with the opposite sign of the command."""
     if not against:
         return
     record = problem.segments[0]
@@ -225,13 +225,13 @@ def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
 
 
 WRONG_WAY = 0.1
-"""A plant whose drive is turned round simulates a record that much better only where a sign is wrong."""
+"""If a plant with a reversed drive lowers the cost to this share, a sign is wrong."""
 PASSIVE = 0.2
-"""Voltage and current of what takes power are not correlated the wrong way, but for chance and delays."""
+"""Voltage and current of a motor are not negatively correlated, except by chance and delays, below this size."""
 
 
 def solved(matrix: Array, right: Array) -> list[float]:
-    """The least-squares solution, whatever the units of the columns; zeros where it is not finite."""
+    """The least-squares solution, independent of the units of the columns; zeros if it is not finite."""
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
     found = np.linalg.lstsq(matrix / scale, right, rcond=1e-10)[0] / scale
@@ -241,7 +241,7 @@ def solved(matrix: Array, right: Array) -> list[float]:
 def motion_rows(
     segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """(n, 5) rows of [D(u), −v, −sgn(v), −1 | dv/dt], `smoothed`, of the samples that move, and (N,) which these are.
+    """(n, 5) rows of [D(u), −v, −sgn(v), −1 | dv/dt], `smoothed`, of the samples in motion, and (N,) a mask of these.
 
     Args:
         segment, channel, is_position, offset: see `motions`.
@@ -267,7 +267,7 @@ def motion_rows(
 def started(
     plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
 ) -> list[DrivenPlant]:
-    """The plant with the motions that regressions on the records suggest, and with plausible ones."""
+    """The plant with the motions from regressions on the records, and with plausible ones."""
     found, known = [], {name: plant.value(name) for name in fixed}
     is_position = signals[0] is Signal.POSITION
     commanded = after_drive(plant.drive, segments)

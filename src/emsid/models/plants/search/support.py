@@ -1,8 +1,8 @@
 """Which refinements of a fit are not supported by their own intervals.
 
-Schwarz's criterion compares costs. Where the residual is slow, or where parameters make up for one another, it may
-take a refinement whose interval includes the value at which it has no effect. Such a refinement is to be removed, and
-so is Stribeck friction whose rate the record does not show.
+Schwarz's criterion compares costs. If the residual is slow, or if parameters compensate for each other, it may accept a
+refinement whose interval includes the value at which it has no effect. Such a refinement is to be removed, and also
+Stribeck friction whose rate the record does not resolve.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from emsid.models.plants.search.result import Estimate, GreyBoxFit, Status
 
 
 def unsupported(fit: GreyBoxFit, asked: tuple[str, ...], wanted: Collection[str]) -> list[frozenset[str]]:
-    """By which free names the plant differs from that without each refinement whose intervals include no effect.
+    """The free names of each refinement whose intervals include the value without effect.
 
     Args:
         fit: converged, with its intervals.
-        asked: what was free in it.
-        wanted: the parameters that somebody asked for; they are no refinements.
+        asked: its free parameters.
+        wanted: the parameters that the user asked for; they are no refinements.
     """
     plant = fit.model.plant
     if not isinstance(plant, DrivenPlant):
@@ -54,7 +54,7 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
 
 
 def _includes(row: Estimate, value: float) -> bool:
-    """Whether an interval has a value in it, or there is none as the data do not determine the parameter."""
+    """Whether an interval includes a value, or is missing because the data do not determine the parameter."""
     if row.interval is None:
         return row.status is Status.KEPT or row.value == value
     return row.interval[0] <= value <= row.interval[1]

@@ -1,4 +1,4 @@
-"""What is asked of a search: which plant, which parameters, what is known of them, and over which records."""
+"""The task of a search: the plant, its parameters, their known values, and the records."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ Limits = dict[str, tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is asked, checked and with a value for everything.
+    """The task of a search, checked and complete.
 
     Attributes:
-        given: the plant with what is known of it.
-        plant: the same with a start for everything asked for that would have no effect as it is given.
+        given: the plant with its known values.
+        plant: the same with start values for parameters to estimate that have no effect at their given values.
         segments: the records without gaps.
-        signals: what their outputs are.
+        signals: the quantities of their outputs.
         asked: the parameters to estimate.
         fixed: values that are known.
-        sheet: what the datasheet says.
+        sheet: the entries of the datasheet.
         resolution_limits: bounds beyond which the sample time does not resolve a parameter.
         limits: the narrowest bounds of every parameter asked for.
-        weighting: how errors count by their age.
-        threads: how many.
+        weighting: of errors by their age, or by the drift of the load.
+        threads: the number of threads.
         control: when to stop.
         hold_given: whether the user gave the hold of the input.
         begins: how the initial states are found; see `beginning`.
@@ -73,7 +73,7 @@ class Task:
 
     @property
     def preference(self) -> tuple[str, ...]:
-        """In which order parameters are kept at their start: those first that are likeliest to be known already."""
+        """The order in which parameters are kept at their start: those first that are most likely known."""
         return _preference(self.plant, self.asked, self.sheet)
 
     def problem(self, plant: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
@@ -153,7 +153,7 @@ def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
 def known_values(
     plant: Plant, fixed: Mapping[str, float | str] | None, sheet: Mapping[str, Given]
 ) -> tuple[dict[str, float], dict[str, Given]]:
-    """What is fixed, and the datasheet with the tolerances of what is fixed; by full name and in SI units.
+    """The fixed values, and the datasheet with their tolerances; by full name and in SI units.
 
     Args:
         plant: that has the parameters.
@@ -245,7 +245,7 @@ def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
 
 
 def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
-    """In which order parameters are kept at their start: those of a datasheet, then those that are usually known."""
+    """The order in which parameters are kept at their start: those of a datasheet, then usually known ones."""
     known = sorted(
         (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
     )

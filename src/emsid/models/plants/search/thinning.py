@@ -1,10 +1,10 @@
-"""Fewer samples for the many trials of a choice: every k-th output, and the mean of the command in between.
+"""Fewer samples for the many trials of a choice: every k-th output, and the mean of the command between these.
 
-A mass that is driven by the mean of a force over some time has the same speed afterwards, as long as the time is short
-compared with its motion. So a long record of a position loses little, and every free run over it is k times faster. The
-plant that is chosen is fitted to all samples in the end.
+The mean of a force over a short time changes the speed of a mass as the force itself does, if this time is short
+compared with the motion. So a long record of a position loses little, and every free run over it is k times faster. The
+chosen plant is fitted to all samples in the end.
 
-A speed is less smooth. It is thinned where the samples left out lie between their neighbours but for noise.
+A speed is less smooth. It is thinned if the samples left out lie between their neighbours, except for noise.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from emsid.record import Record, concatenate
 
 ENOUGH = 6000
-"""Samples in all below which nothing is left out."""
+"""Records with fewer samples in all are not thinned."""
 MOST = 8
 """The longest distance in samples between two that are kept."""
 SMOOTH = 5.0
-"""How many times the variance of noise may be missed between two samples."""
+"""The allowed mean square of interpolation errors, as a multiple of the variance of noise."""
 STEEPEST, WINDOW = 0.02, 20
-"""The part of all samples that is looked at, and the samples of a window in which noise is measured."""
+"""The part of all samples that is tested, and the samples of a window in which noise is measured."""
 
 
 def thinned(record: Record, straight: bool, speed: bool = False) -> Record:
@@ -31,7 +31,7 @@ def thinned(record: Record, straight: bool, speed: bool = False) -> Record:
     Args:
         record: its inputs are commands, not codes.
         straight: whether the commands go straight from sample to sample, else they are held.
-        speed: whether its output is a speed, which may be too lively.
+        speed: whether its output is a speed, which may change too fast.
     """
     every = min(len(record) // ENOUGH, MOST)
     while speed and every > 1 and not _smooth(record, every):
@@ -53,10 +53,10 @@ def _thinned(segment: Record, every: int, straight: bool) -> Record:
 
 
 def _smooth(record: Record, every: int) -> bool:
-    """Whether the outputs between every k-th sample lie between these, but for noise, where they change most.
+    """Whether the outputs between every k-th sample lie between these, except for noise, where they change most.
 
     Straight lines through every k-th sample miss the steepest samples by no more than `SMOOTH` times the noise of both.
-    Noise is what second differences show in the median of short windows, so jumps are not taken for noise.
+    Noise is estimated by second differences, as the median over short windows, so jumps do not count as noise.
     """
     missed, steep, windows = [], [], []
     for segment in record.segments:

@@ -1,16 +1,15 @@
 """Fits of one structure among many, quick and without intervals: from several starts, thinned as they go on.
 
-A trial begins with the free run of every start. The best few take a few steps, the best of these go on to the end of
-their budget (successive halving). A trial that has ended may be begun again from points around it, drawn along its
-covariance, for the valleys of a free run are narrow and bent.
+A trial begins with the free run of every start. The best few take a few steps, and the best of these continue to the
+end of their budget (successive halving). A trial that has ended may be repeated from points around it, drawn from its
+covariance, because the valleys of the cost are narrow and bent.
 
-Two trials are compared by Schwarz's criterion (`schwarz_gain`). Its n is not the number of samples but the number of
-independent ones in the residual of the richer trial. The residual of a poor model is a slow signal, so its samples are
-nearly the same many times over.
+Two trials are compared by Schwarz's criterion (`schwarz_gain`). Its n is not the number of samples but that of
+independent ones in the residual of the richer trial: the residual of a poor model is a slow signal, whose neighbouring
+samples are nearly equal.
 
-A sensor with a lag has an initial reading of its own, which explains the first speed also where the lag is nothing: so
-would a command before the record that is not known. In a segment that begins in motion the first speed counts in no
-trial, so that a lag of zero is the limit of a small one.
+A sensor with a lag has an initial reading of its own, which explains the first speed even if the lag is nearly zero. So
+in a segment that begins in motion the first speed counts in no trial, and a lag of zero is the limit of a small one.
 
 References:
     Jamieson, Talwalkar, *Non-stochastic best arm identification and hyperparameter optimization*, AISTATS (2016), on
@@ -45,13 +44,15 @@ from emsid.selection.improvement import StretchErrors, schwarz_gain
 Array = NDArray[np.float64]
 
 KEPT, FINALISTS, FIRST_STEPS = 4, 2, 3
-"""How many starts take a step, how many of them go on, and after how many steps all but the best stop."""
+"""The number of starts that take a step, that of those that continue, and the steps after which only the best
+continues."""
 TOLERANCE = 0.02
 """Of a search, in standard errors."""
-HOPELESS = 10.0
-"""A start whose cost is more than this many times that of the best one takes no steps."""
+MUCH_WORSE = 10.0
+"""A start whose cost is more than this multiple of the best one takes no steps."""
 SHORTER = 0.25 ** np.arange(8)
-"""Parts of a draw from a covariance that are tried until one is not hopeless: far away the covariance means little."""
+"""Parts of a draw from a covariance that are tried until the cost is not much larger: the covariance holds only
+nearby."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +93,15 @@ def gain(simple: Trial, rich: Trial) -> float:
 
 
 def begun_with(refine: Refinement, best: Trial, others: Sequence[DrivenPlant], record: Record) -> list[Refined]:
-    """Starts of the best plant with a refinement, and of others; none where the best cannot be refined like this."""
+    """Starts of the best plant with a refinement, and of others; none if the best cannot be refined like this."""
     begun = list(refine(best.plant, best.names, record))
     return begun + [each for plant in others if begun for each in refine(plant, best.names, record)]
 
 
 def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list[Refined]:
-    """Starts with two refinements that were tried apart, each with the values that it had then.
+    """Starts with two refinements that were tried separately, each with its values from there.
 
-    Where the valley is narrow, a search that begins with one of them at its usual values may not find the other's.
+    In a narrow valley, a search that begins with usual values of one of them may not find those of the other.
 
     Args:
         trial: with one of them.
@@ -117,7 +118,7 @@ def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list
 def rank(trial: Trial, others: Sequence[Trial], gains: Mapping[int, float]) -> tuple[float, float]:
     """The key by which trials are sorted: the gain, but at most that of a trial that is better with no more parameters.
 
-    Gains of two trials count other numbers of independent samples, so the gain of the worse one may be larger.
+    The gains of two trials count different numbers of independent samples, so the gain of the worse one may be larger.
 
     Args:
         trial: one of the others.
@@ -128,9 +129,9 @@ def rank(trial: Trial, others: Sequence[Trial], gains: Mapping[int, float]) -> t
 
 
 def not_needed(tried: Sequence[Trial], needed: Callable[[Trial], bool]) -> list[Trial]:
-    """Trials without a refinement that is not needed, nor would be in a better trial with no more parameters.
+    """Trials without a refinement that is not needed, not even in a better trial with no more parameters.
 
-    A trial that has ended beside its minimum may have so large an error in one stretch that no mean says anything.
+    A trial that has ended beside its minimum may have so large an error in one stretch that its mean is useless.
 
     Args:
         tried: each without one refinement.
@@ -140,34 +141,34 @@ def not_needed(tried: Sequence[Trial], needed: Callable[[Trial], bool]) -> list[
 
 
 def _at_least_as_good(trial: Trial, others: Sequence[Trial]) -> list[Trial]:
-    """Those of the others, the trial itself among them, with no more parameters and no higher cost."""
+    """The trial itself, and others with no more parameters and no higher cost."""
     return [each for each in others if each.cost <= trial.cost and len(each.names) <= len(trial.names)]
 
 
 def _first_equal(ranked: Sequence[tuple[float, int, FreeRunError]]) -> dict[int, int]:
-    """Of every start that is ranked the first with the same cost and the same values: two plants may suggest one."""
+    """The starts without repetitions of the same cost and values: two plants may give the same start."""
     first: dict[tuple[float, bytes], int] = {}
     return {k: first.setdefault((cost, problem.start.tobytes()), k) for cost, k, problem in ranked}
 
 
 def has_load(trial: Trial) -> bool:
-    """Whether a trial has a constant load, or levels by direction, which say the same."""
+    """Whether a trial has a constant load, or levels by direction, which have the same effect."""
     load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
     return load in trial.names or set(sides) <= set(trial.names)
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """How plants are tried: what all trials share.
+    """The settings that all trials of plants share.
 
     Args:
         segments: the records, in units of their own size.
         signals: what their outputs are.
         limits: bounds of parameters; others have the bounds of the plant.
-        weighting: how errors count by their age.
+        weighting: of errors by their age, or by the drift of the load.
         control: when to stop.
-        complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it shows
-            the initial states. None where they show them.
+        complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it gives
+            the initial states. None if the segments themselves do.
         counted: (N,) of every segment, 0 for samples whose errors do not count; None where all of them do.
         begins: how the initial states are found; see `beginning`.
     """
@@ -184,7 +185,7 @@ class Trials:
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
     ) -> Trial | None:
-        """The best that can be had from several starts; None where none of them can be simulated.
+        """The best fit from several starts; None if none of them can be simulated.
 
         Args:
             starts: plants to begin with.
@@ -197,7 +198,7 @@ class Trials:
         return None if best is None else self._trial(best)
 
     def promising(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> DrivenPlant:
-        """The start that leads furthest down in a few steps; the first where none can be simulated."""
+        """The start with the lowest cost after a few steps; the first if none can be simulated."""
         under_way = self._under_way(starts, names, None)
         return starts[min(under_way)[1]] if under_way else starts[0]
 
@@ -208,9 +209,9 @@ class Trials:
     def _under_way(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
     ) -> list[tuple[float, int, FreeRunError]]:
-        """The best starts after a few steps, as (cost, which start, where it got to)."""
+        """The best starts after a few steps, as (cost, index of the start, its problem)."""
         ranked = self._ranked(starts, names, states)[:KEPT]
-        ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
+        ranked = [each for each in ranked if each[0] <= MUCH_WORSE * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
         first = _first_equal(ranked)  # starts that are equal move together
@@ -225,7 +226,7 @@ class Trials:
     def _ranked(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
     ) -> list[tuple[float, int, FreeRunError]]:
-        """The starts that can be simulated, as (cost, which start, its problem), those with the smallest error first.
+        """The starts that can be simulated, as (cost, index of the start, its problem), in order of cost.
 
         No free run begins once the control has ended: those of a plant with a stiff shaft take seconds.
         """
@@ -238,15 +239,15 @@ class Trials:
         return sorted(each for each in found if isfinite(each[0]))
 
     def around(self, trial: Trial, rng: np.random.Generator, most: int, agreeing: int) -> Trial:
-        """The best of a trial and of some more that begin around it, with where these ended.
+        """The best of a trial and of further ones that begin around it, with the ends of these.
 
-        It ends as soon as enough of them have ended with the lowest cost. Where the motion sticks for one value of
-        a parameter and slides for the next, the cost has steps, and searches end beside them, each elsewhere.
+        It ends when enough of them have ended with the lowest cost. If the motion sticks for one value of a parameter
+        and slides for the next, the cost has steps, and searches end at different points beside them.
 
         Args:
             trial: to begin around.
             rng: source of random numbers.
-            most: the largest number of more.
+            most: the largest number of further trials.
             agreeing: how many with the lowest cost are enough.
         """
         ends: list[tuple[float, Array]] = []
@@ -265,8 +266,8 @@ class Trials:
     def _near(self, trial: Trial, rng: np.random.Generator) -> FreeRunError | None:
         """The problem of a trial begun at a point around it; None where there is nothing to move or no such point.
 
-        A trial need not be at a minimum, so its covariance may mean little: no parameter is moved further than is
-        plausible, and not to where the cost is hopeless.
+        A trial need not be at a minimum, so its covariance may be meaningless: no parameter is moved further than is
+            plausible, nor to points of a much larger cost.
         """
         problem = self._problem(trial.plant, trial.names, trial.states)
         if problem is None or not len(problem.start):
@@ -276,15 +277,15 @@ class Trials:
             slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
             step = drawn(slopes, trial.residuals, rng, problem.plausible)
             moved = (problem.begun_at(np.clip(problem.start + part * step, lower, upper)) for part in SHORTER)
-            return next((each for each in moved if 0.5 * cost_of(each) <= HOPELESS * trial.cost), None)
+            return next((each for each in moved if 0.5 * cost_of(each) <= MUCH_WORSE * trial.cost), None)
         except EmsidError:
             return None
 
     def settled(self, trial: Trial) -> tuple[Trials, Trial]:
-        """These trials with the kind of start that the records allow at a plant, and the plant fitted with it.
+        """These trials with the source of initial states that the records allow, and the plant fitted with it.
 
-        The start of a position is estimated where that agrees with its first samples. Where the load drifts, it was
-        settled with the drift.
+        The initial state of a position is estimated if that agrees with its first samples. If the load drifts, it was
+        chosen together with the drift.
         """
         if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
             return self, trial

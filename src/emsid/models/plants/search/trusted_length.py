@@ -1,15 +1,15 @@
-r"""For how long a free run of a position stays near the record, where it slowly leaves it.
+r"""The time for which the free run of a position, whose errors add up, stays near the record.
 
 A position keeps the effect of every past disturbance, so errors of a free run add up. In a window of n samples that has
 an initial position of its own, the error is the residual e without its mean there. Its mean square over all windows,
 
     W²(n) = mean (eₜ − ē)²,
 
-is about the power of the residual at frequencies above 1/(n·dt). White noise, and errors that every motion there and
-back repeats, have nearly the same W for all windows that are longer than a motion in one direction. A drift has most of
+is about the power of the residual at frequencies above 1/(n·dt). For white noise, and for errors that repeat with every
+motion forth and back, W is nearly the same for all windows longer than a motion in one direction. A drift has most of
 its power at low frequencies, and W grows. The free run is trusted for the longest windows whose W² is at most twice
-that of the noise, or, where a single motion has a larger error already, twice that of windows as long as a motion: in
-longer ones, most of the error has added up since the start. The noise is what changes from sample to sample, of
+that of the noise, or, if a single motion already has a larger error, twice that of windows as long as a motion. In
+longer windows, most of the error has added up since the start. The noise is the change from sample to sample, of
 variance ½·mean (eₜ₊₁ − eₜ)².
 
 References:
@@ -35,19 +35,19 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 TURNED = 0.05
-"""A motion ends where the position has come back by this part of its range."""
+"""A motion ends where the position has returned by this part of its range."""
 POINTS = 20_000
-"""Of a longer segment, every so many samples are looked at for reversals."""
+"""In longer segments, reversals are searched in at most this many samples."""
 WINDOWS = 3
-"""The longest windows are this part of the longest segment, so that there are a few of them."""
+"""The longest segment has at least this many of the longest windows."""
 LENGTHS = 1.1
-"""Ratio of the lengths of windows that are looked at."""
+"""Ratio of successive lengths of windows."""
 
 
 def trusted_length(task: Task, problem: FreeRunError) -> list[Finding]:
-    """For how long the free run of a fit is trusted; nothing where its error does not grow with its length.
+    """The time for which the free run of a fit is trusted; nothing if its error does not grow with its length.
 
-    Where the fit has taken a drift of the load into account, the finding ``load-drifts`` says it.
+    If the fit has taken a drift of the load into account, the finding ``load-drifts`` has this time.
 
     Args:
         task: what was asked.
@@ -59,7 +59,7 @@ def trusted_length(task: Task, problem: FreeRunError) -> list[Finding]:
 
 
 def trusted_length_over(model: GreyBox, record: Record) -> list[Finding]:
-    """For how long the free run of a plant is trusted in a record; nothing where its error does not grow.
+    """The time for which the free run of a plant is trusted in a record; nothing if its error does not grow.
 
     Args:
         model: whose only output is a position.
@@ -102,7 +102,7 @@ def motion(runs: Sequence[Array]) -> int | None:
 
 
 def reversals(path: Array, least: float) -> NDArray[np.int64]:
-    """The samples at which a position (N,) has come back by this much from the last place where it turned."""
+    """The samples at which a position (N,) has returned by this distance from its last turning point."""
     every = 1 + len(path) // POINTS
     found, direction = [], 0
     high = low = float(path[0])
@@ -120,11 +120,11 @@ def reversals(path: Array, least: float) -> NDArray[np.int64]:
 
 
 def longest_trusted(residuals: Sequence[Array], shortest: int | None) -> tuple[int, float] | None:
-    """The samples of the longest windows whose error has not grown yet, and their error W.
+    """The samples of the longest windows whose error has not yet grown, and their error W.
 
     Args:
         residuals: (Nᵢ,) of every segment.
-        shortest: samples of a single motion, in which errors have not added up yet.
+        shortest: samples of a single motion, in which errors have not yet added up.
 
     Returns:
         None where the error does not grow.

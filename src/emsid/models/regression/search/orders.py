@@ -63,7 +63,7 @@ PATIENCE = 3
 # The largest order of the state-space model that gives the first instruments.
 MOST_ORDERS = 6
 # A size whose start has an error larger by this factor than that of the best is left out.
-HOPELESS = 4.0
+MUCH_WORSE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +294,7 @@ def _starts(
                 )
         below, runs = denominator(structure, theta), free_runs(structure, theta, validation.fitted)
     for _, (error, structure, theta) in sorted(best.items()):
-        if error <= HOPELESS * least < inf:
+        if error <= MUCH_WORSE * least < inf:
             yield structure, theta
 
 

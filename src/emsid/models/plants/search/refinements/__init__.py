@@ -1,1 +1,1 @@
-"""What real drives add to a plant, each refinement with its starts."""
+"""Refinements of a plant by effects of real drives, each with its starts."""

@@ -1,4 +1,4 @@
-"""Rotor and load turn against each other by an angle before they touch."""
+"""Backlash: rotor and load turn against each other by an angle before they touch."""
 
 from __future__ import annotations
 

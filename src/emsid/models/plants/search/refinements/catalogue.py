@@ -1,4 +1,4 @@
-"""Every refinement that a choice tries, and how each is taken out again.
+"""All refinements that a choice tries, and the values that remove each.
 
 To add one, write a function in a file of its own and name it here; `WITHOUT` has the values at which it has no effect.
 """
@@ -50,7 +50,7 @@ REFINEMENTS: tuple[Refinement, ...] = (
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging, cogging_of_speed)
-"""Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
+"""Refinements that cause large errors on other records if they are wrong: they are tested on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
 BY_DIRECTION: tuple[Refinement, ...] = (
@@ -64,11 +64,11 @@ LOOK_ALIKE: dict[Refinement, str] = {
     averaging_sensor: "sensor.average",
     inductance: INDUCTANCE,
 }
-"""Refinements that look alike in many records, each with its parameter, which is zero without it."""
+"""Refinements with similar effects in many records, each with its parameter, which is zero without it."""
 DELAYS: tuple[Refinement, ...] = (late_command, slow_sensor, averaging_sensor)
-"""Refinements that delay the output; they are judged while the speed grows and while it falls."""
+"""Refinements that delay the output; they are tested in acceleration and in deceleration."""
 INSTEAD: tuple[Refinement, ...] = (inductance,)
-"""Refinements that are slow to simulate: they are only tried instead of one that looks alike."""
+"""Refinements that are slow to simulate: they are only tried in place of one with a similar effect."""
 WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.delay": 0.0},
     {"drive.loss": 0.0},
@@ -110,24 +110,24 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
 
 
 def sizes(names: Sequence[str], plain: DrivenPlant) -> list[str]:
-    """Those of the names of refinements that say how much; the others say where, or how fast.
+    """The names of refinement parameters that are sizes; the others are positions or rates.
 
     Args:
-        names: of free parameters that a plant has and a simpler one has not.
+        names: of free parameters that a plant has and a simpler one does not have.
         plain: the simpler one.
     """
     return [name for name in names if isfinite(plain.value(name)) and name != FIRST[0] and not name.endswith("_rate")]
 
 
 def without_effect(refined: Refined, plain: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
-    """The start of a refinement that simulates as the plant without it.
+    """The start of a refinement with the same simulation as the plant without it.
 
-    None where it has no size that can be zero, or where another parameter is left out for it.
+    None if it has no size that can be zero, or replaces another parameter.
 
     Args:
         refined: another start.
         plain: the plant without the refinement.
-        free: what is free of it.
+        free: its free parameters.
     """
     plant, names = refined
     added = sizes([name for name in names if name not in free], plain)

@@ -1,9 +1,9 @@
-r"""A force that repeats with position, as slots of a motor or turns of a screw make it.
+r"""Cogging: a force that repeats with position, caused by slots of a motor or turns of a screw.
 
 Its period is found without a simulation. With all signals smoothed, the acceleration of one mass is linear in the
-command, the speed and the direction. What this regression leaves is correlated with exp(2πi·x/P) for many periods P,
-of which the travel has many; those that stand out most are the starts, with the motion that a regression with
-the wave finds: a free run that is off by a period does not find it.
+command, the speed and the direction. What this regression leaves is correlated with exp(2πi·x/P) for many periods P, of
+which the travel has many; those with the largest correlation are the starts, with the motion from a regression with the
+wave. A search from another period would not find it.
 
 Of a measured speed the position is the integral, from zero at the start of the record. So the record must be one
 segment, as the position at the start of another one is not known.
@@ -34,16 +34,17 @@ SPEEDS = (Signal.SPEED, Signal.ROTOR_SPEED)
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
 FEWEST_TURNS, MOST_TURNS, SPACING = 8.0, 120.0, 0.25
-"""Periods in the whole travel that are looked at, and how densely; fewer of them look like drift."""
+"""The fewest and the most periods in the whole travel that are tried, and their spacing; fewer periods look like
+drift."""
 TURNS = np.arange(FEWEST_TURNS, MOST_TURNS, SPACING)
 STANDS_OUT = 15.0
-"""How many times the median power a period has, at least, to be tried."""
+"""A period is tried if its power is this many times the median."""
 TRIED = 3
-"""How many periods are tried at most."""
+"""The most periods that are tried."""
 FINER = np.linspace(-0.5, 0.5, 21)
-"""How many turns more, around each of them, are compared in a regression."""
+"""Differences in turns, around each of them, that are compared in a regression."""
 FEWEST = 100
-"""Samples in motion that a spectrum is made of, at least."""
+"""The fewest samples in motion for a spectrum."""
 
 
 def cogging_of_speed(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
@@ -79,9 +80,9 @@ def _moved(plant: DrivenPlant, motion: Motion) -> DrivenPlant | None:
 
 
 def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, float, float]] | None:
-    """The motion of a regression with the wave that leaves least, and that wave: its period, cosine and sine.
+    """The motion of the regression with the best wave, and that wave: its period, cosine and sine.
 
-    None where no wave stands out in what a regression without one leaves.
+    None if no wave stands out in the residual of a regression without one.
     """
     segments = after_drive(plant.drive, [segment for segment in record.segments if len(segment) > 12])
     zone = next((plant.value(name) for name in plant.handles if name.endswith(".half_width")), 0.0)
@@ -118,7 +119,7 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
 def _power(left: Array, way: Array) -> Array:
     """|mean(e·exp(2πi·n·s))|² for every n of `TURNS`, of an error e (N,) at places s (N,) along the travel.
 
-    The turns are evenly spaced, so each wave is the one before times another: no exponential is computed for it.
+    The turns are evenly spaced, so each wave is a product of the previous one and a constant factor.
     """
     wave, next_wave = np.exp(2j * np.pi * FEWEST_TURNS * way) * (left / len(left)), np.exp(2j * np.pi * SPACING * way)
     power = np.empty(len(TURNS))
@@ -129,7 +130,7 @@ def _power(left: Array, way: Array) -> Array:
 
 
 def _integral(segment: Record) -> Array:
-    """(N,) the position that a measured speed leads to, from zero."""
+    """(N,) the integral of a measured speed, from zero."""
     speed = segment.output[:, 0]
     return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * segment.dt
 
@@ -137,7 +138,7 @@ def _integral(segment: Record) -> Array:
 def _with_wave(
     rows: Array, positions: Sequence[Array], kept: Sequence[NDArray[np.bool_]], travel: float, turns: float
 ) -> tuple[float, float, list[float]]:
-    """What a regression with a wave leaves, how many turns the travel has, and the coefficients."""
+    """The residual of a regression with a wave, the number of turns in the travel, and the coefficients."""
     waves = []
     for x, mask in zip(positions, kept, strict=True):
         angle = 2 * np.pi * turns / travel * x

@@ -1,4 +1,4 @@
-"""What a refinement is: a function that returns starts of a refined plant and the parameters that are free in it."""
+"""The type of a refinement: a function that returns starts of a refined plant and its free parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Refined = tuple[DrivenPlant, tuple[str, ...]]
 Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], Sequence[Refined]]
 """From a plant, what is free of it and a record to starts of a refined plant; all of them have the same free names.
 
-None where the plant cannot be refined like this, or is already.
+None if the plant cannot be refined like this, or already is.
 """
 
 
@@ -24,5 +24,5 @@ def level_name(plant: DrivenPlant) -> str:
 
 
 def top_speed(plant: DrivenPlant, record: Record) -> float:
-    """How fast it moves at most, but for a few samples."""
+    """Its largest speed, without a few samples."""
     return speeds.top_speed(record.segments, 0, signals_of(plant, record)[0] is Signal.POSITION)

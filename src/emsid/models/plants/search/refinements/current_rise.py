@@ -1,4 +1,4 @@
-"""The current of a bridge that coasts rises anew in every pulse, which does what a dead zone seems to do."""
+"""The current of a bridge that coasts rises anew in every pulse, which has the effect of a dead zone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STARTS = (0.05, 0.2)
 
 
 def current_rise(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """The armature current takes a part of every pulse to rise; a dead zone that was estimated is left out instead."""
+    """The armature current takes a part of every pulse to rise; this replaces an estimated dead zone."""
     if not plant.can_coast or not plant.drive.freewheel or RISE in free:
         return []
     zone = {name for name in (DEAD_ZONE, *parts(plant, DEAD_ZONE)) if name in free}

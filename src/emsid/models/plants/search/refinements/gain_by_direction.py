@@ -1,7 +1,7 @@
 """The gain of the drive differs by direction, as that of the two halves of a bridge does.
 
-At one speed a smaller gain does what more friction does. Where both differ by direction, one of them alone may explain
-nothing, so they are also tried together.
+At constant speed a smaller gain has the same effect as more friction. If both differ by direction, one of them alone
+may explain nothing, so they are also tried together.
 """
 
 from __future__ import annotations

@@ -11,13 +11,13 @@ from emsid.record import Record
 
 INDUCTANCE = "inductance"
 STARTS = (0.5, 1.5)
-"""Electrical time constants to begin with, in samples; much shorter ones do not show."""
+"""Electrical time constants to begin with, in samples; much shorter ones have no visible effect."""
 MOST = 5000
-"""Samples in all with which it is tried: a motor with inductance takes twenty times as long to simulate."""
+"""The most samples with which it is tried: a motor with inductance takes twenty times as long to simulate."""
 
 
 def inductance(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """The current is late, as the records of a motor driven by a voltage may show."""
+    """The current follows the voltage after some time; for a motor driven by a voltage."""
     if not plant.can_coast or INDUCTANCE in free or plant.value(INDUCTANCE) or len(record) > MOST:
         return []
     plant = with_usual_shape(plant)

@@ -16,11 +16,11 @@ from emsid.record import Record
 AnyPlant = TypeVar("AnyPlant", bound=Plant)
 
 WIDER = 0.4
-"""The rates to begin with, over those of the usual shape: a Gaussian lasts longer and then falls at once."""
+"""The rates to begin with, relative to those of the usual shape: a Gaussian is flat near rest and then falls fast."""
 
 
 def gaussian_stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """Friction is larger near rest, and there it does not fall at once."""
+    """Friction is larger near rest, where it is flat over the speed."""
     if type(plant.frictions[plant.friction_name]) is not Friction:
         return []
     rate = f"{plant.friction_name}.stribeck_rate"

@@ -13,7 +13,7 @@ from emsid.models.plants.search.refinements.contract import Refined
 from emsid.record import Record
 
 STARTS = (0.01, 0.05, 0.2)
-"""Losses to begin with; from the smallest the trial reaches at least what was reached without."""
+"""Losses to begin with; the smallest one has hardly an effect, so its trial is no worse than that without."""
 SEEN = 0.05
 """At least this part of the samples is at full duty, and as many move below it."""
 
@@ -21,8 +21,8 @@ SEEN = 0.05
 def switching_loss(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
     """Below full duty the bridge switches and loses a part of its on-time; both must be in the record.
 
-    Full duty is known where the supply is, as it is of a bridge that coasts. The largest command of any other record
-    would be taken for a limit that need not be there.
+    Full duty is known if the supply is known, as for a bridge that coasts. In any other record the largest command
+    would count as a limit that need not exist.
     """
     drive = plant.drive
     if not plant.can_coast or "drive.loss" in free or not isfinite(drive.supply):

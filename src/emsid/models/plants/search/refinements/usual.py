@@ -61,15 +61,15 @@ def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Seque
 def by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
     """Coulomb levels, viscous friction of an axis and break points differ by direction.
 
-    A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over
-    where both are free.
+    A constant load has the same effect as a difference of Coulomb levels, at rest and in motion; if both are free, the
+    levels include it.
     """
     split: list[str] = []
     for name in free:
         apart = name == level_name(plant) or name.endswith(("viscous_friction", ".half_width"))
         split += (parts(plant, name) if apart else ()) or (name,)
     load, levels = plant.load_name, parts(plant, level_name(plant))
-    if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
+    if load in free and set(levels) <= set(split):  # with a known level, the load stays
         pull, (forward, backward) = plant.value(load), levels
         plant = plant.with_values(
             {
@@ -91,8 +91,8 @@ def viscous_by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Reco
 
 
 def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """Something pulls all the time."""
+    """A constant load acts on the mass."""
     if plant.load_name in free or set(parts(plant, level_name(plant))) <= set(free):
-        return []  # a difference of levels already says it
+        return []  # a difference of levels already stands for it
     pull = 0.1 * plant.value(level_name(plant))
     return [(plant.with_values({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]

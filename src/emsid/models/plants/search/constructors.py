@@ -1,4 +1,4 @@
-"""The plants of emsid, as functions that build one."""
+"""Functions that build the plants of emsid."""
 
 from __future__ import annotations
 

@@ -250,20 +250,25 @@ def test_a_third_map_is_found() -> None:
     assert trial.found.error < 0.0105
 
 
-def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most() -> None:
-    """Of models with as many maps; one that leaves the range of the data is not extended, and over many samples only
-    one of those that explain most is."""
+@pytest.mark.parametrize("compared", [False, True])
+def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most(compared: bool) -> None:
+    """Of models with as many maps; one that leaves the range of the data is not extended, and over many samples of
+    unseen data only one of those that explain most is."""
+
+    def extended(tried: list[Trial], best: Trial, maps: int) -> list[Trial]:
+        return choice._to_extend(choice.Contest(bench, tried, best), best, maps)
+
+    shown: list[Record] = []
+    bench = Bench(shown, [*shown] if compared else shown, 0)
     few, *most = (scaled_trial(size) for size in (3.0, 2.5, 2.0, 1.5, 1.0))
     away = replace(scaled_trial(0.5), errors=StretchErrors.of(np.full(16, np.inf)))
     tried = [few, *most, away]
-    assert choice._to_extend(tried, few, 1) == [few, *most[::-1]]
-    assert choice._to_extend(tried, most[0], 1) == [most[0], *most[:0:-1]]
-    assert choice._to_extend(tried, few, 2) == []
-    assert (
-        choice._to_extend(tried, scaled_trial(1.0, maps=2), 1) == most[::-1]
-    )  # the best one has another number of maps
+    assert extended(tried, few, 1) == [few, *most[::-1]]
+    assert extended(tried, most[0], 1) == [most[0], *most[:0:-1]]
+    assert extended(tried, few, 2) == []
+    assert extended(tried, scaled_trial(1.0, maps=2), 1) == most[::-1]  # the best one has another number of maps
     long = [replace(each, errors=replace(each.errors, samples=1e3 * each.errors.samples)) for each in (few, *most)]
-    assert choice._to_extend(long, long[0], 1) == [long[0], long[-1]]
+    assert extended(long, long[0], 1) == [long[0], *(long[-1:] if compared else long[:0:-1])]
 
 
 def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,7 +277,7 @@ def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypat
     hopeful, certain = [True], [True]
 
     class Judge:
-        threads = 1
+        threads, compared = 1, True
         leaves_noise = staticmethod(lambda trial: True)
         may_be_better = staticmethod(lambda trial, simple: trial is one and simple is straight and hopeful[0])
         prefers = staticmethod(lambda trial, best: False)
@@ -363,7 +368,7 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
     """The second map is not preferred, as its residual has few independent errors, but the third one beside it is."""
 
     class Judge:
-        threads = 1
+        threads, compared = 1, True
         leaves_noise = staticmethod(lambda trial: False)
         prefers = staticmethod(lambda trial, best: trial is third)
 
@@ -388,7 +393,7 @@ def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> No
     better, leaves = [second], list[Trial]()
 
     class Judge:
-        threads = 1
+        threads, compared = 1, True
         leaves_noise = staticmethod(lambda trial: trial in leaves)
         prefers = staticmethod(lambda trial, best: trial in better)
 

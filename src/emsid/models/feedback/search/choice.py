@@ -47,9 +47,9 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 MUCH_WORSE = 2.0
-# The number of models with equally many maps that a further one is added to, and the largest number of samples that
-# they are compared over; over more samples it is one model, as many independent errors distinguish models and every
-# search takes long.
+# The number of models with equally many maps that a further one is added to, where they are compared over all data of a
+# short record, or over at most this number of samples of unseen data; over more samples it is one model, as many
+# independent errors distinguish models and every search takes long.
 EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
@@ -147,7 +147,7 @@ def _better_than_linear(contest: Contest, beside: Trial, with_map: Trial, settin
 def _second_maps(contest: Contest, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With two maps, where the best model with one map may be better than the linear one."""
     if (settings.maps or MOST_MAPS) > 1 and contest.bench.may_be_better(best, contest.best):
-        yield from maps_more(contest.bench, _to_extend(contest.tried, best, 1), settings, PLAIN.more)
+        yield from maps_more(contest.bench, _to_extend(contest, best, 1), settings, PLAIN.more)
 
 
 @dataclass(eq=False)
@@ -197,27 +197,28 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
     """With further maps, one after the other, until none explains more or the best model leaves noise only."""
     most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
     for number in range(2, min(settings.maps or most, most) + 1):
-        before, fewer = contest.best, _that_explain_most(contest.tried, number - 1)
+        before, fewer = contest.best, _that_explain_most(contest, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
-        extended = _to_extend(contest.tried, before, number - 1)
+        extended = _to_extend(contest, before, number - 1)
         yield from contest.entered(maps_more(contest.bench, extended, settings, maps))
         if number == 2 and maps is PLAIN.more and before.family is not MAGNITUDE:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
-        more = _that_explain_most(contest.tried, number)
+        more = _that_explain_most(contest, number)
         if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
             return
 
 
-def _that_explain_most(tried: Sequence[Trial], maps: int) -> list[Trial]:
+def _that_explain_most(contest: Contest, maps: int) -> list[Trial]:
     """The models with this number of maps that do not run away and have the least final prediction errors."""
-    equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
-    several = EXTENDED if equal and equal[0].errors.samples.sum() <= SHORT else 1
+    equal = [each for each in contest.tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
+    short = not contest.bench.compared or (equal and equal[0].errors.samples.sum() <= SHORT)
+    several = EXTENDED if short else 1
     return sorted(equal, key=lambda each: each.prediction_error)[:several]
 
 
-def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
+def _to_extend(contest: Contest, best: Trial, maps: int) -> list[Trial]:
     """The models with this number of maps that another one is added to: those that explain most, and the best of all.
 
     Where a map is missing, the residual is a slow signal with few independent errors. The rule that compares models
@@ -226,8 +227,8 @@ def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
     can become the true ones shows when these are complete.
     """
     if best.family is MAGNITUDE:
-        return [best, *_runner_up(tried, best)]
-    most = _that_explain_most(tried, maps)
+        return [best, *_runner_up(contest.tried, best)]
+    most = _that_explain_most(contest, maps)
     if len(best.found.model.maps) != maps:
         return most
     return [best, *(each for each in most if each is not best)]

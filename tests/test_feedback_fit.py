@@ -154,7 +154,8 @@ def test_a_state_of_unknown_sign_is_found() -> None:
 
 def test_a_start_is_found_however_far_the_first_searches_get(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two tanks that overflow; the prior is weighted by the variance of the residual at the estimate."""
-    monkeypatch.setattr("emsid.models.start_states.FIRST_LOOK", {"max_iterations": 0, "tolerance": 0.5})
+    for effort in ("LOOSE", "FIRST_LOOK"):
+        monkeypatch.setattr(f"emsid.models.start_states.{effort}", {"max_iterations": 0, "tolerance": 0.5})
     height = np.linspace(0, 15, 31)
     level = np.minimum(height, 10)
     falls = PiecewiseLinear(height, 0.2 * np.sqrt(level))
@@ -172,6 +173,31 @@ def test_a_start_is_found_however_far_the_first_searches_get(monkeypatch: pytest
         noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
         errors.append(float(np.sqrt(np.mean((model.output(u, starting(model, u, noisy)) - y)[:100] ** 2))))
     assert np.mean(np.array(errors) < 0.1) > 0.9
+
+
+@pytest.mark.parametrize("start", [-3.0, -0.5, 0.8])
+def test_a_state_that_the_input_never_leads_to_again_is_found(start: float) -> None:
+    """A tank that fills up and then overflows: every state that its input leads to is hidden by the limit."""
+    model = FeedbackModel(
+        np.array([[0.95, 0.05, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), (Saturation(1.0, -9.0, 1.0),)
+    )
+    rng = np.random.default_rng(3)
+    u = rng.uniform(1.5, 3.0, 300)
+    y = model.output(u, np.array([start]))
+    noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
+    assert starting(model, u, noisy)[0] == pytest.approx(start, abs=0.03)
+
+
+def test_a_state_far_from_the_usual_ones_is_not_taken_for_noise() -> None:
+    """A slow state that the first samples hardly show remains near those that the input leads to."""
+    matrix = np.array([[0.5, 0.0, 1.0], [0.0, 0.999, 1e-3], [1.0, 0.01, 0.0]])
+    model, rng = FeedbackModel(matrix), np.random.default_rng(4)
+    u = rng.normal(size=20_000)
+    for k in (5_000, 9_000, 15_000):
+        x = model.trajectory(u, np.zeros(2)).x[k]
+        y = model.output(u[k:], x)[: model.memory] + 0.5 * rng.normal(size=model.memory)
+        usual = model.reachable(u[k : k + 10_000])[:, 1]
+        assert abs(starting(model, u[k:], y)[1] - usual.mean()) < 3 * usual.std()
 
 
 # --- long records ----------------------------------------------------------------------------------------------------

@@ -10,6 +10,16 @@ a signal. Short searches therefore begin at those reachable states that fit best
 the error of the best of these states, which is too large. One more search begins at the best state with a very small
 σ². The least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate.
 Where its residual is much smaller, σ² was too large, and the search continues from there with the smaller one.
+
+A record can begin in a state that its input never leads to again, such as the level of a tank that overflows from then
+on. There a limit may hide the state, so that no search leads away from the reachable ones; where states farther from
+their mean fit far better than each of them, the searches begin at these. A normal distribution also all but excludes
+such a state. So the estimate is compared with the minimum x₀ of a search with a weak prior, by the likelihood of the f
+samples that the states leave and Student's distribution, ν = 4, of the distance d in standard deviations,
+
+    f log Σ (y − ŷ)² + (n + ν) log(1 + d²/ν);
+
+where x₀ is better, the prior is multiplied by (n + ν)/(ν + d₀²) and the search continues from there.
 """
 
 from __future__ import annotations
@@ -27,9 +37,14 @@ from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 
 Array = NDArray[np.float64]
 
-# Weight of the state at rest where the prior is weak, relative to the samples of the start.
-REST = 1e-2
-# Effort: within half a standard error for the first searches, and then within a twentieth.
+# Weight of the state at rest where the prior is weak, relative to the samples of the start; the second one where the
+# result only says which σ² the samples allow.
+REST, HARDLY = 1e-2, 1e-5
+# The degrees of freedom ν of Student's distribution of a state: few make distant ones possible.
+TAILS = 4
+# Effort: within half a standard error for the first searches, and then within a twentieth; with a weak prior within a
+# twentieth from the start, since σ² follows from its residual.
+LOOSE: dict[str, Any] = {"max_iterations": 30, "tolerance": 0.05}
 FIRST_LOOK: dict[str, Any] = {"max_iterations": 6, "tolerance": 0.5}
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
 # Rounds of searches, and the share of the squared residual before above which one is the last.
@@ -38,6 +53,9 @@ ROUNDS, SETTLED = 6, 0.8
 TRIAL_STATES, STARTS = 64, 3
 # Reachable states are collected over this many samples; the least relative spread of them in any direction.
 REACHABLE_SAMPLES, LEAST_SPREAD = 10_000, 1e-12
+# By how much states are farther from the mean that are compared too, and the share of the least squared error of the
+# reachable ones below which they are begun at.
+FARTHER, FAR_BETTER = (4.0, 16.0, 64.0, 256.0), 0.5
 
 
 class Startable(Protocol):
@@ -113,13 +131,18 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
     u = np.ascontiguousarray(u)
     begin, cloud = u[: len(y)], model.reachable(u[:REACHABLE_SAMPLES])
     trials = np.vstack([rest, cloud[:: -(-len(cloud) // TRIAL_STATES) or 1]])
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = (model.outputs(begin, trials) - y)[:, model.edge :]
-        missed = np.einsum("ij,ij->i", errors, errors)
+    missed = _missed(model, begin, y, trials)
     finite = np.isfinite(missed)
     if not finite.any():
         return rest
     starts = _apart(trials[finite], missed[finite])
+    if not quick:
+        middle = trials.mean(axis=0)
+        far = np.vstack([middle + times * (trials - middle) for times in FARTHER])
+        of_far = _missed(model, begin, y, far)
+        if np.nanmin(of_far, initial=np.inf) < FAR_BETTER * missed[finite].min():
+            near = np.isfinite(of_far)
+            starts = [*_apart(far[near], of_far[near]), *starts]
     freedom = len(y) - model.edge - model.states
     centre, size, axes = _prior(cloud)
     known = freedom > 0 and size[-1] > 0
@@ -129,17 +152,45 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
         return _Start(model, begin, y, centre, firmness)
 
     rows = model.with_state_gradient(begin, starts[0])[1][model.edge :]
-    loose = _Start(model, begin, y, rest, np.diag(REST * np.linalg.norm(rows, axis=0)))
-    found = list(_searched(loose, starts[:1], FIRST_LOOK))
+    weight, effort = (HARDLY, LOOSE) if known and not quick else (REST, FIRST_LOOK)
+    loose = _Start(model, begin, y, rest, np.diag(weight * np.linalg.norm(rows, axis=0)))
+    found = list(_searched(loose, starts[:1], effort))
     if known and not quick:
         found += _searched(weighted(float(missed[finite].min()) / freedom), starts, FIRST_LOOK)
     if not found:
         return starts[0]
-    return _agreeing(weighted, found, freedom) if known else min(found, key=_of_samples)[0]
+    if not known:
+        return min(found, key=_of_samples)[0]
+    estimate = _agreeing(weighted, found, freedom)
+    return estimate[0] if quick else _or_far(weighted, estimate, found[0], freedom)
 
 
-def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: int) -> Array:
-    """(n,) the states of the least sum for the σ² of their own residual.
+def _or_far(weighted: Callable[[float], _Start], estimate: Found, loose: Found, freedom: int) -> Array:
+    """(n,) the estimate, or the states near the minimum with a weak prior if a heavy-tailed prior prefers these."""
+    prior, count = weighted(1.0), len(estimate[0])
+
+    def distance(found: Found) -> float:
+        return float(np.sum((prior.firmness @ (found[0] - prior.centre)) ** 2))
+
+    def unlikely(found: Found) -> float:
+        least = max(_of_samples(found), np.finfo(float).tiny)
+        return float(freedom * np.log(least) + (count + TAILS) * np.log1p(distance(found) / TAILS))
+
+    if unlikely(loose) >= unlikely(estimate):
+        return estimate[0]
+    softer = _of_samples(loose) / freedom * (count + TAILS) / (TAILS + distance(loose))
+    return next(_searched(weighted(softer), [loose[0]], START_BUDGET), loose)[0]
+
+
+def _missed(model: Startable, u: Array, y: Array, states: Array) -> Array:
+    """(k,) the squared error over the first samples from states (k, n); not finite where a run diverges."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = (model.outputs(u, states) - y)[:, model.edge :]
+        return np.asarray(np.einsum("ij,ij->i", errors, errors))
+
+
+def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: int) -> Found:
+    """The states of the least sum for the σ² of their own residual.
 
     Args:
         weighted: the problem with a σ².
@@ -156,7 +207,7 @@ def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: 
         if _of_samples(least) > SETTLED * before:
             break
         begun = [least[0]]
-    return least[0]
+    return least
 
 
 def _prior(cloud: Array) -> tuple[Array, Array, Array]:

@@ -32,6 +32,7 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.search.consensus import agreeing
 from emsid.models.feedback.search.further_maps import ORDINALS, Maps, maps_more, usual_size, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.starts import with_family, with_product
@@ -106,6 +107,15 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield from contest.entered(_faster(bench, each, settings))
     yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
+    eligible = _eligible(contest, settings)
+    best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
+    yield best if bench.compared else agreeing(bench, eligible, best)
+
+
+def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
+    """The trials that do not run away, of the number of maps that is asked for; the best one if there are none."""
+    known = [each for each in contest.tried if np.isfinite(each.errors.mean)]
+    return [each for each in known if settings.maps in (None, len(each.found.model.maps))] or [contest.best]
 
 
 def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:

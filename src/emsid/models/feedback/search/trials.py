@@ -7,7 +7,7 @@ time, or while the largest or the smallest input is held, is not chosen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import log
@@ -22,6 +22,7 @@ from emsid.estimation.uncertainty.coloured_residuals import autoregression, effe
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.extrapolation import FAR, HELD, LARGER, leaves_range
 from emsid.models.feedback.fitting import Found, searched
+from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
@@ -308,14 +309,36 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
         segments: (u, y) of each.
         states: (n,) at the start of each.
     """
-    (least, most), (low, high) = (
-        (min(float(each[k].min()) for each in segments), max(float(each[k].max()) for each in segments)) for k in (0, 1)
-    )
-    held = [(np.full(HELD, end), RUNAWAY) for end in (most, least)]
-    for number, ((u, _), x) in enumerate(zip(segments, states, strict=True), start=1):
-        larger, now = u + (LARGER - 1) * (u - 0.5 * (least + most)), x
-        for v, times in [(larger, FAR), (larger[::-1], FAR), *(held if number == len(segments) else [])]:
-            run, now = model.stepped(model.entering(v), now)
-            if leaves_range(run.y[:: model.oversampling], low, high, times):
-                return True
+    (least, most), (low, high) = _ranges(segments)
+    for run in larger_runs(model, segments, states):
+        if leaves_range(run.y[:: model.oversampling], low, high, FAR):
+            return True
+    now = run.x[-1]
+    for end in (most, least):
+        run, now = model.stepped(model.entering(np.full(HELD, end)), now)
+        if leaves_range(run.y[:: model.oversampling], low, high, RUNAWAY):
+            return True
     return False
+
+
+def larger_runs(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> Iterator[LoopSignals]:
+    """The runs over the input of every segment, larger by the factor `LARGER` about its middle, and then backward.
+
+    Args:
+        model: with its parameters.
+        segments: (u, y) of each.
+        states: (n,) at the start of each.
+    """
+    (least, most), _ = _ranges(segments)
+    for (u, _), x in zip(segments, states, strict=True):
+        larger, now = u + (LARGER - 1) * (u - 0.5 * (least + most)), x
+        for v in (larger, larger[::-1]):
+            run, now = model.stepped(model.entering(v), now)
+            yield run
+
+
+def _ranges(segments: Segments) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The least and the largest input, and the same of the output."""
+    both = [np.concatenate([each[k] for each in segments]) for k in (0, 1)]
+    (least, most), (low, high) = ((float(each.min()), float(each.max())) for each in both)
+    return (least, most), (low, high)

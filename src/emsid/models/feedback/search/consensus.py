@@ -1,0 +1,75 @@
+r"""The choice among models that a short record does not tell apart: the one that agrees with the others beyond it.
+
+Several structures fit a short record equally well and differ where it has no data: a limit and a bent line look the
+same until the signal goes further. What they say there cannot be compared with measurements, but with one another.
+Model j is the right one with a probability that Schwarz's criterion approximates,
+
+    w_j ∝ exp(−(n log MSE_j + p_j log n) / 2τ),
+
+from its mean square error and number of parameters, for n independent errors. With τ = 1 these weights hold if one of
+the models is right; all of them are approximations, so they are weighted less differently. The choice k is expected to
+differ least from the right one on larger inputs:
+
+    min_k Σ_j w_j mean |ŷ_k − ŷ_j|.
+
+A model that is alone in what it says there is not chosen, even if it fits the record a little better.
+
+References:
+    Kass, Raftery, *Bayes factors*, Journal of the American Statistical Association 90 (1995), on the weights.
+    Grünwald, van Ommen, *Inconsistency of Bayesian inference for misspecified linear models, and a proposal for
+    repairing it*, Bayesian Analysis 12 (2017), on τ > 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.models.feedback.search.trials import Bench, Trial, larger_runs
+
+Array = NDArray[np.float64]
+
+# τ: a gain of Schwarz's criterion by 2τ makes a model e times as probable.
+TEMPER = 10.0
+# Models of a smaller weight, relative to the largest, are left out.
+LEAST_WEIGHT = 1e-3
+
+
+def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
+    """The model that agrees most with the others on larger inputs; the best one so far if there is no other.
+
+    Args:
+        bench: the data of a short record.
+        trials: models that do not run away, among them the best one.
+        best: so far.
+    """
+    independent = effective_samples(best.found.minimum.residuals)
+    criteria = np.array([_schwarz(each, independent) for each in trials])
+    weights = np.exp((criteria.min() - criteria) / (2 * TEMPER))
+    probable = [(each, float(w)) for each, w in zip(trials, weights, strict=True) if w > LEAST_WEIGHT]
+    least = max(each.found.model.memory for each, _ in probable)
+    runs = [_beyond(bench, each, least) for each, _ in probable]
+
+    def expected(one: Array) -> float:
+        return sum(w * float(np.abs(one - other).mean()) for (_, w), other in zip(probable, runs, strict=True))
+
+    return probable[int(np.argmin([expected(one) for one in runs]))][0]
+
+
+def _schwarz(trial: Trial, samples: float) -> float:
+    return samples * float(np.log(trial.found.error**2)) + trial.parameters * float(np.log(samples))
+
+
+def _beyond(bench: Bench, trial: Trial, least: int) -> Array:
+    """(K,) the output of a model on larger inputs than those of the record, of segments with more samples than these.
+
+    Models of different orders are fitted to different segments, as each needs samples for its initial state.
+    """
+    model = trial.found.model
+    begun = zip(bench.segments(model), trial.found.states, strict=True)
+    segments, states = zip(*((s, x) for s, x in begun if len(s[0]) > least), strict=True)
+    runs = larger_runs(model, segments, states)
+    return np.concatenate([run.y[:: model.oversampling] for run in runs])

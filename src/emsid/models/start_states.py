@@ -135,14 +135,9 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
     finite = np.isfinite(missed)
     if not finite.any():
         return rest
-    starts = _apart(trials[finite], missed[finite])
+    starts, least = _apart(trials[finite], missed[finite]), float(missed[finite].min())
     if not quick:
-        middle = trials.mean(axis=0)
-        far = np.vstack([middle + times * (trials - middle) for times in FARTHER])
-        of_far = _missed(model, begin, y, far)
-        if np.nanmin(of_far, initial=np.inf) < FAR_BETTER * missed[finite].min():
-            near = np.isfinite(of_far)
-            starts = [*_apart(far[near], of_far[near]), *starts]
+        starts = [*_far_starts(model, begin, y, trials, least), *starts]
     freedom = len(y) - model.edge - model.states
     centre, size, axes = _prior(cloud)
     known = freedom > 0 and size[-1] > 0
@@ -156,7 +151,7 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
     loose = _Start(model, begin, y, rest, np.diag(weight * np.linalg.norm(rows, axis=0)))
     found = list(_searched(loose, starts[:1], effort))
     if known and not quick:
-        found += _searched(weighted(float(missed[finite].min()) / freedom), starts, FIRST_LOOK)
+        found += _searched(weighted(least / freedom), starts, FIRST_LOOK)
     if not found:
         return starts[0]
     if not known:
@@ -180,6 +175,24 @@ def _or_far(weighted: Callable[[float], _Start], estimate: Found, loose: Found, 
         return estimate[0]
     softer = _of_samples(loose) / freedom * (count + TAILS) / (TAILS + distance(loose))
     return next(_searched(weighted(softer), [loose[0]], START_BUDGET), loose)[0]
+
+
+def _far_starts(model: Startable, u: Array, y: Array, trials: Array, least: float) -> list[Array]:
+    """The best states farther from the mean than some trials (k, n), if they fit far better than these.
+
+    Args:
+        model: with parameters.
+        u, y: (m,) the first samples.
+        trials: reachable states.
+        least: the squared error of the best of them.
+    """
+    middle = trials.mean(axis=0)
+    states = np.vstack([middle + times * (trials - middle) for times in FARTHER])
+    missed = _missed(model, u, y, states)
+    finite = np.isfinite(missed)
+    if not np.min(missed, where=finite, initial=np.inf) < FAR_BETTER * least:
+        return []
+    return _apart(states[finite], missed[finite])
 
 
 def _missed(model: Startable, u: Array, y: Array, states: Array) -> Array:

@@ -9,7 +9,8 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 3. other families of maps with few numbers;
 4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
-5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
+5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
+6. where no unseen data compare the models, the one that agrees most with the others beyond the record (`consensus`).
 
 If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear
 model, unless that, a map that is multiplied by a signal, or two maps are better than the linear one. A model whose free

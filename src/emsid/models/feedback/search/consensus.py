@@ -60,7 +60,8 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
 
 
 def _schwarz(trial: Trial, samples: float) -> float:
-    return samples * float(np.log(trial.found.error**2)) + trial.parameters * float(np.log(samples))
+    error = max(trial.found.error**2, np.finfo(float).tiny)
+    return float(samples * np.log(error) + trial.parameters * np.log(samples))
 
 
 def _beyond(bench: Bench, trial: Trial, least: int) -> Array:

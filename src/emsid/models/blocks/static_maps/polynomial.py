@@ -119,6 +119,15 @@ class Polynomial(StaticMap):
         signs = np.where(np.arange(len(self.coefficients)) % 2, np.sign(input), 1.0)
         return Polynomial(self.coefficients * signs * output, *ends)
 
+    def on_range(self, low: float, high: float) -> Polynomial:
+        """The same polynomial in the basis that is orthogonal on this range."""
+        if not low < high:
+            return self
+        at = np.polynomial.chebyshev.chebpts1(len(self.coefficients))
+        values = self.value(low + (at + 1) / 2 * (high - low))
+        basis = np.polynomial.legendre.legvander(at, len(at) - 1)
+        return Polynomial(np.asarray(np.linalg.solve(basis, values), dtype=float), low, high)
+
     def expression(self, x: str) -> str:
         """In powers of x."""
         return sum_of_terms(

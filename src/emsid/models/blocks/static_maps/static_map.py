@@ -177,6 +177,10 @@ class StaticMap(ABC):
         """About the same curve over data x (m,), its knots closer together where it bends; itself if it has none."""
         return self
 
+    def on_range(self, low: float, high: float) -> StaticMap:
+        """The same curve, with parameters that inputs in this range determine best; itself if there is no choice."""
+        return self
+
     def with_more_knots(self) -> StaticMap:
         """The same curve with another knot between each two; itself if it has none."""
         return self

@@ -53,6 +53,7 @@ class Fit(Presented, Generic[M]):
         iterations: steps that a nonlinear search took.
         history: (k, p) estimate after every sample or step, if requested.
         findings: facts about the estimate and the end of the search; `emsid.wording` makes sentences of them.
+        dependent: how many of the estimates follow from the others, as where the unit of a signal is that of a sum.
     """
 
     model: M
@@ -68,12 +69,18 @@ class Fit(Presented, Generic[M]):
     iterations: int = 0
     history: Array | None = None
     findings: tuple[Finding, ...] = ()
+    dependent: int = 0
 
     def __repr__(self) -> str:
         name = getattr(self.model, "name", type(self.model).__name__)
         short = name if len(name) <= 40 else f"{name[:39]}…"
-        count = f"{len(self.estimate)} parameter{'s' * (len(self.estimate) != 1)}"
+        count = f"{self.size} parameter{'s' * (self.size != 1)}"
         return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"
+
+    @property
+    def size(self) -> int:
+        """The number of estimates, without those that follow from others."""
+        return len(self.estimate) - self.dependent
 
     @property
     def standard_error(self) -> Array:

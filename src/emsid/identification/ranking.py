@@ -85,7 +85,7 @@ class Ranked:
     @property
     def size(self) -> int:
         """The number of estimated parameters."""
-        return len(self.fit.estimate)
+        return self.fit.size
 
     @cached_property
     def left_out(self) -> StretchErrors:

@@ -239,7 +239,7 @@ def assess(
             simulation_mse=mse,
             simulation_rmse=float(np.sqrt(mse)),
             fit_percent=fit_percent(measured, free),
-            parameters=len(fit.estimate),
+            parameters=fit.size,
             samples=int(np.count_nonzero(counted)),
             diverged_at=simulation.diverged_at,
             outputs=_each_output(record, measured, free, ahead) if measured.shape[1] > 1 else (),

@@ -14,9 +14,10 @@ from emsid import ModelError, Record
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
-from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
+from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, directions, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.normal_form import normal_form
 from emsid.models.feedback.search.magnitudes import as_feedback
 from emsid.validation.feedback_curves import feedback_at_rest, rounded_equation
 from emsid.validation.feedback_curves import visited as visited_in
@@ -150,11 +151,13 @@ def test_redundant_directions_leave_the_output_as_it_is(name: str, make: Callabl
 def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[str], FeedbackModel]) -> None:
     model = make(name)
     expected = model.output(U, X)
-    normal, held = normal_form(model, visited(model))
+    normal = normal_form(model, visited(model))
     for same in (whitened(model, visited(model)), normal):
         np.testing.assert_allclose(same.model.output(U, same.state(X)), expected, rtol=1e-9, atol=1e-10)
-    spread = coordinates(normal.model, visited(normal.model, U, normal.state(X)), held)
-    assert not spread[held].any()
+    seen = visited(normal.model, U, normal.state(X))
+    spread = coordinates_in_form(normal.model, seen, normal.fixed, normal.conditions)
+    assert not spread[normal.fixed].any()
+    np.testing.assert_allclose(normal.conditions @ spread, 0.0, atol=1e-6 * np.abs(normal.conditions).max())
     assert spread.shape[1] == coordinates(model, visited(model)).shape[1]
 
 
@@ -165,7 +168,7 @@ def test_a_line_is_taken_from_a_map_at_seldom_reached_knots_too() -> None:
     knots = np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 6.0, 9.0])
     matrix = np.array([[0.8, 0.5, -0.3], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     model = FeedbackModel(matrix, (CubicSpline(knots, knots + 0.2 * np.sin(knots)),))
-    same, _ = normal_form(model, visited(model, u, np.zeros(1)))
+    same = normal_form(model, visited(model, u, np.zeros(1)))
     for amplitude in (1.0, 1.5):
         expected = model.output(amplitude * u, np.zeros(1))
         np.testing.assert_allclose(same.model.output(amplitude * u, same.state(np.zeros(1))), expected, atol=1e-9)

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.static_maps import Scaling
-from emsid.models.feedback.coordinates import CONTAINED, Visited
+from emsid.models.feedback.coordinates import Visited, free_lines
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.normal_form import power_of, squared_gains
 from emsid.record import Record
 from emsid.validation.bands import Band, with_error
 from emsid.validation.feedback_curves import visited
@@ -38,8 +39,6 @@ Array = NDArray[np.float64]
 COMPARED, MIDDLE = 2_000, (0.1, 0.9)
 LONGEST = 10_000
 """Samples of a record from whose runs the units are taken."""
-SPECTRUM = 1_024
-"""Steps of w from which its spectrum is taken."""
 
 
 def map_band(fit: Fit[Any], record: Record, k: int, x: Array, *, level: float = 0.95) -> Band:
@@ -70,7 +69,7 @@ def map_shape(model: FeedbackModel, record: Record, k: int, x: Array) -> Callabl
     """
     begin = record[:LONGEST]
     run = visited(model, begin)
-    power = _power(run.w[:, k])
+    power = power_of(run.w[:, k])
     mean, unit_in, unit_out = _units(model, run, k, power)
     low, high = np.quantile(run.z[:, k], MIDDLE)
     at = run.z[(low <= run.z[:, k]) & (run.z[:, k] <= high), k]
@@ -89,23 +88,6 @@ def map_shape(model: FeedbackModel, record: Record, k: int, x: Array) -> Callabl
     return shape
 
 
-def free_lines(model: FeedbackModel, k: int, z: Array) -> Array:
-    """(c, q) the lines that the family of a map contains and the linear part can take: factors of 1 and z in each.
-
-    Args:
-        model: with the map.
-        k: the map, from 0; of one that is multiplied by a signal, the linear part takes a level only (c = 1).
-        z: (K,) inputs of the map.
-    """
-    rows = model.maps[k].parameter_gradient(z).T
-    generators = np.vander(z, 1 if k in model.multiplied else 2, increasing=True)
-    length = np.linalg.norm(generators, axis=0)
-    units = generators / np.where(length > 0, length, 1.0)
-    rest = units - rows @ np.linalg.lstsq(rows, units, rcond=None)[0]
-    _, sizes, axes = np.linalg.svd(rest, full_matrices=False)
-    return np.asarray((axes / np.where(length > 0, length, 1.0))[sizes < CONTAINED].T)
-
-
 def _units(model: FeedbackModel, run: Visited, k: int, power: Array) -> tuple[float, float, float]:
     """Mean and unit of the input of a map, and the unit in which its output is compared."""
     map_, z = model.maps[k], run.z[:, k]
@@ -115,24 +97,6 @@ def _units(model: FeedbackModel, run: Visited, k: int, power: Array) -> tuple[fl
     if map_.scaling is Scaling.JOINT:
         return float(z.mean()), unit, 1.0 / unit
     g = float(np.sqrt(np.mean(model.factor(run.x, run.u)[:, k] ** 2)))
-    return float(z.mean()), unit, g * _gain(model, run, k, power)
-
-
-def _power(w: Array) -> Array:
-    """(m,) the power of what a map gives at the frequencies of its first steps, without its mean."""
-    return np.asarray(np.abs(np.fft.rfft(w[:SPECTRUM])[1:]) ** 2)
-
-
-def _gain(model: FeedbackModel, run: Visited, k: int, power: Array) -> float:
-    """The root mean square gain from w to y over the power (m,) of w, with equivalent gains in place of the maps."""
-    n, m = model.states, len(model.maps)
-    z, g = run.z - run.z.mean(axis=0), model.factor(run.x, run.u).mean(axis=0)
-    given = np.stack([each.value(run.z[:, i]) for i, each in enumerate(model.maps)], axis=1)
-    values, slopes = given.mean(axis=0), g * np.sum(given * z, axis=0) / np.maximum(np.sum(z**2, axis=0), 1e-300)
-    back = slopes[:, None] * model.matrix[n : n + m, :n] + values[:, None] * model.factors[:, :n]
-    closed = model.matrix[:, :n] + model.matrix[:, n + 1 :] @ back
-    turns = np.exp(1j * np.pi * np.arange(1, len(power) + 1) / len(power))
-    into, out = model.matrix[:n, n + 1 + k], model.matrix[-1, n + 1 + k]
-    states = np.linalg.solve(turns[:, None, None] * np.eye(n) - closed[:n], np.tile(into[:, None], (len(turns), 1, 1)))
-    response = states[..., 0] @ closed[-1] + out
-    return float(np.sqrt(power @ np.abs(response) ** 2 / power.sum()))
+    n = model.states
+    behind = np.append(model.matrix[:n, n + 1 + k], model.matrix[-1, n + 1 + k])
+    return float(z.mean()), unit, g * float(np.sqrt(behind @ squared_gains(model, run, k, power) @ behind))

@@ -1,4 +1,4 @@
-r"""The redundant directions of a feedback model, coordinates without them, and its normal form.
+r"""The redundant directions of a feedback model, and coordinates without them.
 
 **Directions.** A change of the state, x′ = (I + E)x, changes the linear part by dA = EA − AE, dB = EB, dC = −CE and the
 output not at all. A map can be changed by df = c + k·z + d·f′ − s·z·f′ + o·f without a change of the output if the rest
@@ -14,11 +14,9 @@ the unit of g is divided out of B_w and D_yw. A constant added to x⁺ moves the
 
 **Coordinates.** θ = θ₀ + Cφ, with C orthogonal to these directions (data-driven local coordinates, McKelvey,
 Helmersson, Ribarits, Automatica 40, 2004), in units in which a change of each element has the same effect on its row.
-
-**Normal form.** x₁ is the output without what passes directly, and the columns of A but the first are shifts (observer
-form), so the linear part reads as a difference equation. The largest element of every row of z and column of w is one:
-z, w and g have the units of a signal. A map that contains a line has no level and no slope in the middle of its data,
-one that is multiplied by a signal no level.
+In a form of the model, with elements that are fixed and conditions Gθ = const, the same changes are expressed by others
+within the form: C − R(GR)⁺GC, with the redundant directions R (S-transformation, Baarda, *S-Transformations and
+Criterion Matrices*, 1973).
 """
 
 from __future__ import annotations
@@ -41,8 +39,6 @@ COMPARED = 400
 # A change of a map is contained in its family if its remainder is smaller than this fraction; directions whose singular
 # value is smaller depend on others.
 CONTAINED, DEPENDENT = 1e-7, 1e-9
-# A transformation of the state that is worse conditioned than this is not made.
-WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +125,7 @@ def directions(model: FeedbackModel, visited: Visited) -> Array:
         change.matrix[:, n + 1 + i] -= model.matrix[:, n + 1 + i]
         found.append(change.vector(model))
     seen = visited.thinned(COMPARED)
-    shifts = [_within(each, seen.z[:, i], each.slope(seen.z[:, i])) for i, each in enumerate(model.maps)]
+    shifts = [within(each, seen.z[:, i], each.slope(seen.z[:, i])) for i, each in enumerate(model.maps)]
     for i, each in enumerate(model.maps):
         own_line = i not in model.multiplied
         found += [
@@ -138,7 +134,7 @@ def directions(model: FeedbackModel, visited: Visited) -> Array:
     return np.array(found).reshape(-1, len(model.parameters)).T
 
 
-def _within(map_: StaticMap, z: Array, values: Array) -> Array:
+def within(map_: StaticMap, z: Array, values: Array) -> Array:
     """(p,) the change of a map's parameters that is closest to a change of its values."""
     rows = map_.parameter_gradient(z)
     return np.asarray(np.linalg.lstsq(rows.T, values, rcond=None)[0], dtype=float)
@@ -157,7 +153,7 @@ def _contained(map_: StaticMap, z: Array, line: bool) -> list[tuple[Array, Array
     length = np.linalg.norm(generators, axis=1)
     length[length == 0] = 1.0
     units = generators / length[:, None]
-    parts = np.stack([_within(map_, z, unit) for unit in units])
+    parts = np.stack([within(map_, z, unit) for unit in units])
     rest = units - parts @ map_.parameter_gradient(z)
     if map_.scaling is Scaling.FREE:
         rest[3] = 0.0
@@ -203,11 +199,11 @@ def weights(model: FeedbackModel, visited: Visited) -> Array:
     seen = visited.thinned(COMPARED)
     out = np.column_stack([seen.x, seen.z, seen.y[:, None]])
     entering = np.column_stack([seen.x, seen.u[:, None], seen.w])
-    rows, columns = _size(out), np.sqrt(np.mean(entering**2, axis=0))
+    rows, columns = size_of(out), np.sqrt(np.mean(entering**2, axis=0))
     columns[columns == 0] = 1.0
     table = columns[None, :] / rows[:, None]
     n = model.states
-    of_w, g = _size(seen.w), model.factor(seen.x, seen.u)
+    of_w, g = size_of(seen.w), model.factor(seen.x, seen.u)
     parts = [
         np.sqrt(np.mean((g[:, i] * each.parameter_gradient(seen.z[:, i])) ** 2, axis=1)) / of_w[i]
         for i, each in enumerate(model.maps)
@@ -219,7 +215,7 @@ def weights(model: FeedbackModel, visited: Visited) -> Array:
     return np.concatenate([free, of_factors.ravel(), *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
 
 
-def _size(signals: Array) -> Array:
+def size_of(signals: Array) -> Array:
     """The standard deviation of every column, one where it is constant."""
     size = np.std(signals, axis=0)
     return np.where(size > 0, size, 1.0)
@@ -229,6 +225,23 @@ def _level(signals: Array) -> Array:
     """The root mean square of every column, one where it is zero."""
     level = np.sqrt(np.mean(signals**2, axis=0))
     return np.where(level > 0, level, 1.0)
+
+
+def free_lines(model: FeedbackModel, k: int, z: Array) -> Array:
+    """(c, q) the lines that the family of a map contains and the linear part can take: factors of 1 and z in each.
+
+    Args:
+        model: with the map.
+        k: the map, from 0; of one that is multiplied by a signal, the linear part takes a level only (c = 1).
+        z: (K,) inputs of the map.
+    """
+    rows = model.maps[k].parameter_gradient(z).T
+    generators = np.vander(z, 1 if k in model.multiplied else 2, increasing=True)
+    length = np.linalg.norm(generators, axis=0)
+    units = generators / np.where(length > 0, length, 1.0)
+    rest = units - rows @ np.linalg.lstsq(rows, units, rcond=None)[0]
+    _, sizes, axes = np.linalg.svd(rest, full_matrices=False)
+    return np.asarray((axes / np.where(length > 0, length, 1.0))[sizes < CONTAINED].T)
 
 
 def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None) -> Array:
@@ -253,10 +266,42 @@ def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None
     basis = np.eye(size)
     if redundant.size:
         left, sizes, _ = np.linalg.svd(redundant, full_matrices=True)
-        basis = left[:, int(np.sum(sizes > DEPENDENT * max(sizes.max(initial=0.0), 1e-300))) :]
+        basis = left[:, _rank(sizes) :]
     spread = np.zeros((len(scale), basis.shape[1]))
     spread[~fixed] = basis / scale[~fixed][:, None]
     return spread
+
+
+def _rank(sizes: Array) -> int:
+    """The number of singular values whose directions do not depend on others."""
+    return int(np.sum(sizes > DEPENDENT * max(sizes.max(initial=0.0), 1e-300)))
+
+
+def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, conditions: Array) -> Array:
+    """(p, f) C: the directions in which the parameters are free in a form of the model.
+
+    Args:
+        model: θ₀.
+        visited: its signals.
+        fixed: (p,) parameters that the form fixes.
+        conditions: (k, p) G: changes of the parameters whose product with it is zero remain in the form.
+    """
+    scale, fixed = weights(model, visited), fixed | fixed_offsets(model)
+    free = coordinates(model, visited) * scale[:, None]
+    rows = np.vstack([np.eye(len(scale))[fixed], conditions]) / scale
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    redundant = directions(model, visited) * scale[:, None]
+    length = np.linalg.norm(redundant, axis=0)
+    if not length.any():
+        return coordinates(model, visited, fixed)
+    redundant, sizes, _ = np.linalg.svd(redundant[:, length > 0] / length[length > 0], full_matrices=False)
+    redundant = redundant[:, : _rank(sizes)]
+    moved = free - redundant @ np.linalg.pinv(rows @ redundant, rcond=DEPENDENT) @ (rows @ free)
+    if np.abs(rows @ moved).max(initial=0.0) > CONTAINED * np.abs(moved).max(initial=0.0):
+        return coordinates(model, visited, fixed)  # conditions that depend on one another
+    spread = np.linalg.qr(moved)[0] / scale[:, None]
+    spread[fixed] = 0.0
+    return np.asarray(spread, dtype=float)
 
 
 def fixed_offsets(model: FeedbackModel) -> Mask:
@@ -334,81 +379,9 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
         model = with_factor_unit(model, i, float(g[i]))
     for i, each in enumerate(model.maps):
         if each.scaling is Scaling.FREE:
-            unit = float(_size(visited.w[:, i])) / (float(g[i]) if i in model.multiplied else 1.0)
-            model = with_units(model, i, float(_size(visited.z[:, i])), unit)
+            unit = float(size_of(visited.w[:, i])) / (float(g[i]) if i in model.multiplied else 1.0)
+            model = with_units(model, i, float(size_of(visited.z[:, i])), unit)
     return Same(model, transform, np.zeros(n))
-
-
-def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
-    """The same model in the normal form, and (p,) the parameters that the form fixes."""
-    n, m = model.states, len(model.maps)
-    shift = np.zeros(n)
-    for i in range(m):
-        model, moved = _without_line(model, i, visited.z[:, i])
-        shift = shift + moved
-    held, own = np.zeros(model.matrix.shape, dtype=bool), np.zeros(model.factors.shape, dtype=bool)
-    transform, x = _observer(model), visited.x
-    if transform is not None:
-        model, x, shift = with_state(model, transform), x @ transform.T, transform @ shift
-        matrix = model.matrix.copy()
-        matrix[:n, 1:n] = np.eye(n)[:, : n - 1]
-        matrix[-1, :n] = np.eye(1, n)[0]
-        model = replace(model, matrix=matrix)
-        held[:n, 1:n] = held[-1, :n] = True
-    entering = np.append(_size(x), _size(visited.u))
-    for i in model.multiplied:
-        largest = int(np.argmax(np.abs(model.factors[i, :-1]) * entering))
-        model, own[i, largest] = with_factor_unit(model, i, float(model.factors[i, largest])), True
-    for i, each in enumerate(model.maps):
-        if each.scaling is not Scaling.FREE:
-            continue
-        into = int(np.argmax(np.abs(model.matrix[n + i, : n + 1]) * entering))
-        rows = [*range(n), n + m]
-        behind = rows[int(np.argmax(np.abs(model.matrix[rows, n + 1 + i])))]
-        factors = model.matrix[n + i, into], 1 / model.matrix[behind, n + 1 + i]
-        if np.isfinite(factors).all() and all(factors):
-            model = with_units(model, i, *map(float, factors))
-            held[n + i, into] = held[behind, n + 1 + i] = True
-    first = np.append(held[model.free_entries], own[model.multiplied])
-    fixed = np.pad(first, (0, len(model.parameters) - len(first)))
-    return Same(model, np.eye(n) if transform is None else transform, shift), fixed
-
-
-def _observer(model: FeedbackModel) -> Array | None:
-    """(n, n) T to the observer form; None if the linear part does not show every state at its output."""
-    n = model.states
-    if not n:
-        return None
-    a, c = model.matrix[:n, :n], model.matrix[-1, :n]
-    polynomial = np.poly(a).real
-    rows = [c]
-    for k in range(1, n):
-        rows.append(rows[-1] @ a + polynomial[k] * c)
-    transform = np.array(rows)
-    scaled = transform / np.maximum(np.linalg.norm(transform, axis=1, keepdims=True), 1e-300)
-    return transform if np.isfinite(transform).all() and np.linalg.cond(scaled) < WORST_CONDITION else None
-
-
-def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel, Array]:
-    """The same model without level and slope of a map in the middle of its data, and (n,) the change of its state.
-
-    Of a map that is multiplied by a signal only the level is taken. The model is unchanged where the family of the map
-    does not contain lines, or an integrator would have to hold the level.
-    """
-    map_, n = model.maps[i], model.states
-    if not map_.owns_level:
-        return model, np.zeros(n)
-    middle = np.array([float(np.median(z))])
-    slope = 0.0 if i in model.multiplied else float(map_.slope(middle)[0])
-    level = float(map_.value(middle)[0]) - slope * float(middle[0])
-    low, high = float(z.min()), float(z.max())
-    at = np.linspace(2 * low - high, 2 * high - low, COMPARED)  # beyond the data, too, so that every knot moves
-    line = slope * at + level
-    maps = list(model.maps)
-    maps[i] = map_.with_parameters(map_.parameters - _within(map_, at, line))
-    if np.abs(map_.value(at) - maps[i].value(at) - line).max() > CONTAINED * max(np.abs(line).max(), 1e-300):
-        return model, np.zeros(n)  # also where a family contains lines to first order only
-    return with_line(replace(model, maps=tuple(maps)), i, slope, level) or (model, np.zeros(n))
 
 
 def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple[FeedbackModel, Array] | None:

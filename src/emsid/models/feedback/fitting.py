@@ -1,8 +1,8 @@
 """A feedback model fitted to its free run, from start values, by Gauss–Newton steps with exact derivatives.
 
 The search runs in the coordinates of `coordinates`, chosen anew after every round, together with the initial state of
-every segment. The result is in the normal form, and its covariance is that of the parameters that this form leaves
-free.
+every segment. The result is brought into the normal form, which changes no output, and its covariance is that of the
+parameters within this form.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.findings import Finding
-from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
+from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, whitened
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
+from emsid.models.feedback.normal_form import normal_form
+from emsid.models.feedback.observer_form import observer_form
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
@@ -197,7 +199,7 @@ def fit_feedback(
         control: when to stop.
 
     Returns:
-        The fit, in the normal form of `coordinates`.
+        The fit, in the normal form of `emsid.models.feedback.normal_form`.
 
     Raises:
         ModelError: for records with other channels or too few samples, or a start that diverges.
@@ -279,26 +281,27 @@ def conclude(
     Raises:
         Stopped: by ``control``, within a long segment.
     """
-    model, states = found.model, found.states
-    same, held = normal_form(model, visited(model, segments, states))
-    states = [same.state(x) for x in states]
-    spread = coordinates(same.model, visited(same.model, segments, states), held)
-    problem = FreeRun(same.model, spread, segments, transient, control.check)
-    minimum = _gauss_newton(problem, states, max_iterations if found.settled else 0, tolerance, control, True)
-    worse = _root_mean_square(minimum) > WORSE * found.error
-    if worse:  # the weights of the penalties began too heavy in this form
-        minimum = _gauss_newton(problem, states, 0, tolerance, control, True)
-    ended = found.settled and not worse
-    minimum = minimum.judged() if ended else replace(minimum, ending=found.minimum.ending)
-    model, free = problem.at(minimum.estimate), problem.spread.shape[1]
+    last = _last_steps(found, segments, transient, max_iterations, tolerance, control) if found.settled else found
+    ended = found.settled and last.error <= WORSE * found.error
+    if not ended:  # also where the weights of the penalties began too heavy in other coordinates
+        last = found
+    form = normal_form(last.model, visited(last.model, segments, last.states))
+    model, states = form.model, [form.state(x) for x in last.states]
+    seen = visited(model, segments, states)
+    spread = coordinates_in_form(model, seen, form.fixed, form.conditions)
+    problem = FreeRun(model, spread, segments, transient, control.check)
+    minimum = replace(_gauss_newton(problem, states, 0, tolerance, control, True), ending=last.minimum.ending)
+    if ended:
+        end = last.minimum
+        minimum = replace(minimum, findings=end.findings, iterations=end.iterations, costs=end.costs).judged()
+    free = spread.shape[1]
     own = minimum.covariance[:free, :free]
     lost = np.isinf(np.diag(own))
-    covariance = problem.spread @ np.where(np.isfinite(own), own, 0.0) @ problem.spread.T
-    unknown = np.abs(problem.spread[:, lost]).max(axis=1, initial=0.0) > 0
+    covariance = spread @ np.where(np.isfinite(own), own, 0.0) @ spread.T
+    unknown = np.abs(spread[:, lost]).max(axis=1, initial=0.0) > 0
     covariance[unknown, unknown] = np.inf
     kept = np.flatnonzero(np.diag(covariance) > 0)
     fit = minimum.fit(model, [model.names[k] for k in kept])
-    seen = visited(model, segments, [problem.state(minimum.estimate, k) for k in range(len(segments))])
     about_maps = [
         replace(each, data={"map": k + 1, **each.data})
         for k, map_ in enumerate(model.maps)
@@ -309,7 +312,21 @@ def conclude(
         findings=(*_findings(minimum, [model.names[k] for k in np.flatnonzero(unknown)]), *about_maps),
         estimate=model.parameters[kept],
         covariance=covariance[np.ix_(kept, kept)],
+        dependent=form.dependent,
     )
+
+
+def _last_steps(
+    found: Found, segments: Segments, transient: int, iterations: int, tolerance: float, control: Control
+) -> Found:
+    """The minimum near one that has settled, in the coordinates of `observer_form`."""
+    same, held = observer_form(found.model, visited(found.model, segments, found.states))
+    states = [same.state(x) for x in found.states]
+    spread = coordinates(same.model, visited(same.model, segments, states), held)
+    problem = FreeRun(same.model, spread, segments, transient, control.check)
+    minimum = _gauss_newton(problem, states, iterations, tolerance, control, False)
+    states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
+    return Found(problem.at(minimum.estimate), states, minimum, True)
 
 
 def _findings(minimum: Minimum, unknown: list[str]) -> tuple[Finding, ...]:

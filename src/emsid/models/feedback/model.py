@@ -14,8 +14,8 @@ before it.
 **Redundancy.** The same output follows from other numbers: n² for the choice of the state (x′ = Tx); one for the unit
 of every z, w and g, if the family of the map can take factors; one for a line k·z and one for a level of f, which can
 be moved into the linear part, if the family of f contains them; one for a shift of z, if the map absorbs it. These
-directions are removed from a fit (`coordinates`); a fitted model is in the normal form of that module, in which the
-rest can be identified if the input excites every map.
+directions are removed from a fit (`coordinates`); a fitted model is in a normal form (`normal_form`), in which the rest
+can be identified if the input excites every map.
 
 **Sampling.** With ``oversampling`` L the model makes L steps per sample, because what a map gives varies between
 samples. The input is interpolated (band-limited) to L times the rate, or held over each sample, as a drive does.

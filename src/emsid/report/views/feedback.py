@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from emsid.models.feedback.coordinates import free_lines
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import reach, with_band
 from emsid.report.views.conventions import BAND
 from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
 from emsid.validation.feedback_curves import visited
-from emsid.validation.map_bands import free_lines, map_band
+from emsid.validation.map_bands import map_band
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -37,6 +37,7 @@ bench: $(VENV)/measured-with
 # tests that search real recordings.
 coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_cascade.py 300
+	cd tests && ../$(BIN)/python coverage_feedback.py 300
 	cd tests && ../$(BIN)/python coverage_grey_box.py 300
 	cd tests && ../$(BIN)/python coverage_settings.py 300
 	$(BIN)/pytest -m long

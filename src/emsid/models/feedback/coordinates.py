@@ -39,6 +39,8 @@ COMPARED = 400
 # A change of a map is contained in its family if its remainder is smaller than this fraction; directions whose singular
 # value is smaller depend on others.
 CONTAINED, DEPENDENT = 1e-7, 1e-9
+# A transformation of the state that is worse conditioned than this is not made.
+WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True, eq=False)

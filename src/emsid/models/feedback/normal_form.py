@@ -46,6 +46,7 @@ from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import (
     COMPARED,
     CONTAINED,
+    WORST_CONDITION,
     Mask,
     Same,
     Visited,
@@ -68,8 +69,6 @@ DEFINING = 4_000
 SPECTRUM = 1_024
 # Decimals of κ are added until no two states are correlated more than this.
 MOST_DECIMALS, CORRELATED = 8, 0.1
-# A transformation of the state that is worse conditioned than this is not made.
-WORST_CONDITION = 1e10
 # A difference of two values that is smaller than this fraction of them is rounding.
 ROUNDING = 1e-13
 # A term of a condition that is smaller than this fraction of the largest does not count.

@@ -20,6 +20,7 @@ from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import (
     COMPARED,
     CONTAINED,
+    WORST_CONDITION,
     Mask,
     Same,
     Visited,
@@ -33,9 +34,6 @@ from emsid.models.feedback.coordinates import (
 from emsid.models.feedback.model import FeedbackModel
 
 Array = NDArray[np.float64]
-
-# A transformation of the state that is worse conditioned than this is not made.
-WORST_CONDITION = 1e10
 
 
 def observer_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:

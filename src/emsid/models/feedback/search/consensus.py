@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.feedback.search.trials import Bench, Trial, larger_runs
+from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -47,8 +48,9 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
         best: so far.
     """
     independent = effective_samples(best.found.minimum.residuals)
-    criteria = np.array([_schwarz(each, independent) for each in trials])
-    weights = np.exp((criteria.min() - criteria) / (2 * TEMPER))
+    than, count = _mean_square(best), best.parameters
+    gains = [schwarz_gain(_mean_square(each), than, independent, each.parameters - count) for each in trials]
+    weights = np.exp((np.array(gains) - max(gains)) / (2 * TEMPER))
     probable = [(each, float(w)) for each, w in zip(trials, weights, strict=True) if w > LEAST_WEIGHT]
     least = max(each.found.model.memory for each, _ in probable)
     runs = [_beyond(bench, each, least) for each, _ in probable]
@@ -59,9 +61,9 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
     return probable[int(np.argmin([expected(one) for one in runs]))][0]
 
 
-def _schwarz(trial: Trial, samples: float) -> float:
-    error = max(trial.found.error**2, np.finfo(float).tiny)
-    return float(samples * np.log(error) + trial.parameters * np.log(samples))
+def _mean_square(trial: Trial) -> float:
+    """The mean square error; not zero, so that weights of exact models can be compared."""
+    return float(max(trial.found.error**2, np.finfo(float).tiny))
 
 
 def _beyond(bench: Bench, trial: Trial, least: int) -> Array:

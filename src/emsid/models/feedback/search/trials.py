@@ -309,12 +309,12 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
         segments: (u, y) of each.
         states: (n,) at the start of each.
     """
-    (least, most), (low, high) = _ranges(segments)
+    low, high = _range(segments, 1)
     for run in larger_runs(model, segments, states):
         if leaves_range(run.y[:: model.oversampling], low, high, FAR):
             return True
     now = run.x[-1]
-    for end in (most, least):
+    for end in reversed(_range(segments, 0)):
         run, now = model.stepped(model.entering(np.full(HELD, end)), now)
         if leaves_range(run.y[:: model.oversampling], low, high, RUNAWAY):
             return True
@@ -329,16 +329,14 @@ def larger_runs(model: FeedbackModel, segments: Segments, states: Sequence[Array
         segments: (u, y) of each.
         states: (n,) at the start of each.
     """
-    (least, most), _ = _ranges(segments)
+    middle = 0.5 * sum(_range(segments, 0))
     for (u, _), x in zip(segments, states, strict=True):
-        larger, now = u + (LARGER - 1) * (u - 0.5 * (least + most)), x
+        larger, now = u + (LARGER - 1) * (u - middle), x
         for v in (larger, larger[::-1]):
             run, now = model.stepped(model.entering(v), now)
             yield run
 
 
-def _ranges(segments: Segments) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The least and the largest input, and the same of the output."""
-    both = [np.concatenate([each[k] for each in segments]) for k in (0, 1)]
-    (least, most), (low, high) = ((float(each.min()), float(each.max())) for each in both)
-    return (least, most), (low, high)
+def _range(segments: Segments, channel: int) -> tuple[float, float]:
+    """The least and the largest value of the input (0) or the output (1) of all segments."""
+    return min(float(each[channel].min()) for each in segments), max(float(each[channel].max()) for each in segments)

@@ -14,6 +14,8 @@ the unit of g is divided out of B_w and D_yw. A constant added to x⁺ moves the
 
 **Coordinates.** θ = θ₀ + Cφ, with C orthogonal to these directions (data-driven local coordinates, McKelvey,
 Helmersson, Ribarits, Automatica 40, 2004), in units in which a change of each element has the same effect on its row.
+Where maps share a signal, changes of their rows are multiples of one another, and C and the redundant directions are
+those within this subspace.
 In a form of the model, with elements that are fixed and conditions Gθ = const, the same changes are expressed by others
 within the form: C − R(GR)⁺GC, with the redundant directions R (S-transformation, Baarda, *S-Transformations and
 Criterion Matrices*, 1973).
@@ -29,7 +31,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.feedback.kernels import LoopSignals
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.model import FeedbackModel, multiple
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -263,15 +265,36 @@ def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None
         _, sizes, axes = np.linalg.svd(redundant[fixed], full_matrices=True)
         rank = int(np.sum(sizes > DEPENDENT))
         redundant = redundant @ axes[rank:].T
-    redundant = redundant[~fixed]
-    size = redundant.shape[0]
-    basis = np.eye(size)
+    redundant, alike = redundant[~fixed], shared_rows(model)[:, ~fixed] / scale[~fixed]
+    alike /= np.maximum(np.linalg.norm(alike, axis=1, keepdims=True), 1e-300)
+    basis = _null_space(alike)
     if redundant.size:
-        left, sizes, _ = np.linalg.svd(redundant, full_matrices=True)
-        basis = left[:, _rank(sizes) :]
+        kept = redundant @ _null_space(alike @ redundant)
+        left, sizes, _ = np.linalg.svd(basis.T @ kept, full_matrices=True)
+        basis = basis @ left[:, _rank(sizes) :]
     spread = np.zeros((len(scale), basis.shape[1]))
     spread[~fixed] = basis / scale[~fixed][:, None]
     return spread
+
+
+def shared_rows(model: FeedbackModel) -> Array:
+    """(k, p) changes whose product with these is zero keep the signals that maps share multiples of one another."""
+    n, found = model.states, []
+    for i, k in model.shared:
+        into, of = model.matrix[n + i, : n + 1], model.matrix[n + k, : n + 1]
+        for j in range(n + 1):
+            change = Change.none(model)
+            change.matrix[n + i, j], change.matrix[n + k, j] = 1.0, -multiple(into, of)
+            found.append(change.vector(model))
+    return np.array(found).reshape(-1, len(model.parameters))
+
+
+def _null_space(rows: Array) -> Array:
+    """(q, f) orthonormal directions whose products with the rows (k, q) are zero."""
+    if not rows.size:
+        return np.eye(rows.shape[1])
+    _, sizes, axes = np.linalg.svd(rows, full_matrices=True)
+    return np.asarray(axes[_rank(sizes) :].T, dtype=float)
 
 
 def _rank(sizes: Array) -> int:
@@ -290,7 +313,7 @@ def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, con
     """
     scale, fixed = weights(model, visited), fixed | fixed_offsets(model)
     free = coordinates(model, visited) * scale[:, None]
-    rows = np.vstack([np.eye(len(scale))[fixed], conditions]) / scale
+    rows = np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model)]) / scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     redundant = directions(model, visited) * scale[:, None]
     length = np.linalg.norm(redundant, axis=0)

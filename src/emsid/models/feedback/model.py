@@ -93,10 +93,12 @@ class FeedbackModel(OneChannelMethods):
         name: name in tables and files.
         dt: sample time in s of its records; None for any.
         factors: (m, n + 2) rows give g from the columns x, u, 1; by default 0, …, 0, 1 for every map.
+        shared: pairs (i, k) of maps, from 0, the second one before the first: z of map i is a multiple of that of map
+            k, but for its offset, and remains one in a fit. The row of map i is made the closest such multiple.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
-            object that is no static map, or an invalid delay or oversampling.
+            object that is no static map, an invalid delay or oversampling, or pairs of other maps.
     """
 
     matrix: Array
@@ -109,6 +111,7 @@ class FeedbackModel(OneChannelMethods):
     name: str = "feedback"
     dt: float | None = None
     factors: Array = ()  # type: ignore[assignment]  # made an array below
+    shared: tuple[tuple[int, int], ...] = ()
 
     models_noise: ClassVar[bool] = False
 
@@ -145,6 +148,23 @@ class FeedbackModel(OneChannelMethods):
             raise ModelError(f"{self.name}: output offset {self.output_offset}; give a finite number")
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
             raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
+        self._share()
+
+    def _share(self) -> None:
+        """Make the rows of z of maps that share a signal multiples of one another."""
+        object.__setattr__(self, "shared", tuple(sorted((int(i), int(k)) for i, k in self.shared)))
+        if not self.shared:
+            return
+        m, n, matrix = len(self.maps), self.states, self.matrix.copy()
+        for i, k in self.shared:
+            if not 0 <= k < i < m:
+                raise ModelError(
+                    f"{self.name}: maps {i} and {k} share a signal; give two of the {m} maps, counted from 0, the "
+                    "second before the first"
+                )
+            matrix[n + i, : n + 1] = multiple(matrix[n + i, : n + 1], matrix[n + k, : n + 1]) * matrix[n + k, : n + 1]
+        matrix.flags.writeable = False
+        object.__setattr__(self, "matrix", matrix)
 
     @property
     def states(self) -> int:
@@ -392,6 +412,7 @@ class FeedbackModel(OneChannelMethods):
             "held": self.held,
             **({} if self.dt is None else {"dt": self.dt}),
             **({"factors": self.factors.tolist()} if len(self.multiplied) else {}),
+            **({"shared": [list(pair) for pair in self.shared]} if self.shared else {}),
         }
 
     @classmethod
@@ -414,6 +435,7 @@ class FeedbackModel(OneChannelMethods):
                 str(data["name"]),
                 None if data.get("dt") is None else float(data["dt"]),
                 np.array(data.get("factors", ()), dtype=float),
+                tuple((int(i), int(k)) for i, k in data.get("shared", ())),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a feedback model: {problem!r}") from None
@@ -445,6 +467,12 @@ class FeedbackModel(OneChannelMethods):
         """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
         both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
         return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)
+
+
+def multiple(row: Array, of: Array) -> float:
+    """The factor c with which c·``of`` is closest to a row; 0 where that is zero."""
+    size = float(of @ of)
+    return float(row @ of) / size if size else 0.0
 
 
 def map_slopes(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:

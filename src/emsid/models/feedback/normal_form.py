@@ -82,7 +82,7 @@ class NormalForm(Same):
     Attributes:
         fixed: (p,) the parameters that the form fixes.
         conditions: (k, p) what the form fixes of the others: changes of parameters whose product with it is zero.
-        dependent: the number of parameters that follow from others by these units.
+        dependent: the number of parameters that follow from others by these units, or by signals that maps share.
     """
 
     fixed: Mask
@@ -109,7 +109,8 @@ def normal_form(model: FeedbackModel, visited: Visited) -> NormalForm:
         conditions.fixed_matrix[: model.states, 1 : model.states] = True
         conditions.fixed_matrix[-1, : model.states] = True
     model = _in_units(model, run, conditions)
-    return NormalForm(model, transform, shift, conditions.fixed, conditions.rows, conditions.dependent)
+    dependent = conditions.dependent + model.states * len(model.shared)
+    return NormalForm(model, transform, shift, conditions.fixed, conditions.rows, dependent)
 
 
 class _Conditions:

@@ -5,12 +5,13 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial and a dead zone, or else a spline;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
-2. with the best order, twice the rate, for a continuous input;
+2. with the best order and lower ones, two steps per sample, and more if these are better;
 3. other families of maps with few numbers;
 4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
-6. where no unseen data compare the models, the one that agrees most with the others beyond the record (`consensus`).
+6. where no unseen data compare the models, the one that agrees most with the others beyond the record (`consensus`);
+7. maps that share a signal (`shared_signals`).
 
 If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear
 model, unless that, a map that is multiplied by a signal, or two maps are better than the linear one. A model whose free
@@ -32,11 +33,12 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.fitting import SAVED, Found
 from emsid.models.feedback.search.consensus import agreeing
 from emsid.models.feedback.search.further_maps import ORDINALS, Maps, maps_more, usual_size, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
-from emsid.models.feedback.search.starts import with_family, with_product
+from emsid.models.feedback.search.shared_signals import with_shared_signals
+from emsid.models.feedback.search.starts import with_family, with_product, with_steps_doubled
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.record import Record
 from emsid.selection.improvement import matters
@@ -46,6 +48,8 @@ Array = NDArray[np.float64]
 # Orders that are tried, if none is given, and before a sensor that loses the sign; the order of the linear models that
 # show a delay.
 ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
+# Steps per sample that are tried: twice the rate, and more as long as that is better.
+TWICE, MOST_STEPS = 2, 8
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 MUCH_WORSE = 2.0
@@ -108,9 +112,13 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield from contest.entered(_faster(bench, each, settings))
     yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
+    if len(contest.best.found.model.maps) > 1:
+        yield from contest.entered(_finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
-    yield best if bench.compared else agreeing(bench, eligible, best)
+    best = best if bench.compared else agreeing(bench, eligible, best)
+    yield best
+    yield from with_shared_signals(bench, best)
 
 
 def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
@@ -196,6 +204,9 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
         yield from _more_maps(contest, settings, PLAIN.more)
         return
     yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
+    others = list(_at_twice_the_rate(bench, contest.best, settings))
+    yield from contest.entered(others)
+    yield from contest.entered(_finer(bench, others, settings))
     yield from _more_maps(contest, settings, PLAIN.more)
     plain = contest.best
     if not bench.leaves_noise(plain):
@@ -370,32 +381,70 @@ def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
 
 
 def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With more steps per sample."""
+    """With two steps per sample, for this order and lower ones."""
     if settings.oversampling is not None:
         return
-    order, delay = best.found.model.states, best.found.model.delay
-
-    def trial(order: int, held: bool) -> Trial | None:
-        bench.control.doing(f"two steps per sample, order {order}")
-        with suppress(EmsidError):
-            return with_map_more(bench, bench.linear(order, Steps(2, held), delay), best.family, best.size)
-        return None
-
+    top, now = best.found.model.states, None
     ways = (False, True) if settings.held is None else (settings.held,)
-    tried = [found for held in ways if (found := trial(order, held)) is not None]
-    yield from tried
-    if settings.order is not None or not tried:
+    for order in (top, *(each for each in reversed(ORDERS) if each < top and settings.order is None)):
+        tried = [each for held in ways if (each := _of_steps(bench, best, order, Steps(TWICE, held)))]
+        if now is not None and tried and _much_worse(tried[0], now):
+            return
+        yield from tried
+        for each in tried:  # a lower order may do, where the higher one made up for the steps
+            if now is None or bench.prefers(each, now):
+                now, ways = each, (each.found.model.held,)
+
+
+def _finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch) -> Iterator[Trial]:
+    """With twice the steps per sample, and twice again, as long as that lowers the errors."""
+    if settings.oversampling is not None:
         return
-    now = min(tried, key=lambda each: each.errors.mean)
-    while order > 1:  # what made up for the steps may go
-        order -= 1
-        fewer = trial(order, now.found.model.held)
-        if fewer is None:
-            return
-        yield fewer
-        if not bench.prefers(fewer, now):
-            return
-        now = fewer
+    for trial in trials:
+        now: Trial | None = trial
+        while now is not None and now.found.model.oversampling < MOST_STEPS:
+            now = _doubled(bench, now, settings)
+            if now is not None:
+                yield now
+
+
+def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Trial | None:
+    """With twice the steps per sample; None if that does not lower the errors."""
+    model = trial.found.model
+    ways = (False, True) if settings.held is None and model.oversampling == 1 else (model.held,)
+    finer = list[Trial]()
+    for held in ways:
+        bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
+        with suppress(EmsidError):
+            start = with_steps_doubled(model, held)
+            finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
+    most = (1 - SAVED) ** 0.5 * trial.found.error
+    lower = [each for each in finer if each.found.error < most and each.errors.mean < trial.errors.mean]
+    return min(lower, key=lambda each: each.errors.mean, default=None)
+
+
+def _at_twice_the_rate(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """Other models with one map and two steps per sample that may be better with more of them.
+
+    They are those of one order less, which may do where the order makes up for the steps, and with the input taken in
+    the other way.
+    """
+    model = best.found.model
+    if settings.oversampling is not None or model.oversampling != TWICE:
+        return
+    for order in {model.states, model.states if settings.order else max(model.states - 1, 1)}:
+        for held in (False, True) if settings.held is None else (settings.held,):
+            trial = _of_steps(bench, best, order, Steps(TWICE, held))
+            if trial is not None and not _much_worse(trial, best):
+                yield trial
+
+
+def _of_steps(bench: Bench, like: Trial, order: int, steps: Steps) -> Trial | None:
+    """A model with one map as another one has, with these steps per sample; None where it diverges."""
+    bench.control.doing(f"{steps.number} steps per sample, order {order}")
+    with suppress(EmsidError):
+        return with_map_more(bench, bench.linear(order, steps, like.found.model.delay), like.family, like.size)
+    return None
 
 
 def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families: Maps) -> Iterator[Trial]:

@@ -2,6 +2,8 @@ r"""Starts of feedback models: the best linear approximation, and the map that e
 
 **Linear.** An output-error model is realised in observer form; with oversampling its matrix is taken to the power 1/L.
 
+**More steps.** A model with maps is started with twice the steps in the same way, with w as another held input.
+
 **One map more.** A map of a family is begun at the curve of a direction (`directions`), and refined in the best ones.
 """
 
@@ -60,7 +62,7 @@ def linear_start(
     a, b, level = fit.estimate[:order], fit.estimate[order:-1], float(fit.estimate[-1])
     matrix = in_observer_form(b, np.concatenate([[1.0], a]))
     if oversampling > 1:
-        matrix = _faster(matrix, oversampling)
+        matrix = _faster(matrix, oversampling, order)
     steady = 1 + float(a.sum())
     offset = level / steady if abs(steady) > 1e-9 else 0.0
     return FeedbackModel(matrix, (), np.zeros(0), offset, delay, oversampling, held, dt=record.dt)
@@ -77,25 +79,40 @@ def in_observer_form(b: Array, a: Array) -> Array:
     return matrix
 
 
-def _faster(matrix: Array, rate: int) -> Array:
-    """The linear part with a step that is shorter by a factor, for an input held over the longer one.
+def _faster(matrix: Array, rate: int, states: int) -> Array:
+    """M with a step that is shorter by a factor, for inputs and w that are held over the longer one.
 
     Raises:
         ModelError: if a pole is negative or zero.
     """
     from scipy.linalg import fractional_matrix_power
 
-    n = len(matrix) - 1
+    n = states
     poles = np.linalg.eigvals(matrix[:n, :n])
     if np.any((np.abs(poles.imag) < 1e-9) & (poles.real <= 1e-9)):
         raise ModelError("the linear part has a pole that no faster model has; choose a smaller order")
-    whole = np.vstack([matrix[:n], np.eye(1, n + 1, n)])
+    held = matrix.shape[1] - n
+    whole = np.vstack([matrix[:n], np.eye(held, n + held, n)])
     root = fractional_matrix_power(whole, 1 / rate)
     if not np.isfinite(root).all() or np.abs(np.imag(root)).max(initial=0.0) > 1e-6 * np.abs(root).max():
         raise ModelError("the linear part has no real model with shorter steps; choose a smaller order")
     faster = matrix.copy()
     faster[:n] = np.real(root)[:n]
     return faster
+
+
+def with_steps_doubled(model: FeedbackModel, held: bool) -> FeedbackModel:
+    """A start with twice as many steps per sample, from a model with fewer.
+
+    Args:
+        model: with its maps.
+        held: whether its input is held over the steps of a sample.
+
+    Raises:
+        ModelError: if a pole is negative or zero.
+    """
+    matrix = _faster(model.matrix, 2, model.states)
+    return replace(model, matrix=matrix, oversampling=2 * model.oversampling, held=held)
 
 
 def with_one_map_more(

@@ -230,10 +230,17 @@ def test_maps_and_poles_are_drawn() -> None:
     for k in range(2):
         bands = [next(mark for mark in each.plots[k].marks if hasattr(mark, "lower")) for each in (maps, other)]
         np.testing.assert_allclose(bands[1].upper, bands[0].upper, rtol=1e-3, atol=1e-4)
-    # A saturated map has no slope: the loop is open there, and its poles are those of A.
-    groups = {mark.label: mark for mark in poles.plots[0].marks}
-    assert {"small z", "middle", "large z"} <= groups.keys()
-    assert len(groups["middle"].x) == 2
+    # In samples in which a saturated map has no slope, the poles are those of the model without it.
+    assert [each.title for each in poles.plots] == ["Poles, by map 1", "Poles, by map 2"]
+    _, small, middle, large = poles.plots[0].marks
+    assert [len(each.x) for each in (small, middle, large)] == [18, 2, 18]
+    seen, n = visited_in(model, record), model.states
+    t = np.argsort(seen.z[:, 0])[round(0.99 * (len(seen.u) - 1))]
+    assert large.label.endswith(f"to {seen.z[t, 0]:.3g}")
+    saturated, bent = (each.slope(seen.z[t : t + 1, k])[0] for k, each in enumerate(model.maps))
+    assert saturated == 0
+    expected = np.linalg.eigvals(model.matrix[:n, :n] + bent * np.outer(model.matrix[:n, -1], model.matrix[n + 1, :n]))
+    np.testing.assert_allclose(np.sort(large.x[-2:] + 1j * large.y[-2:]), np.sort(expected), atol=1e-9)
 
 
 def test_an_equation_has_the_digits_that_its_free_run_needs() -> None:

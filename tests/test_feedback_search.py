@@ -381,10 +381,11 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
     found = {1: [second], 2: [third]}
     monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: found[len(models[0].found.model.maps)])
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
+    assert list(choice._more_maps(contest, FeedbackSearch(), ())) == [third]
     found[1] = [idle]
-    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == []
+    for maps, expected in ((None, []), (3, [third])):  # a number that is given is tried in any case
+        contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+        assert list(choice._more_maps(contest, FeedbackSearch(maps=maps), ())) == expected
 
 
 def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,12 +76,18 @@ def others(values: tuple[float, ...], seed: int, spread: float) -> tuple[float, 
 
 
 def duffing(
-    samples: int = 16_384, seed: int = 0, noise: float = 0.004, spread: float = 0.0, asymmetry: float = 0.0
+    samples: int = 16_384,
+    seed: int = 0,
+    noise: float = 0.004,
+    spread: float = 0.0,
+    asymmetry: float = 0.0,
+    amplitude: float = 1.0,
 ) -> System:
-    """An oscillator with a hardening spring, excited by a multisine, and by noise of growing amplitude.
+    """An oscillator with a hardening spring, excited by a multisine, by noise of growing amplitude, and by a sweep.
 
     y″ + 2ζω y′ + ω²(y + α y² + κ y³) = ω² u at 610 Hz with a resonance at 70 Hz. The noise of the measurement is a
-    fraction ``noise`` of the output's standard deviation, α is ``asymmetry``.
+    fraction ``noise`` of the output's standard deviation, α is ``asymmetry``. At an ``amplitude`` of 1.4 the sweep, of
+    growing amplitude from 5 to 150 Hz, jumps from one branch of the resonance to the other.
     """
     rng, dt, finer = np.random.default_rng(seed), 1 / 610.0, 8
     omega, zeta, kappa = others((2 * np.pi * 70.0, 0.05, 6.0), seed, spread)
@@ -94,13 +100,17 @@ def duffing(
         y = integrated(rate, np.zeros(2), u, dt, finer)[:, 0]
         return Record(u[::finer], y, dt, name=name), y
 
-    fitted, y = record(0.035 * band_limited(rng, samples, finer, 0.33, True), "multisine")
+    size = 0.035 * amplitude
+    fitted, y = record(size * band_limited(rng, samples, finer, 0.33, True), "multisine")
     growing = band_limited(rng, samples // 2, finer, 0.33, False)
-    growing *= 0.04 * np.linspace(0, 1, len(growing)) * 1.4
-    other, _ = record(0.035 * band_limited(rng, samples // 4, finer, 0.33, True), "another multisine")
+    growing *= size * np.linspace(0, 1, len(growing)) * 1.6
+    other, _ = record(size * band_limited(rng, samples // 4, finer, 0.33, True), "another multisine")
     judge, _ = record(growing, "growing noise")
+    grown = np.arange(samples * finer) / (samples * finer)
+    turns = samples * dt * (5 * grown + (150 - 5) * grown**2 / 2)
+    sweep, _ = record(2 * size * grown * np.sin(2 * np.pi * turns), "growing sweep")
     sigma = noise * float(np.std(y))
-    return System(_noisy(fitted, sigma, rng), {r.name: _noisy(r, sigma, rng) for r in (other, judge)}, sigma)
+    return System(_noisy(fitted, sigma, rng), {r.name: _noisy(r, sigma, rng) for r in (other, judge, sweep)}, sigma)
 
 
 def tanks(samples: int = 1024, seed: int = 0, noise: float = 0.1, spread: float = 0.0) -> System:

@@ -36,9 +36,9 @@ SHOWN = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
 
 
-EQUATION, UNCHANGED, MOST_DIGITS = 10_000, 0.1, 8
+EQUATION, UNCHANGED, MOST_DIGITS = 10_000, 0.01, 8
 """An equation has the digits of its intervals, and at most so many more: as many as its free run over so many samples
-needs to change by less than this share of its residual."""
+needs to change by less than this share of its residual; on other data it may change ten times as much."""
 
 
 def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:

@@ -77,9 +77,9 @@ def next_check_data(f: Finding, argument: Spelling) -> str:
 def next_reduce_noise(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: fit_percent."""
     return (
-        f"Noise or a disturbance limits the fit to {f.data['fit_percent']:.0f} %, as the residual does not depend on "
-        "the input; a larger model will not help. Measure the output with less noise, use a larger input, or record "
-        "the disturbance as another input"
+        f"The residual does not depend on the input, so noise or a disturbance, such as cogging, probably limits the "
+        f"fit to {f.data['fit_percent']:.0f} %, and a larger model will hardly help. Measure the output with less "
+        "noise, use a larger input, or record the disturbance as another input"
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.models.feedback.coordinates import free_lines
+from emsid.models.feedback.coordinates import Visited, free_lines
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import reach, with_band
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 
-# Levels at which the poles are computed: quantiles of the input of the map, in three groups, and the size of points:
+# Levels at which the poles are computed: quantiles of the input of a map, in three groups, and the size of points:
 # later ones are smaller, so that equal poles show as rings.
-LEVELS = {
-    "small z": (np.linspace(0.01, 0.25, 9), Ink.BLUE, 1.6),
-    "middle": (np.array([0.5]), Ink.NAVY, 1.1),
-    "large z": (np.linspace(0.75, 0.99, 9), Ink.RED, 0.6),
-}
+LEVELS = (
+    (np.linspace(0.01, 0.25, 9), Ink.BLUE, 1.6),
+    (np.array([0.5]), Ink.NAVY, 1.1),
+    (np.linspace(0.75, 0.99, 9), Ink.RED, 0.6),
+)
 
 
 def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
@@ -63,7 +63,7 @@ SQUARE = 1.83
 
 
 def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
-    """The poles of a feedback model, linearised at the levels that the input of its first map has in the record.
+    """The poles of a feedback model, linearised where the input of each of its maps has small, middle and large values.
 
     Returns:
         None for another kind of model, or one without maps or states.
@@ -71,22 +71,27 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     model = fit.model
     if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
         return None
-    seen, n = visited(model, record), model.states
-    z, g = np.median(seen.z, axis=0), np.median(model.factor(seen.x, seen.u), axis=0)
-    turn = np.linspace(0, 2 * np.pi, 200)
+    seen = visited(model, record)
+    step = "step" if model.oversampling > 1 else "sample"
+    plots = tuple(_poles_along(model, seen, k) for k in range(len(model.maps)))
+    several = "its map" if len(plots) == 1 else "each map, in the samples that have them"
+    text = f"Poles of {model.name} per {step}, linearised at levels of the input of {several}, in {record.name}."
+    return Figure(f"{prefix}-poles", text, plots, columns=2)
+
+
+def _poles_along(model: FeedbackModel, seen: Visited, k: int) -> Plot:
+    """The poles in the samples of a run in which the input of one map has certain levels."""
+    n, z, g = model.states, seen.z, model.factor(seen.x, seen.u)
+    name, turn, reach = model.numbered("z")[k], np.linspace(0, 2 * np.pi, 200), 1.1
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
-    reach = 1.1
-    for label, (quantiles, ink, size) in LEVELS.items():
-        at = [np.append(each, z[1:]) for each in np.quantile(seen.z[:, 0], quantiles)]
-        found = np.concatenate([np.linalg.eigvals(model.linearised(each, g)[:n, :n]) for each in at])
+    order = np.argsort(z[:, k], kind="stable")
+    for quantiles, ink, size in LEVELS:
+        at = order[np.round(quantiles * (len(order) - 1)).astype(int)]
+        found = np.concatenate([np.linalg.eigvals(model.linearised(z[t], g[t])[:n, :n]) for t in at])
+        ends = [f"{z[t, k]:.3g}" for t in (at[0], at[-1])]
+        label = f"{name} = {' to '.join(dict.fromkeys(ends))}"
         marks.append(Points(found.real.copy(), found.imag.copy(), label, ink, size=size))
         reach = max(reach, 1.05 * float(np.abs(found).max()))
     real, imaginary = (Axis(part, "1", range=(-reach, reach)) for part in ("Real part", "Imaginary part"))
-    step = "step" if model.oversampling > 1 else "sample"
-    return Figure(
-        f"{prefix}-poles",
-        f"Poles of {model.name} per {step}, linearised at the levels of {model.numbered('z')[0]} in {record.name} "
-        "(other maps at the middle of theirs).",
-        (Plot(tuple(marks), real, imaginary, "Poles", height=SQUARE),),
-        columns=2,
-    )
+    title = "Poles" if len(model.maps) == 1 else f"Poles, by map {k + 1}"
+    return Plot(tuple(marks), real, imaginary, title, height=SQUARE)

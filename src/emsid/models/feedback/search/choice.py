@@ -10,8 +10,8 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
-6. where no unseen data compare the models, the one that agrees most with the others beyond the record (`consensus`);
-7. maps that share a signal (`shared_signals`).
+6. maps that share a signal (`shared_signals`), in the best model; where no unseen data compare the models, in the best
+   few, and then the choice is the one that agrees most with the others beyond the record (`consensus`).
 
 If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear
 model, unless that, a map that is multiplied by a signal, or two maps are better than the linear one. A model whose free
@@ -33,26 +33,30 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.feedback.fitting import SAVED, Found
-from emsid.models.feedback.search.consensus import agreeing
+from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.search.consensus import agreeing, leading
 from emsid.models.feedback.search.further_maps import ORDINALS, Maps, maps_more, usual_size, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
-from emsid.models.feedback.search.starts import with_family, with_product, with_steps_doubled
-from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
+from emsid.models.feedback.search.starts import with_family, with_product
+from emsid.models.feedback.search.step_rates import at_twice_the_rate, faster, finer
+from emsid.models.feedback.search.trials import (
+    LONGEST,
+    MOST_ORDERS,
+    ORDERS,
+    Bench,
+    FeedbackSearch,
+    Steps,
+    Trial,
+    much_worse,
+)
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
-# Orders that are tried, if none is given, and before a sensor that loses the sign; the order of the linear models that
-# show a delay.
-ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
-# Steps per sample that are tried: twice the rate, and more as long as that is better.
-TWICE, MOST_STEPS = 2, 8
-# A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
-# orders, more steps or more maps.
-MUCH_WORSE = 2.0
+# Orders that are tried before a sensor that loses the sign; the order of the linear models that show a delay.
+OF_MAGNITUDES, OF_DELAY = (2, 3, 4), 2
 # The number of models with equally many maps that a further one is added to, where they are compared over all data of a
 # short record, or over at most this number of samples of unseen data; over more samples it is one model, as many
 # independent errors distinguish models and every search takes long.
@@ -60,6 +64,8 @@ EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 MOST_MAPS = max(ORDINALS)
+# The number of models of a short record whose maps are made to share signals before one is chosen.
+SIMPLIFIED = 4
 
 
 class Palette(NamedTuple):
@@ -100,25 +106,34 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     if best is None or not bench.prefers(best, straight):
         beside = _beside_linear(straight, tried)
         best = _better_than_linear(Contest(bench, tried, straight), beside, best or beside, settings)
-        if best is None:
+        if best is None and (settings.maps or 1) == 1:
             yield beside
             return
+        best = best or beside
     yield best
     contest = Contest(bench, tried, best)
     if best.family is not MAGNITUDE:
         yield from contest.entered(_sooner(bench, contest.best, settings))
         others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
         for each in (contest.best, *others):
-            yield from contest.entered(_faster(bench, each, settings))
+            yield from contest.entered(faster(bench, each, settings))
     yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
     if len(contest.best.found.model.maps) > 1:
-        yield from contest.entered(_finer(bench, [contest.best], settings))
+        yield from contest.entered(finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
-    best = best if bench.compared else agreeing(bench, eligible, best)
     yield best
-    yield from with_shared_signals(bench, best)
+    if bench.compared:
+        yield from with_shared_signals(bench, best)
+    else:
+        yield agreeing(bench, [*eligible, *_smaller(bench, leading(eligible, best, SIMPLIFIED))], best)
+
+
+def _smaller(bench: Bench, trials: Sequence[Trial]) -> Iterator[Trial]:
+    """Those of the trials whose maps can share signals, with as many as possible."""
+    for each in trials:
+        yield from [*with_shared_signals(bench, each)][-1:]
 
 
 def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
@@ -204,9 +219,9 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
         yield from _more_maps(contest, settings, PLAIN.more)
         return
     yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
-    others = list(_at_twice_the_rate(bench, contest.best, settings))
+    others = list(at_twice_the_rate(bench, contest.best, settings))
     yield from contest.entered(others)
-    yield from contest.entered(_finer(bench, others, settings))
+    yield from contest.entered(finer(bench, others, settings))
     yield from _more_maps(contest, settings, PLAIN.more)
     plain = contest.best
     if not bench.leaves_noise(plain):
@@ -228,7 +243,8 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterat
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
         more = _that_explain_most(contest, number)
-        if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
+        explain_more = more and matters(more[0].prediction_error, fewer[0].prediction_error)
+        if settings.maps is None and contest.best is before and not explain_more:
             return
 
 
@@ -262,16 +278,12 @@ def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
     Of a sensor that loses the sign, |z| and a spline count as two families.
     """
     others = [each for each in tried if each.family is not best.family or _other_sensor(each, best)]
-    near = [each for each in others if np.isfinite(each.errors.mean) and not _much_worse(each, best)]
+    near = [each for each in others if np.isfinite(each.errors.mean) and not much_worse(each, best)]
     return sorted(near, key=lambda each: each.errors.mean)[:1]
 
 
 def _other_sensor(trial: Trial, best: Trial) -> bool:
     return trial.family is MAGNITUDE and len(trial.found.model.maps) == 1 and trial.size != best.size
-
-
-def _much_worse(trial: Trial, best: Trial) -> bool:
-    return trial.found.error > MUCH_WORSE * best.found.error
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
@@ -306,7 +318,7 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Tria
                 if bench.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
-            behind = [each.family for each in trials if any(_much_worse(each, other) for other in trials)]
+            behind = [each.family for each in trials if any(much_worse(each, other) for other in trials)]
             families = [each for each in families if each[0] not in behind]
             if order >= max(ORDERS) and not higher:
                 break
@@ -380,82 +392,18 @@ def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
             yield bench.refined(replace(best.found.model, delay=0), best.found.states, best.family, best.size)
 
 
-def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With two steps per sample, for this order and lower ones."""
-    if settings.oversampling is not None:
-        return
-    top, now = best.found.model.states, None
-    ways = (False, True) if settings.held is None else (settings.held,)
-    for order in (top, *(each for each in reversed(ORDERS) if each < top and settings.order is None)):
-        tried = [each for held in ways if (each := _of_steps(bench, best, order, Steps(TWICE, held)))]
-        if now is not None and tried and _much_worse(tried[0], now):
-            return
-        yield from tried
-        for each in tried:  # a lower order may do, where the higher one made up for the steps
-            if now is None or bench.prefers(each, now):
-                now, ways = each, (each.found.model.held,)
-
-
-def _finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch) -> Iterator[Trial]:
-    """With twice the steps per sample, and twice again, as long as that lowers the errors."""
-    if settings.oversampling is not None:
-        return
-    for trial in trials:
-        now: Trial | None = trial
-        while now is not None and now.found.model.oversampling < MOST_STEPS:
-            now = _doubled(bench, now, settings)
-            if now is not None:
-                yield now
-
-
-def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Trial | None:
-    """With twice the steps per sample; None if that does not lower the errors."""
-    model = trial.found.model
-    ways = (False, True) if settings.held is None and model.oversampling == 1 else (model.held,)
-    finer = list[Trial]()
-    for held in ways:
-        bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
-        with suppress(EmsidError):
-            start = with_steps_doubled(model, held)
-            finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
-    most = (1 - SAVED) ** 0.5 * trial.found.error
-    lower = [each for each in finer if each.found.error < most and each.errors.mean < trial.errors.mean]
-    return min(lower, key=lambda each: each.errors.mean, default=None)
-
-
-def _at_twice_the_rate(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """Other models with one map and two steps per sample that may be better with more of them.
-
-    They are those of one order less, which may do where the order makes up for the steps, and with the input taken in
-    the other way.
-    """
-    model = best.found.model
-    if settings.oversampling is not None or model.oversampling != TWICE:
-        return
-    for order in {model.states, model.states if settings.order else max(model.states - 1, 1)}:
-        for held in (False, True) if settings.held is None else (settings.held,):
-            trial = _of_steps(bench, best, order, Steps(TWICE, held))
-            if trial is not None and not _much_worse(trial, best):
-                yield trial
-
-
-def _of_steps(bench: Bench, like: Trial, order: int, steps: Steps) -> Trial | None:
-    """A model with one map as another one has, with these steps per sample; None where it diverges."""
-    bench.control.doing(f"{steps.number} steps per sample, order {order}")
-    with suppress(EmsidError):
-        return with_map_more(bench, bench.linear(order, steps, like.found.model.delay), like.family, like.size)
-    return None
-
-
 def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families: Maps) -> Iterator[Trial]:
-    """With maps of other families, begun at the present map."""
+    """With maps of other families, or more knots or a higher degree of the given one, begun at the present map."""
+    others = [(family_of(name), size) for name, size in families]
     if settings.static is not None:
-        return
-    for name, size in families:
-        family = family_of(name)
+        now = usual_size(settings.static, settings.size)
+        larger = [size for size in settings.static.sizes if size > now]
+        given = settings.size or settings.static.smooth or families is not PLAIN.others
+        others = [] if given else [(settings.static, size) for size in larger[:1]]
+    for family, size in others:
         if (family, size) == (best.family, best.size):
             continue
-        bench.control.doing(f"map: {name}")
+        bench.control.doing(f"map: {family.name}")
         with suppress(EmsidError):
             start, states = with_family(best.found, bench.shown, family, usual_size(family, size))
             yield bench.refined(start, states, family, size)

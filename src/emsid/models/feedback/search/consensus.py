@@ -47,10 +47,8 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
         trials: models that do not run away, among them the best one.
         best: so far.
     """
-    independent = effective_samples(best.found.minimum.residuals)
-    than, count = _mean_square(best), best.parameters
-    gains = [schwarz_gain(_mean_square(each), than, independent, each.parameters - count) for each in trials]
-    weights = np.exp((np.array(gains) - max(gains)) / (2 * TEMPER))
+    gains = _gains(trials, best)
+    weights = np.exp((gains - gains.max()) / (2 * TEMPER))
     probable = [(each, float(w)) for each, w in zip(trials, weights, strict=True) if w > LEAST_WEIGHT]
     least = max(each.found.model.memory for each, _ in probable)
     runs = [_beyond(bench, each, least) for each, _ in probable]
@@ -59,6 +57,18 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
         return sum(w * float(np.abs(one - other).mean()) for (_, w), other in zip(probable, runs, strict=True))
 
     return probable[int(np.argmin([expected(one) for one in runs]))][0]
+
+
+def leading(trials: Sequence[Trial], best: Trial, number: int) -> list[Trial]:
+    """The most probable ones of the models of a short record, the best first; see `agreeing`."""
+    return [trials[k] for k in np.argsort(-_gains(trials, best), kind="stable")[:number]]
+
+
+def _gains(trials: Sequence[Trial], best: Trial) -> Array:
+    """How much better each is than the best one so far, by Schwarz's criterion."""
+    independent = effective_samples(best.found.minimum.residuals)
+    than, count = _mean_square(best), best.parameters
+    return np.array([schwarz_gain(_mean_square(each), than, independent, each.parameters - count) for each in trials])
 
 
 def _mean_square(trial: Trial) -> float:

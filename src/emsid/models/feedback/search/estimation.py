@@ -7,6 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
@@ -29,7 +31,9 @@ from emsid.record.excerpt import excerpt
 SAMPLES = 60
 # Longer records are fitted in a few steps from the minimum of an excerpt of the second length, the last in the normal
 # form. Steps that together lower the cost by a smaller share than the last number are the last.
-LONG, PART, LAST_STEPS, LAST_SAVING = 20_000, 10_000, (5, 15), 1e-4
+LONG, PART, STEPS_TO_ALL, LAST_SAVING = 20_000, 10_000, 5, 1e-4
+# Last steps in the normal form, at least and at most; as many as this number of products of two derivatives allows.
+LAST_STEPS, PRODUCTS = (15, 100), 4e9
 # Steps of the fit to all data, at most.
 ITERATIONS = 300
 
@@ -222,6 +226,8 @@ def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, contr
     Raises:
         Stopped: by ``control``.
     """
-    here = searched(model, segments, model.edge, LAST_STEPS[0], 0.05, control, LAST_SAVING)
+    here = searched(model, segments, model.edge, STEPS_TO_ALL, 0.05, control, LAST_SAVING)
     control.check()
-    return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, LAST_STEPS[1])
+    products = sum(len(y) for _, y in segments) * len(model.parameters) ** 2
+    steps = int(np.clip(PRODUCTS / products, *LAST_STEPS))
+    return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, steps)

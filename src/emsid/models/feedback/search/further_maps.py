@@ -28,6 +28,8 @@ Maps = tuple[tuple[str, int], ...]
 
 # A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
+# The degree of a polynomial if none is given.
+CUBIC = 3
 # Steps of a start in every direction.
 STEPS = 10
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
@@ -73,8 +75,10 @@ def with_map_more(bench: Bench, found: Found, family: Family, size: int, hold_si
 
 
 def usual_size(family: Family, size: int) -> int:
-    """The given number of knots or degree, or the first that the family tries."""
-    return size or (family.sizes[0] if family.sizes else 0)
+    """The given number of knots or degree, or the first that the family tries; of a polynomial that of a spring."""
+    if size or not family.sizes:
+        return size
+    return CUBIC if family.name == "polynomial" and CUBIC in family.sizes else family.sizes[0]
 
 
 def maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:

@@ -37,8 +37,11 @@ Array = NDArray[np.float64]
 
 # Samples that choices are made from, and of the unseen data.
 SEARCHED, JUDGED = 6_000, 8_000
-# The highest order, and the longest delay in samples, that are tried if none is given.
-MOST_ORDERS, LONGEST = 6, 5
+# Orders that are tried if none is given, the highest one, and the longest delay in samples.
+ORDERS, MOST_ORDERS, LONGEST = (1, 2, 3), 6, 5
+# A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
+# orders, more steps or more maps.
+MUCH_WORSE = 2.0
 # The number of models that a map is added to at a time, and the fewest samples of records for it. In these, compiled
 # code, which leaves the interpreter free, takes most of the time.
 AT_ONCE, LONG = 2, 2_500
@@ -112,6 +115,11 @@ class Trial:
         """Akaike's final prediction error, the mean square to be expected on other data of the same kind."""
         samples, count = self.found.minimum.samples, self.parameters
         return self.found.error**2 * (samples + count) / max(samples - count, 1)
+
+
+def much_worse(trial: Trial, best: Trial) -> bool:
+    """Whether the error on the fitted data is far larger."""
+    return trial.found.error > MUCH_WORSE * best.found.error
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ the unit of g is divided out of B_w and D_yw. A constant added to x⁺ moves the
 
 **Coordinates.** θ = θ₀ + Cφ, with C orthogonal to these directions (data-driven local coordinates, McKelvey,
 Helmersson, Ribarits, Automatica 40, 2004), in units in which a change of each element has the same effect on its row.
-Where maps share a signal, changes of their rows are multiples of one another, and C and the redundant directions are
+Where signals are shared, changes of their elements are multiples of one another, and C and the redundant directions are
 those within this subspace.
 In a form of the model, with elements that are fixed and conditions Gθ = const, the same changes are expressed by others
 within the form: C − R(GR)⁺GC, with the redundant directions R (S-transformation, Baarda, *S-Transformations and
@@ -277,14 +277,20 @@ def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None
     return spread
 
 
-def shared_rows(model: FeedbackModel) -> Array:
-    """(k, p) changes whose product with these is zero keep the signals that maps share multiples of one another."""
-    n, found = model.states, []
-    for i, k in model.shared:
-        into, of = model.matrix[n + i, : n + 1], model.matrix[n + k, : n + 1]
-        for j in range(n + 1):
+def shared_rows(model: FeedbackModel, in_any_unit: bool = False) -> Array:
+    """(k, p) changes whose product with these is zero keep the signals that are shared multiples of one another.
+
+    Args:
+        model: with the signals.
+        in_any_unit: whether the factor between them may change.
+    """
+    found = []
+    for of, like in (map(model.entries, pair) for pair in model.shared):
+        factor, own = multiple(model.matrix[of], model.matrix[like]), model.matrix[like][None]
+        for mixture in _null_space(own).T if in_any_unit else np.eye(len(of[0])):
             change = Change.none(model)
-            change.matrix[n + i, j], change.matrix[n + k, j] = 1.0, -multiple(into, of)
+            change.matrix[of] += mixture
+            change.matrix[like] -= factor * mixture
             found.append(change.vector(model))
     return np.array(found).reshape(-1, len(model.parameters))
 
@@ -313,7 +319,7 @@ def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, con
     """
     scale, fixed = weights(model, visited), fixed | fixed_offsets(model)
     free = coordinates(model, visited) * scale[:, None]
-    rows = np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model)]) / scale
+    rows = np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model, True)]) / scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     redundant = directions(model, visited) * scale[:, None]
     length = np.linalg.norm(redundant, axis=0)

@@ -319,8 +319,13 @@ def conclude(
 def _last_steps(
     found: Found, segments: Segments, transient: int, iterations: int, tolerance: float, control: Control
 ) -> Found:
-    """The minimum near one that has settled, in the coordinates of `observer_form`."""
-    same, held = observer_form(found.model, visited(found.model, segments, found.states))
+    """The minimum near one that has settled, in the coordinates of `observer_form`.
+
+    That form measures z and w by single elements, which cannot be held where signals are shared; then the coordinates
+    are those of the search.
+    """
+    seen = visited(found.model, segments, found.states)
+    same, held = (whitened(found.model, seen), None) if found.model.shared else observer_form(found.model, seen)
     states = [same.state(x) for x in found.states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient, control.check)

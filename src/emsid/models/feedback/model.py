@@ -93,12 +93,14 @@ class FeedbackModel(OneChannelMethods):
         name: name in tables and files.
         dt: sample time in s of its records; None for any.
         factors: (m, n + 2) rows give g from the columns x, u, 1; by default 0, …, 0, 1 for every map.
-        shared: pairs (i, k) of maps, from 0, the second one before the first: z of map i is a multiple of that of map
-            k, but for its offset, and remains one in a fit. The row of map i is made the closest such multiple.
+        shared: pairs of signals, of which the first is a multiple of the second and remains one in a fit. z of a map
+            may be one of the output, without what w adds to it, ``("z1", "y")``, or of z of a map before it, ``("z2",
+            "z1")``, but for its offset; w may act on the state and the output as the input does, ``("w1", "u")``, or as
+            another w, ``("w2", "w1")``. The elements of the first are made the closest multiple of those of the second.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
-            object that is no static map, an invalid delay or oversampling, or pairs of other maps.
+            object that is no static map, an invalid delay or oversampling, or pairs of other signals.
     """
 
     matrix: Array
@@ -111,7 +113,7 @@ class FeedbackModel(OneChannelMethods):
     name: str = "feedback"
     dt: float | None = None
     factors: Array = ()  # type: ignore[assignment]  # made an array below
-    shared: tuple[tuple[int, int], ...] = ()
+    shared: tuple[tuple[str, str], ...] = ()
 
     models_noise: ClassVar[bool] = False
 
@@ -151,20 +153,34 @@ class FeedbackModel(OneChannelMethods):
         self._share()
 
     def _share(self) -> None:
-        """Make the rows of z of maps that share a signal multiples of one another."""
-        object.__setattr__(self, "shared", tuple(sorted((int(i), int(k)) for i, k in self.shared)))
-        if not self.shared:
-            return
-        m, n, matrix = len(self.maps), self.states, self.matrix.copy()
-        for i, k in self.shared:
-            if not 0 <= k < i < m:
+        """Make the elements of signals that are shared multiples of one another."""
+        z, w = self.numbered("z"), self.numbered("w")
+        order = {name: k for signals in (("y", *z), ("u", *w)) for k, name in enumerate(signals)}
+        pairs = [(str(first), str(second)) for first, second in self.shared]
+        once = len({first for first, _ in pairs}) == len(pairs)
+        for first, second in pairs:
+            alike = (first in z and second in ("y", *z)) or (first in w and second in ("u", *w))
+            if not (once and alike and order[second] < order[first]):
                 raise ModelError(
-                    f"{self.name}: maps {i} and {k} share a signal; give two of the {m} maps, counted from 0, the "
-                    "second before the first"
+                    f"{self.name}: {first} of {second} is no shared signal; give one pair for a z or w of its "
+                    f"{len(self.maps)} maps, and y, u or that of an earlier map"
                 )
-            matrix[n + i, : n + 1] = multiple(matrix[n + i, : n + 1], matrix[n + k, : n + 1]) * matrix[n + k, : n + 1]
-        matrix.flags.writeable = False
-        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "shared", tuple(sorted(pairs, key=lambda pair: order[pair[0]])))
+        if self.shared:
+            matrix = self.matrix.copy()
+            for of, like in (map(self.entries, pair) for pair in self.shared):
+                matrix[of] = multiple(matrix[of], matrix[like]) * matrix[like]
+            matrix.flags.writeable = False
+            object.__setattr__(self, "matrix", matrix)
+
+    def entries(self, signal: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(n + 1,) rows and columns of M: the factors of x and u in a z or in y, or of a w or of u in x⁺ and y."""
+        n, last = self.states, len(self.matrix) - 1
+        if signal[0] in "zy":
+            row = last if signal == "y" else n + self.numbered("z").index(signal)
+            return np.full(n + 1, row), np.arange(n + 1)
+        column = n if signal == "u" else n + 1 + self.numbered("w").index(signal)
+        return np.append(np.arange(n), last), np.full(n + 1, column)
 
     @property
     def states(self) -> int:
@@ -435,7 +451,7 @@ class FeedbackModel(OneChannelMethods):
                 str(data["name"]),
                 None if data.get("dt") is None else float(data["dt"]),
                 np.array(data.get("factors", ()), dtype=float),
-                tuple((int(i), int(k)) for i, k in data.get("shared", ())),
+                tuple((str(first), str(second)) for first, second in data.get("shared", ())),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a feedback model: {problem!r}") from None

@@ -82,7 +82,7 @@ class Palette(NamedTuple):
 
 # Maps of few numbers, and those that are tried where the first leave more than noise.
 PLAIN = Palette(
-    (("polynomial", 5), ("two-slopes", 0), ("dead-zone", 0), ("saturation", 0)),
+    (("polynomial", 3), ("polynomial", 5), ("two-slopes", 0), ("dead-zone", 0), ("saturation", 0)),
     (("polynomial", 3), ("two-slopes", 0), ("dead-zone", 0)),
 )
 # The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction.
@@ -125,9 +125,22 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
     yield best
     if bench.compared:
-        yield from with_shared_signals(bench, best)
+        yield from _completed(bench, best, settings)
     else:
         yield agreeing(bench, [*eligible, *_smaller(bench, leading(eligible, best, SIMPLIFIED))], best)
+
+
+def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With shared signals, and with more steps per sample if these lower the errors then; as long as both go on."""
+    now, before = best, None
+    while now is not before:
+        before = now
+        for trial in with_shared_signals(bench, before):
+            now = trial
+            yield trial
+        for trial in finer(bench, [now], settings):
+            now = trial
+            yield trial
 
 
 def _smaller(bench: Bench, trials: Sequence[Trial]) -> Iterator[Trial]:
@@ -214,14 +227,15 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
     Maps of free form come last, and beside others only where one map of free form is the best model. Several of them
     follow the record as well as the right maps, but with many parameters, and then err in other combinations of states.
     """
-    single, bench = contest.best, contest.bench
-    if single.family is MAGNITUDE:
+    bench = contest.bench
+    if contest.best.family is MAGNITUDE:
         yield from _more_maps(contest, settings, PLAIN.more)
         return
-    yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
     others = list(at_twice_the_rate(bench, contest.best, settings))
     yield from contest.entered(others)
     yield from contest.entered(finer(bench, others, settings))
+    single = contest.best
+    yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
     yield from _more_maps(contest, settings, PLAIN.more)
     plain = contest.best
     if not bench.leaves_noise(plain):

@@ -379,7 +379,7 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
         scaled_trial(4.0, maps=2),
     )
     found = {1: [second], 2: [third]}
-    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: found[len(models[0].found.model.maps)])
+    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: found.get(len(models[0].found.model.maps), []))
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
     assert list(choice._more_maps(contest, FeedbackSearch(), ())) == [third]
     found[1] = [idle]

@@ -17,19 +17,19 @@ from emsid.models.feedback.search.trials import Bench, FeedbackSearch
 from feedback_models import Array
 from independent.nonlinear_systems import duffing
 
-SPRING = Polynomial(np.array([0.0, 0.0, 0.0, 1.0]))
+SPRING = Polynomial(np.array([0.0, 0.6, 0.0, 0.4]))  # z³
 
 
-def spring(rate: int, stiffness: float = 0.05) -> FeedbackModel:
+def spring(rate: int, stiffness: float = 0.1) -> FeedbackModel:
     """A mass on a spring with a cubic part, 12 samples per period, with exact steps for held inputs."""
-    a = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, -0.1, 1.0, -stiffness], [0.0] * 4, [0.0] * 4])
+    a = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, -0.3, 1.0, -stiffness], [0.0] * 4, [0.0] * 4])
     step = expm(a * 2 * np.pi / 12 / rate)[:2]
     matrix = np.vstack([step, [1, 0, 0, 0], [1, 0, 0, 0]])
     return FeedbackModel(matrix, (SPRING,), oversampling=rate, held=True, dt=0.1)
 
 
 def signal(seed: int, samples: int = 1200) -> Array:
-    return np.repeat(np.random.default_rng(seed).normal(size=samples // 4), 4)
+    return 0.5 * np.repeat(np.random.default_rng(seed).normal(size=samples // 4), 4)
 
 
 def test_twice_the_steps_are_the_exact_steps_for_held_inputs() -> None:
@@ -56,7 +56,7 @@ def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: i
     for seed in (1, 2):
         u = signal(seed, 4800)
         y = truth.output(u, np.zeros(2))
-        records.append(Record(u, y + 0.003 * np.std(y) * np.random.default_rng(seed + 9).normal(size=len(y)), 0.1))
+        records.append(Record(u, y + 0.0003 * np.std(y) * np.random.default_rng(seed + 9).normal(size=len(y)), 0.1))
     bench = Bench.of(records, FeedbackSearch(), FREE)
     begun = bench.refined(spring(1), None, family_of("polynomial"), 3)
     found = [begun, *finer(bench, [begun], FeedbackSearch(held=True))]
@@ -68,8 +68,8 @@ def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: i
 
 
 def test_a_strong_spring_is_right_on_a_sweep_that_no_fit_has_seen() -> None:
-    """With one step per sample the search takes order 5 for such records, and is wrong by several times the noise."""
-    system = duffing(8192, seed=1, noise=0.01, amplitude=1.4)
+    """With two steps per sample and free directions it has 1.5 times the noise there, with noise only on others."""
+    system = duffing(8192, seed=1, noise=0.01)
     fit = emsid.fit(emsid.feedback(), system.fitted)
     sweep = system.unseen["growing sweep"]
-    assert emsid.compare([fit], sweep).best.row.simulation_rmse < 1.3 * system.noise
+    assert emsid.compare([fit], sweep).best.row.simulation_rmse < 1.2 * system.noise

@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.feedback.kernels import LoopSignals
-from emsid.models.feedback.model import FeedbackModel, multiple
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.sharing import multiple
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -46,6 +46,7 @@ from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.equations import equations, numbered
 from emsid.models.feedback.kernels import LoopSignals, MapSlopes, Tables, derivative, run, run_reference, tables_of
+from emsid.models.feedback.sharing import entries, shared_signals
 from emsid.models.input_path import InputPath
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
@@ -150,37 +151,9 @@ class FeedbackModel(OneChannelMethods):
             raise ModelError(f"{self.name}: output offset {self.output_offset}; give a finite number")
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
             raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
-        self._share()
-
-    def _share(self) -> None:
-        """Make the elements of signals that are shared multiples of one another."""
-        z, w = self.numbered("z"), self.numbered("w")
-        order = {name: k for signals in (("y", *z), ("u", *w)) for k, name in enumerate(signals)}
-        pairs = [(str(first), str(second)) for first, second in self.shared]
-        once = len({first for first, _ in pairs}) == len(pairs)
-        for first, second in pairs:
-            alike = (first in z and second in ("y", *z)) or (first in w and second in ("u", *w))
-            if not (once and alike and order[second] < order[first]):
-                raise ModelError(
-                    f"{self.name}: {first} of {second} is no shared signal; give one pair for a z or w of its "
-                    f"{len(self.maps)} maps, and y, u or that of an earlier map"
-                )
-        object.__setattr__(self, "shared", tuple(sorted(pairs, key=lambda pair: order[pair[0]])))
-        if self.shared:
-            matrix = self.matrix.copy()
-            for of, like in (map(self.entries, pair) for pair in self.shared):
-                matrix[of] = multiple(matrix[of], matrix[like]) * matrix[like]
-            matrix.flags.writeable = False
-            object.__setattr__(self, "matrix", matrix)
-
-    def entries(self, signal: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(n + 1,) rows and columns of M: the factors of x and u in a z or in y, or of a w or of u in x⁺ and y."""
-        n, last = self.states, len(self.matrix) - 1
-        if signal[0] in "zy":
-            row = last if signal == "y" else n + self.numbered("z").index(signal)
-            return np.full(n + 1, row), np.arange(n + 1)
-        column = n if signal == "u" else n + 1 + self.numbered("w").index(signal)
-        return np.append(np.arange(n), last), np.full(n + 1, column)
+        pairs, matrix = shared_signals(self.name, self.matrix, m, self.shared)
+        object.__setattr__(self, "shared", pairs)
+        object.__setattr__(self, "matrix", matrix)
 
     @property
     def states(self) -> int:
@@ -474,6 +447,10 @@ class FeedbackModel(OneChannelMethods):
         out.y[reached:] = np.nan
         return out, state
 
+    def entries(self, signal: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(n + 1,) rows and columns of M that belong to z of a map or y, or to w of a map or u: ``"z1"``."""
+        return entries(self.matrix, len(self.maps), signal)
+
     def numbered(self, letter: str) -> tuple[str, ...]:
         """z for one map; z1, z2, … for several."""
         return numbered(letter, len(self.maps))
@@ -483,12 +460,6 @@ class FeedbackModel(OneChannelMethods):
         """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
         both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
         return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)
-
-
-def multiple(row: Array, of: Array) -> float:
-    """The factor c with which c·``of`` is closest to a row; 0 where that is zero."""
-    size = float(of @ of)
-    return float(row @ of) / size if size else 0.0
 
 
 def map_slopes(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:

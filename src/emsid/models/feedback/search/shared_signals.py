@@ -25,11 +25,10 @@ from emsid.models.feedback.coordinates import Visited, size_of
 from emsid.models.feedback.fitting import visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.trials import Bench, Trial
+from emsid.models.feedback.sharing import Pair
 from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
-Pair = tuple[str, str]
-"""Two signals, of which the first becomes a multiple of the second."""
 
 # Pairs that are tried with one model.
 TRIED = 6

@@ -130,11 +130,13 @@ class Feedback:
             raise ModelError(
                 f"feedback has one linear part; {len(options.orders)} orders given: give one", arguments=("orders",)
             )
+        if options.knots == 0:
+            raise ModelError("feedback: its maps have at least one knot, or degree; 0 given", arguments=("knots",))
         static = options.static or (SPLINE if options.knots else None)
         held = None if options.hold is None else options.hold is Hold.ZERO
         order = options.orders[0] if options.orders else None
         given, shown = (None, options.nk or 0) if options.delay_shown else (options.nk, 0)
-        knots = options.knots or 0
+        knots = (options.knots or 0) if static is not None and static.sizes else 0  # `unused_requests` says so
         search = FeedbackSearch(order, None, static, knots, given, held=held, held_back=options.held_back, shown=shown)
         return FeedbackStructure(search)
 

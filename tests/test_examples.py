@@ -71,8 +71,11 @@ def test_a_spring_that_hardens(tmp_path, monkeypatch):
     assert warning.data["ratio"] > 10
     # What the user chose is no finding of the program.
     assert not {"input-taken-as-constant", "input-between-samples"} & {finding.code for finding in fit.findings}
-    linear = emsid.fit(replace(example["SPRING"], between="linear"), example["experiment"](1, 0.004, 100))
+    linear = emsid.fit(replace(example["SPRING"], between="linear"), example["experiment"](1, 0.004, 600))
     assert "input-between-samples" not in {finding.code for finding in linear.findings}
+    (warning,) = (finding for finding in linear.findings if finding.code == "input-taken-as-linear")
+    assert warning.data["between"] == "band-limited"
+    assert warning.data["ratio"] > 1.5
 
 
 def test_two_tanks(tmp_path, monkeypatch):

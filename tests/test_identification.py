@@ -457,6 +457,26 @@ def test_a_motor_or_an_axis_is_tried_by_default_where_units_and_names_allow_it(u
 
 
 @pytest.mark.parametrize(
+    ("input", "output", "plants"),
+    [
+        ("u", "temperature", []),
+        ("u", "upper_level", []),
+        ("pump", "y", []),
+        ("valve", "flow_rate", []),
+        ("heater", "T", []),
+        ("u", "Druck", []),
+        ("pump", "pump_speed", ["rigid-motor"]),
+        ("voltage", "pump_speed", ["rigid-motor"]),
+        ("PWM", "rpm", ["rigid-motor"]),
+        ("u", "y", ["rigid-motor"]),
+    ],
+)
+def test_no_motor_is_tried_where_a_channel_without_a_unit_is_called_that_of_a_process(input, output, plants):
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, input, output)
+    assert usual_for(record) == (*USUAL, *plants)
+
+
+@pytest.mark.parametrize(
     ("name", "plant", "unit"),
     [("torque_estimate", "rigid-motor", "N*m"), ("current", "rigid-motor", "A"), ("force", "linear-axis", "N")],
 )

@@ -56,8 +56,8 @@ Budget = Annotated[
     typer.Option(
         metavar="S",
         parser=quantity("s"),
-        help="Time for the whole command (20s). Reading takes its part, and as much is kept for tables and page; each "
-        "model gets its share of the rest, which is at least half.",
+        help="Time for the whole command, such as 20s; without it there is no limit. Reading takes its part, and as "
+        "much is kept for tables and page; each model gets its share of the rest, which is at least half.",
     ),
 ]
 Unseen = Annotated[
@@ -76,10 +76,14 @@ Taps = Annotated[int | None, typer.Option(metavar="N", help="Taps of the first f
 Knots = Annotated[
     int | None, typer.Option(metavar="N", help="Hinges on each side of zero; knots or degree of a static map.", min=0)
 ]
-Orders = Annotated[str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")]
+Orders = Annotated[
+    str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade, or of a feedback model.")
+]
 Static = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Static map of a cascade (see `emsid list`); by default chosen."),
+    typer.Option(
+        metavar="NAME", help="Static map of a cascade or a feedback model (see `emsid list`); by default chosen."
+    ),
 ]
 Period = Annotated[
     int | None,

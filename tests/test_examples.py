@@ -96,3 +96,17 @@ def test_how_an_input_goes_on_is_one_of_three(tmp_path):
         replace(example["TANKS"], between="linaer")
     with pytest.raises(emsid.ModelError, match="numbers in first"):
         replace(example["TANKS"], first=(1.0,))
+
+
+@pytest.mark.parametrize("name", ["hardening_spring", "two_tanks"])
+def test_a_plant_is_about_ten_lines_of_own_code(name):
+    """The statements of its two functions, the rows of its table, and the other options."""
+    tree = ast.parse(EXAMPLES[name].read_text("utf-8"))
+    functions = [
+        each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name in ("derivative", "output")
+    ]
+    assert len(functions) == 2
+    (call,) = (each for each in ast.walk(tree) if isinstance(each, ast.Call) and ast.unparse(each.func) == "OwnPlant")
+    lines = sum(len(each.body) - 1 for each in functions)  # without docstrings
+    lines += sum(len(each.value.elts) if each.arg == "table" else 1 for each in call.keywords)
+    assert lines <= 12

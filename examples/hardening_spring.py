@@ -46,7 +46,6 @@ SPRING = OwnPlant(
     ),
     values=(400.0, 0.1, 1.0),  # a rough start
     states=2,
-    bounds=(("omega", 100.0, 1000.0), ("zeta", 0.0, 1.0), ("kappa", 0.0, 100.0)),
     steps=3,
     name="hardening spring",
     between="band-limited",

@@ -29,8 +29,7 @@ def derivative(x, u, p):
     pump, upper, lower = p
     falls, leaves = upper * np.sqrt(max(x[0], 0.0)), lower * np.sqrt(max(x[1], 0.0))
     change = np.array([pump * u[0] - falls, falls - leaves])
-    spills = np.minimum(np.maximum((x - FULL + EDGE) / EDGE, 0.0), 1.0)
-    return change - spills * np.maximum(change, 0.0)
+    return change - np.minimum(np.maximum((x - FULL + EDGE) / EDGE, 0.0), 1.0) * np.maximum(change, 0.0)
 
 
 @njit
@@ -49,8 +48,6 @@ TANKS = OwnPlant(
     ),
     values=(0.05, 0.05, 0.05),  # a rough start
     states=2,
-    bounds=(("pump", 0.0, 1.0), ("upper", 1e-3, 1.0), ("lower", 1e-3, 1.0)),
-    steps=4,
     name="two tanks",
     first=(5.0, 5.0),
 )

@@ -57,7 +57,12 @@ MAPS: dict[str, StaticMap] = {
     "odd-spline": OddSpline(np.array([0.5, 1.0, 2.0]), np.array([0.4, 0.9, 1.2])),
     "monotone-spline": MonotoneSpline(np.array([-1.0, 0.0, 1.5]), 0.3, np.array([0.2, -0.5, 0.1])),
     "abs": Abs(),
-    "user": UserMap(lambda x, p: p[0] * np.cbrt(x), lambda x, p: x, lambda x, p: x[None, :], np.array([1.3])),
+    "user": UserMap(
+        lambda x, p: p[0] * np.cbrt(x),
+        lambda x, p: p[0] / 3 / np.maximum(np.cbrt(x) ** 2, 1e-9),
+        lambda x, p: np.cbrt(x)[None, :],
+        np.array([1.3]),
+    ),
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -294,9 +296,12 @@ def test_a_user_map_is_printed_under_its_name_if_it_has_one() -> None:
     def bend(x: Array, p: Array) -> Array:
         return np.tanh(p[0] * x)
 
-    block = UserMap(bend, lambda x, p: x, lambda x, p: x[None], np.array([2.0]), ("rate",))
+    def slope(x: Array, p: Array) -> Array:
+        return p[0] / np.cosh(p[0] * x) ** 2
+
+    block = UserMap(bend, slope, lambda x, p: (x / np.cosh(p[0] * x) ** 2)[None], np.array([2.0]), ("rate",))
     assert block.expression("x") == "bend(x, rate=2)"
-    assert UserMap(lambda x, p: x, lambda x, p: x).expression("x") == "f(x)"
+    assert UserMap(lambda x, p: x, lambda x, p: np.ones_like(x)).expression("x") == "f(x)"
 
 
 def test_a_users_map_cannot_change_its_input() -> None:
@@ -304,11 +309,16 @@ def test_a_users_map_cannot_change_its_input() -> None:
         x[x < 0] = 0
         return x
 
+    with pytest.raises(ModelError, match="function of a user's map failed: ValueError: assignment destination is read"):
+        UserMap(clipped, lambda x, p: (x > 0).astype(float))
+
+    def seen(x: Array, p: Array) -> Array:
+        assert not any(each.flags.writeable for each in (x, p))
+        return np.maximum(x, 0.0)
+
     x = signal()
     before = x.copy()
-    block = UserMap(clipped, lambda x, p: (x > 0).astype(float))
-    with pytest.raises(ModelError, match="function of a user's map failed: ValueError: assignment destination is read"):
-        block.value(x)
+    UserMap(seen, lambda x, p: (x > 0).astype(float)).value(x)
     np.testing.assert_array_equal(x, before)
     assert x.flags.writeable
 
@@ -321,6 +331,28 @@ def test_dead_zone_is_equation_4_9() -> None:
     zone = DeadZone(-0.5, 0.25, 2.0, 3.0)
     np.testing.assert_allclose(zone.value(np.array([-1.5, -0.5, 0.0, 0.25, 1.25])), [-2, 0, 0, 0, 3])
     assert zone.expression("x") == "3*max(x-0.25, 0) + 2*min(x+0.5, 0)"
+
+
+def cubic(jacobian: Any) -> UserMap:
+    """A cubic map with its derivative, and another one by its parameter."""
+    return UserMap(lambda x, p: p[0] * x**3, lambda x, p: 3 * p[0] * x**2, jacobian, np.array([-10.0]))
+
+
+@pytest.mark.parametrize(
+    ("function", "derivative", "inputs", "at_four"),
+    [
+        (lambda x, p: np.abs(x), lambda x, p: np.sign(x), (-3.0, 3.0), 4.0),
+        (lambda x, p: np.sign(x), lambda x, p: np.zeros_like(x), (-3.0, 3.0), 1.0),
+        (lambda x, p: np.sqrt(x), lambda x, p: 0.5 / np.sqrt(x), (-3.0, 3.0), 2.0),
+        (lambda x, p: np.log(x - 3), lambda x, p: 1 / (x - 3), (10.0, 20.0), 0.0),
+    ],
+    ids=["kink", "jump", "half an axis", "no typical input"],
+)
+def test_a_map_with_a_kink_or_without_values_somewhere_passes_its_check(
+    function: Any, derivative: Any, inputs: tuple[float, float], at_four: float
+) -> None:
+    with np.errstate(all="raise"):
+        assert UserMap(function, derivative, inputs=inputs).value(np.array([4.0])) == [at_four]
 
 
 @pytest.mark.parametrize(
@@ -341,9 +373,16 @@ def test_dead_zone_is_equation_4_9() -> None:
         (lambda: CoulombLinear(1.0, 1.0, width=-1.0), "width"),
         (lambda: UserMap(np.multiply, np.multiply, None, np.ones(2), ("a", "b")), "derivative with respect"),
         (lambda: UserMap(np.multiply, np.multiply, np.multiply, np.ones(2), ("a",)), "1 names for 2"),
-        (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x).value(signal()), r"function .* shape \(3,\) instead"),
-        (lambda: UserMap(lambda x, p: x, lambda x, p: 1.0).slope(signal()), "derivative .* shape"),  # type: ignore
-        (lambda: UserMap(lambda x, p: x[999], lambda x, p: x).value(signal()), "function .* failed: IndexError: index"),
+        (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x), r"function .* shape \(3,\) instead of \(101,\)"),
+        (lambda: UserMap(lambda x, p: 0.0, lambda x, p: x), r"function .* shape \(\) instead"),  # type: ignore
+        (lambda: UserMap(lambda x, p: x, lambda x, p: 1.0), "derivative .* shape"),  # type: ignore
+        (lambda: UserMap(lambda x, p: x[999], lambda x, p: x), "function .* failed: IndexError: index"),
+        (lambda: UserMap(lambda x, p: x + 0j, lambda x, p: x), "function .* returned complex128 numbers"),
+        (lambda: UserMap(lambda x, p: x * np.nan, lambda x, p: x), "not finite at inputs from -3 to 3; .* inputs="),
+        (lambda: UserMap(lambda x, p: x**3, lambda x, p: -3 * x**2), "derivative .* is wrong at 101 of 101 inputs"),
+        (lambda: UserMap(lambda x, p: x, lambda x, p: x, inputs=(1, 0)), "the smallest and the largest typical"),
+        (lambda: cubic(lambda x, p: x**3), r"jacobian .* shape \(101,\) instead of \(1, 101\)"),
+        (lambda: cubic(lambda x, p: -(x**3)[None]), r"jacobian \(row 0, the derivative by p1\) .* is wrong"),
         (lambda: MAPS["user"].to_data(), "cannot be saved"),
     ],
 )

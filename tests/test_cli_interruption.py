@@ -199,6 +199,8 @@ def assert_whole(folder, drawn):
         ("emsid.identification.regressions.wiener_hammerstein_regression", Lost, True),
         ("emsid.identification.compared.compare", press, True),
         ("emsid.io.save", press, True),  # a model is saved as soon as it is fitted
+        ("emsid.identification.result.experiment", press, True),  # follows from the models
+        ("emsid.cli.first_screen.first_screen", press, True),  # while everything is written
         ("emsid.report.page.page", press, False),
         ("emsid.report.figures.draw", Lost, False),
     ],
@@ -212,6 +214,37 @@ def test_ctrl_c_keeps_the_results_so_far(place, press, drawn, run, log, tmp_path
     assert out.splitlines()[-1].startswith(f"written to {tmp_path / 'out'}/: ")
     assert ("report.html" in out.splitlines()[-1]) == drawn
     assert_whole(tmp_path / "out", drawn)
+
+
+@pytest.mark.parametrize("place", ["emsid.identification.result.experiment", "emsid.identification.result.curves"])
+def test_ctrl_c_after_the_searches_leaves_out_what_takes_long(place, run, log, tmp_path, pressed_at, answers):
+    """On a record of 65,000 samples that took 10 s, and the page was left out."""
+    pressed_at(place)
+    status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
+    assert (status, err) == (130, FOUND)
+    assert "curves and the next experiment are left out" in answers[0]
+    assert "Next experiment" not in out
+    content = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert content["interrupted"]
+    assert content["curves"] == []
+    assert_whole(tmp_path / "out", drawn=True)
+
+
+def test_what_follows_from_the_models_is_computed_in_one_thread(run, log, tmp_path, monkeypatch):
+    """Beside another program, small matrices in two threads took seventy times as long."""
+    from threadpoolctl import threadpool_info
+
+    from emsid.identification import result
+
+    seen, experiment = [], result.experiment
+
+    def counted(*given, **named):
+        seen.extend(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")
+        return experiment(*given, **named)
+
+    monkeypatch.setattr(result, "experiment", counted)
+    assert run("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")[0] == 0
+    assert set(seen) == {1}
 
 
 VALUES, COMPARE = "emsid.identification.workflow.built_in_values", "emsid.identification.compared.compare"

@@ -51,6 +51,34 @@ BAD = {
         ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),
         ("wiener has 1 filter; 2 orders given", "give one for each (--orders)"),
     ),
+    "negative orders": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--orders", "-1"),
+        ("feedback: order -1: orders count states; give a whole number from 0 to 12 (--orders)",),
+    ),
+    "an order of hours": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--orders", "40"),
+        ("feedback: order 40: orders count states; give a whole number from 0 to 12 (--orders)",),
+    ),
+    "a delay that leaves nothing": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--nk", "500"),
+        ("feedback: a delay of 500 in a stretch of 420 samples; give at most 42 (--nk)",),
+    ),
+    "no knots in a feedback": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--knots", "0"),
+        ("feedback: its maps have at least one knot, or degree; 0 given (--knots)",),
+    ),
+    "one knot of a spline": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--knots", "1"),
+        ("feedback: spline: 1 knots and 1 values; give as many, at least 2 (--knots)",),
+    ),
+    "too many knots in a feedback": (
+        ("identify", "LOG", *IDENTIFY, "--models", "feedback", "--knots", "5000"),
+        ("feedback: size 5000: this is a number of knots, or a degree; give a whole number from 0 to 100 (--knots)",),
+    ),
+    "too many knots": (
+        ("identify", "LOG", *IDENTIFY, "--models", "friction-narx", "--knots", "5000"),
+        ("knots 5000: these are hinges on each side of zero; give a whole number from 0 to 1000 (--knots)",),
+    ),
     "unknown static map": (("identify", "LOG", *IDENTIFY, "--static", "cubic"), ("cubic", "dead-zone")),
     "unknown physical parameter": (
         ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistanse=1"),

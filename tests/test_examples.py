@@ -71,8 +71,11 @@ def test_a_spring_that_hardens(tmp_path, monkeypatch):
     assert warning.data["ratio"] > 10
     # What the user chose is no finding of the program.
     assert not {"input-taken-as-constant", "input-between-samples"} & {finding.code for finding in fit.findings}
-    linear = emsid.fit(replace(example["SPRING"], between="linear"), example["experiment"](1, 0.004, 100))
+    linear = emsid.fit(replace(example["SPRING"], between="linear"), example["experiment"](1, 0.004, 600))
     assert "input-between-samples" not in {finding.code for finding in linear.findings}
+    (warning,) = (finding for finding in linear.findings if finding.code == "input-taken-as-linear")
+    assert warning.data["between"] == "band-limited"
+    assert warning.data["ratio"] > 1.5
 
 
 def test_two_tanks(tmp_path, monkeypatch):
@@ -93,3 +96,17 @@ def test_how_an_input_goes_on_is_one_of_three(tmp_path):
         replace(example["TANKS"], between="linaer")
     with pytest.raises(emsid.ModelError, match="numbers in first"):
         replace(example["TANKS"], first=(1.0,))
+
+
+@pytest.mark.parametrize("name", ["hardening_spring", "two_tanks"])
+def test_a_plant_is_about_ten_lines_of_own_code(name):
+    """The statements of its two functions, the rows of its table, and the other options."""
+    tree = ast.parse(EXAMPLES[name].read_text("utf-8"))
+    functions = [
+        each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name in ("derivative", "output")
+    ]
+    assert len(functions) == 2
+    (call,) = (each for each in ast.walk(tree) if isinstance(each, ast.Call) and ast.unparse(each.func) == "OwnPlant")
+    lines = sum(len(each.body) - 1 for each in functions)  # without docstrings
+    lines += sum(len(each.value.elts) if each.arg == "table" else 1 for each in call.keywords)
+    assert lines <= 12

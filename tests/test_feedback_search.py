@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from emsid.estimation.nonlinear.control import FREE
 from emsid.identification.curves import curves
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation
+from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
@@ -41,6 +42,67 @@ def scaled_trial(size: float, maps: int = 1) -> Trial:
     scaled = replace(minimum, residuals=residuals, noise_variance=size**2 * minimum.noise_variance)
     model = FeedbackModel(np.zeros((2 + maps, 2 + maps)), maps * (Saturation(),))
     return replace(begun, found=replace(begun.found, model=model, minimum=scaled))
+
+
+# --- options ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"order": 13}, "order 13: .* from 0 to 12"),
+        ({"order": -1}, "order -1: .* from 0 to 12"),
+        ({"maps": 7}, "maps 7: .* from 1 to 6"),
+        ({"maps": 0}, "maps 0: .* from 1 to 6"),
+        ({"oversampling": 65}, "oversampling 65: .* from 1 to 64"),
+        ({"held": "yes"}, "held 'yes'; give True, False, or None"),
+        ({"size": 9}, "size 9 without a static map"),
+        ({"static": "dead-zone", "size": 9}, "size 9 of a dead-zone map, which has one size"),
+        ({"static": "spline", "size": 1}, "spline: 1 knots"),
+        ({"static": "spline", "size": 101}, "size 101: .* from 0 to 100"),
+        ({"static": UserMap}, "a user map has no start from data; give one with start values"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused_when_they_are_given(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(emsid.ModelError, match=message):
+        emsid.feedback(**options)
+
+
+def test_a_delay_that_leaves_little_of_a_record_is_refused() -> None:
+    with pytest.raises(emsid.ModelError, match="a delay of 25 in a stretch of 240 samples; give at most 24"):
+        emsid.fit(emsid.feedback(delay=25), sticking(1))
+
+
+def root(x: Array, p: Array) -> Array:
+    return np.sqrt(x)
+
+
+def late() -> UserMap:
+    """A map that fails some time after it was made."""
+    calls = []
+
+    def cubic(x: Array, p: Array) -> Array:
+        calls.append(1)
+        if len(calls) > 10:
+            raise RuntimeError("late")
+        return x**3
+
+    return UserMap(cubic, lambda x, p: 3 * x**2)
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (UserMap(root, lambda x, p: 0.5 / np.sqrt(x)), "the user map is not finite at an input of -.*, which the sig"),
+        (late(), "the function of a user's map failed: RuntimeError: late"),
+    ],
+)
+def test_why_no_model_is_begun_with_a_users_own_map_is_said(
+    own: UserMap, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(emsid.ModelError, match=message):
+        emsid.fit(emsid.feedback(order=1, maps=1, oversampling=1, static=own), sticking(1))
+    assert "DLASCL" not in "".join(capfd.readouterr())
 
 
 # --- order, delay and signs ------------------------------------------------------------------------------------------

@@ -196,6 +196,16 @@ def test_a_least_squares_estimate_that_diverges_is_still_a_start() -> None:
     np.testing.assert_allclose(fit.estimate, [-1.9, 0.93, 0.05], atol=0.02)
 
 
+@pytest.mark.parametrize("how", [{"free_run": True}, {"instruments": True}])
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [([1.0], "1 start values for 3 parameters"), ([[1.0] * 3], "give one dimension"), ([np.nan] * 3, "finite numbers")],
+)
+def test_start_values_are_as_many_as_parameters(how: dict[str, bool], start: list[float], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        emsid.fit(arx(2, 1), second_order(0.02, 100), start=start, **how)
+
+
 def test_the_start_of_a_run_is_estimated_from_several_outputs() -> None:
     truth = np.array([-1.96, 0.9604, 0.002])  # slow: the difference of two noisy outputs is no slope
     measured_start, estimated = Narx(arx(2, 1), truth, 0.1), Narx(arx(2, 1), truth, 0.1, start=30)

@@ -432,6 +432,11 @@ def test_a_derivative_whose_square_overflows_is_refused() -> None:
     assert 0 < found.estimate[0] <= 1.5
 
 
+def test_a_negative_number_of_steps_is_refused() -> None:
+    with pytest.raises(ModelError, match=r"max_iterations -1: .* at least 0"):
+        gauss_newton(decay(), [0.5, 3.0, 0.0], max_iterations=-1)
+
+
 @pytest.mark.parametrize("steps", [1, 3, 100])
 def test_a_few_steps_end_where_the_search_does_without_the_last_derivative(steps):
     whole, derivatives = decay(), []

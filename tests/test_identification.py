@@ -14,6 +14,7 @@ from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
 from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
+from emsid.identification.requests import unused_requests
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Feed
@@ -453,6 +454,35 @@ def test_a_page_of_the_command_line_names_options():
 def test_a_motor_or_an_axis_is_tried_by_default_where_units_and_names_allow_it(units, output, plants):
     nothing = np.zeros(400)
     record = emsid.Record(nothing, nothing, 0.01, "u", output, input_units=units[0], output_units=units[1])
+    assert usual_for(record) == (*USUAL, *plants)
+
+
+def test_knots_are_not_used_where_the_map_of_a_feedback_model_has_none():
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01)
+    options = Options(static="dead-zone", knots=5)
+    assert Finding("knots-not-used", "feedback", {"model": "feedback", "family": "dead-zone"}) in unused_requests(
+        {}, ["feedback"], options, record
+    )
+    assert CANDIDATES["feedback"]._structure(options).search.size == 0
+
+
+@pytest.mark.parametrize(
+    ("input", "output", "plants"),
+    [
+        ("u", "temperature", []),
+        ("u", "upper_level", []),
+        ("pump", "y", []),
+        ("valve", "flow_rate", []),
+        ("heater", "T", []),
+        ("u", "Druck", []),
+        ("pump", "pump_speed", ["rigid-motor"]),
+        ("voltage", "pump_speed", ["rigid-motor"]),
+        ("PWM", "rpm", ["rigid-motor"]),
+        ("u", "y", ["rigid-motor"]),
+    ],
+)
+def test_no_motor_is_tried_where_a_channel_without_a_unit_is_called_that_of_a_process(input, output, plants):
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, input, output)
     assert usual_for(record) == (*USUAL, *plants)
 
 

@@ -1,5 +1,6 @@
 """Plants that users write: compiled or plain functions, the example, and functions that are refused."""
 
+import math
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -102,9 +103,50 @@ def test_a_search_of_an_own_plant_that_stalls_is_begun_again(tank):
     assert (said.code, said.data) == ("minimum-not-smooth", {"starts": 4, "agreeing": 4})
 
 
+def test_an_input_that_is_linear_between_its_samples_has_no_finding():
+    straight, levels = replace(OWN, between="linear"), np.random.default_rng(0).standard_normal(400)
+    clean = straight.simulate(levels[:, None], DT, np.zeros(1), ())
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(clean.shape)
+    fit = simulation_error(straight.with_values({"a": 1.5}), Record(levels, clean + noise, DT))
+    assert "input-taken-as-linear" not in {each.code for each in fit.findings}
+
+
+def test_a_function_that_fails_at_some_parameters_only_ends_no_search(tank):
+    """A step that goes too far is shortened."""
+
+    def root(x, u, p):
+        return [-math.sqrt(p[0] - 1.5) * x[0] * 2 * 2**0.5 + u[0]]
+
+    fit = simulation_error(replace(OWN, derivative=root).with_values({"a": 5.0}), tank)
+    assert fit.estimate == pytest.approx([2.0], rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"bounds": (("b", 0.0, 1.0),)}, "tank: bounds of 'b', which is no parameter; there are a"),
+        ({"bounds": (("a", 3.0, 1.0),)}, "tank: bounds of a from 3 to 1; they must ascend"),
+        ({"states": 0}, "tank: states 0: .* whole number of at least 1"),
+        ({"steps": 0}, "tank: steps 0: .* whole number of at least 1"),
+        ({"steps": 2.5}, r"tank: steps 2\.5: .* whole number of at least 1"),
+    ],
+    ids=["bounds of nothing", "reversed bounds", "states", "no steps", "half steps"],
+)
+def test_a_plant_with_wrong_numbers_is_refused_when_it_is_made(changes, message):
+    with pytest.raises(ModelError, match=message):
+        replace(OWN, **changes)
+
+
+def failing(x, u, p):
+    raise ValueError("boom")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"derivative": failing}, "tank: its derivative failed: ValueError: boom"),
+        ({"output": failing}, "tank: its output failed: ValueError: boom"),
+        ({"derivative": failing, "between": "linear"}, "tank: its derivative failed: ValueError: boom"),
         ({"derivative": lambda x, u, p: [np.nan]}, "the free run of tank is not finite; check the start values"),
         ({"values": (-1e5,)}, "the free run of tank is not finite; check the start values"),
         ({"derivative": lambda x, u, p: [1.0, 2.0]}, r"tank: its derivative has shape \(2,\); it must be \(1,\)"),
@@ -112,7 +154,7 @@ def test_a_search_of_an_own_plant_that_stalls_is_begun_again(tank):
         ({"derivative": lambda x, u, p: None}, r"tank: its derivative has shape \(\); it must be \(1,\)"),
         ({"output": lambda x, u, p: [x[0], x[0]]}, r"tank: its output has shape \(2,\); it must be \(1,\)"),
     ],
-    ids=["nan", "runaway", "long", "number", "none", "outputs"],
+    ids=["derivative fails", "output fails", "linear fails", "nan", "runaway", "long", "number", "none", "outputs"],
 )
 def test_a_plant_that_cannot_be_simulated_is_refused(tank, changes, message):
     with pytest.raises(ModelError, match=message):

@@ -114,3 +114,21 @@ def test_the_free_run_is_in_steady_state_after_the_samples_put_ahead(periodic: l
     again = model.output(np.tile(steady.records[0].input[:, 0], 2), model.resting(0.0))[2048:]
     assert 0 < ahead < 2048
     np.testing.assert_allclose(run[ahead:], again, atol=1e-3 * np.std(again))
+
+
+def test_a_period_with_which_the_input_does_not_repeat_is_refused() -> None:
+    rng = np.random.default_rng(3)
+    white, once = rng.standard_normal(2000), rng.standard_normal(400)
+    with pytest.raises(ModelError, match=r"does not repeat with a period of 400 samples; give its period, or 0"):
+        emsid.fit(emsid.hammerstein(1, static="saturation", period=400), drive(white, 0))
+    with pytest.raises(ModelError, match=r"does not repeat with a period of 300 samples; it does with 400"):
+        emsid.fit(emsid.hammerstein(1, static="saturation", period=300), drive(np.tile(once, 5), 0))
+    for period, enough in ((7, 56), (1, 50)):
+        with pytest.raises(ModelError, match=f"a period of {period} samples is too short .* such as {enough}, or 0"):
+            emsid.fit(emsid.hammerstein(1, static="saturation", period=period), drive(white, 0))
+
+
+def test_a_period_may_be_given_for_an_input_that_is_measured_with_noise() -> None:
+    rng = np.random.default_rng(3)
+    u = np.tile(rng.standard_normal(400), 5)
+    assert averaged(u + 0.1 * rng.standard_normal(len(u)), u, 400).averages == 5

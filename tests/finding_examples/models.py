@@ -115,6 +115,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": "rigid-motor"}),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": ""}),
     Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),
+    Finding("input-taken-as-linear", "force", {"between": "band-limited", "ratio": 2.72}),
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),

@@ -35,12 +35,13 @@ class Interruption:
     Attributes:
         pressed: whether it was pressed since the present work began.
         words: the message if it ends the work.
+        late: whether it was pressed for the first time while results were written; what follows is short.
         own_process: whether the process runs this program only, and may be ended at once.
     """
 
     def __init__(self) -> None:
         self.own_process = False
-        self.pressed = self._deferred = False
+        self.pressed = self.late = self._deferred = False
         self._notify: Callable[[str], None] = print_notice
         self._answer, self._when = "", -inf
         self.begin()
@@ -102,7 +103,7 @@ class Interruption:
 
     def begin(self) -> None:
         """Begin: not pressed yet, no result yet."""
-        self.pressed = self._deferred = False
+        self.pressed = self.late = self._deferred = False
         self._answer, self._notify, self._when = "", print_notice, -inf
         self.words = "interrupted; there is no result"
 
@@ -113,7 +114,7 @@ class Interruption:
 
     def end(self, interrupted: bool) -> None:
         """End the command; `emsid.cli.program` reports an interruption."""
-        self.pressed = self.pressed or interrupted
+        self.pressed = self.pressed or self.late or interrupted
 
     @contextmanager
     def asked(self, answer: str, notify: Callable[[str], None] | None = None) -> Iterator[None]:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LEFT_OUT = "the report is left out"
 """What Ctrl-C during the drawing is answered."""
 
+COMPLETING = "curves and the next experiment are left out; the results follow (Ctrl-C again: end without them)"
+"""What Ctrl-C after the searches is answered."""
+
 Result = TypeVar("Result", "Study", "Identification")
 
 
@@ -69,16 +72,40 @@ def as_json(content: Any) -> bytes:
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 
 
+def completed(result: "Identification") -> "tuple[Identification, dict[str, Any]]":
+    """The result with all that follows from the models, and its content; Ctrl-C leaves out what takes long.
+
+    What is computed once remains with the result that is returned.
+    """
+
+    def leave(words: str) -> None:
+        print_notice(words)
+        raise KeyboardInterrupt
+
+    if not INTERRUPTION.pressed:
+        try:
+            with INTERRUPTION.asked(COMPLETING, leave):
+                return result, result.to_data()
+        except KeyboardInterrupt:
+            INTERRUPTION.pressed = True
+    stopped = replace(result, interrupted=True)
+    with INTERRUPTION.put_off():
+        return stopped, stopped.to_data()
+
+
 @contextmanager
 def kept(result: "Result", what: str) -> Iterator["Result"]:
     """Let a result be written and printed even if Ctrl-C is pressed meanwhile.
 
-    Afterwards Ctrl-C stops the next step, the drawing.
+    Afterwards Ctrl-C stops the next step, the drawing. The first one, if it is pressed meanwhile, does not: the drawing
+    takes a second, and another Ctrl-C leaves it out.
     """
     stopped = result.interrupted or INTERRUPTION.pressed
     INTERRUPTION.pressed = False
     with INTERRUPTION.put_off():
-        yield replace(result, interrupted=stopped)
+        yield replace(result, interrupted=stopped) if stopped and not result.interrupted else result
+    if INTERRUPTION.pressed and not stopped:
+        INTERRUPTION.pressed, INTERRUPTION.late = False, True
     INTERRUPTION.words = f"{what} was interrupted; the results so far are printed above and written"
 
 
@@ -103,7 +130,7 @@ def draw(
 
         with working(LEFT_OUT) as control:
             content = report()
-            if interrupted:
+            if interrupted or INTERRUPTION.late:
                 print_notice(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
             files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
     except BaseException as problem:

@@ -11,12 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
+
 Array = NDArray[np.float64]
 
 LEAST_PERIOD = 8
 """Samples of the shortest period that is looked for."""
 SAME = 1e-6
 """An input repeats if no sample differs from that a period before by more than this part of its range."""
+ANOTHER = 0.05
+"""An input does not repeat with a given period if its difference from itself a period before has more than this part of
+the power that the difference of independent signals has. Noise of a measured input has less."""
+SHORTEST_GIVEN = 50
+"""Samples of the shortest period that may be given: its average is all that a model is fitted to."""
 UNSETTLED = 2.0
 """The first period is not in steady state if the second differs from it by more than this factor of what later ones do,
 in mean square."""
@@ -74,7 +81,11 @@ def averaged(u: Array, y: Array, period: int) -> Period:
     Args:
         u, y: at least one period; samples before the first whole one are left out.
         period: P.
+
+    Raises:
+        ModelError: for a period that is too short, or with which the input does not repeat.
     """
+    _check_period(u, period)
     count = len(u) // period
     blocks = y[len(y) - count * period :].reshape(count, period)
     if count > 1 and _begins_unsettled(blocks):
@@ -82,6 +93,27 @@ def averaged(u: Array, y: Array, period: int) -> Period:
     mean = blocks.mean(axis=0)
     variance = float(np.sum((blocks - mean) ** 2) / ((len(blocks) - 1) * period)) if len(blocks) > 1 else 0.0
     return Period(u[len(u) - period :], mean, len(blocks), variance)
+
+
+def _check_period(u: Array, period: int) -> None:
+    if period < SHORTEST_GIVEN:
+        enough = -(-SHORTEST_GIVEN // period) * period
+        raise ModelError(
+            f"a period of {period} samples is too short for a fit to its average; give several as one, such as "
+            f"{enough}, or 0 for an input that does not repeat",
+            arguments=("period",),
+        )
+    before, after = u[: len(u) - period], u[period:]
+    power = 2 * float(np.var(u))
+    if len(after) < LEAST_PERIOD or not power:
+        return
+    missed = float(np.mean((after - before) ** 2)) / power
+    if missed > ANOTHER:
+        found = period_of(u)
+        advice = f"it does with {found}" if found else "give its period, or 0 for an input that does not repeat"
+        raise ModelError(
+            f"the input does not repeat with a period of {period} samples; {advice}", arguments=("period",)
+        )
 
 
 def _begins_unsettled(blocks: Array) -> bool:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
@@ -129,6 +130,7 @@ class FirstLook(Presented):
         return next(column for column in self.columns if column.name == name)
 
 
+@one_blas_thread()
 def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> FirstLook:
     """Look at a file: its columns, the likely input, output and time, and the quality of the data.
 

@@ -119,6 +119,13 @@ _BY_UNIT: tuple[tuple[ColumnQuantity, str], ...] = (
     (ColumnQuantity.TORQUE, "N*m mN*m"),
     (ColumnQuantity.FORCE, "N"),
 )
+# Words of quantities and of devices that are no part of a drive; a device may have a drive, as in *pump speed*.
+_OF_PROCESSES = (
+    "temp temperature temperatur température temperatura level niveau füllstand fuellstand pressure druck pression "
+    "presión pressione flow durchfluss débit caudal humidity feuchte concentration konzentration weight gewicht "
+    "brightness light sound ph"
+)
+_DEVICES = "pump pumpe pompe bomba pompa valve ventil vanne heater heating heizung tank boiler lamp"
 _OPEN = re.compile(r"(?:\s*/\s*|\s+in\s+|\s+(?=\S+/))(\S+)$")
 """A unit after a slash, as in *U/V*, after *in*, or one with a slash after a blank."""
 _SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
@@ -152,8 +159,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     unit = known_unit(unit) or written
     digits = re.search(r"\d+$", bare)
     number = digits[0] if digits else ""
-    words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
-    words += [part for word in words if (found := _COMPOUND.fullmatch(word)) for part in found.groups() if part]
+    words = _words(bare)
     unit = unit or next((_UNIT_NAMES[word] for word in words if word in _UNIT_NAMES), "")
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
     by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)
@@ -162,6 +168,27 @@ def meaning(name: str, unit: str = "") -> Meaning:
     else:
         quantity, confidence = by_word
     return Meaning(quantity, unit, confidence, number)
+
+
+def is_of_a_process(name: str) -> bool:
+    """Whether a name says that a column is of a process, such as a tank or an oven, and not of a drive.
+
+    >>> [is_of_a_process(name) for name in ("level", "flow_rate", "pump", "pump_speed", "voltage level", "y")]
+    [True, True, True, False, False, False]
+
+    Args:
+        name: of the column.
+    """
+    words, said = set(_words(without_unit(name)[0])), meaning(name).quantity
+    if words & set(_OF_PROCESSES.split()):
+        return said not in (ColumnQuantity.VOLTAGE, ColumnQuantity.CURRENT, ColumnQuantity.TORQUE, ColumnQuantity.DUTY)
+    return bool(words & set(_DEVICES.split())) and said is ColumnQuantity.UNKNOWN
+
+
+def _words(bare: str) -> list[str]:
+    """The words of a name without its unit, and the last parts of German compounds."""
+    words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
+    return words + [part for word in words if (found := _COMPOUND.fullmatch(word)) for part in found.groups() if part]
 
 
 def without_unit(name: str) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
-from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
@@ -130,11 +130,13 @@ class Feedback:
             raise ModelError(
                 f"feedback has one linear part; {len(options.orders)} orders given: give one", arguments=("orders",)
             )
+        if options.knots == 0:
+            raise ModelError("feedback: its maps have at least one knot, or degree; 0 given", arguments=("knots",))
         static = options.static or (SPLINE if options.knots else None)
         held = None if options.hold is None else options.hold is Hold.ZERO
         order = options.orders[0] if options.orders else None
         given, shown = (None, options.nk or 0) if options.delay_shown else (options.nk, 0)
-        knots = options.knots or 0
+        knots = (options.knots or 0) if static is not None and static.sizes else 0  # `unused_requests` says so
         search = FeedbackSearch(order, None, static, knots, given, held=held, held_back=options.held_back, shown=shown)
         return FeedbackStructure(search)
 
@@ -314,8 +316,10 @@ def usual_for(record: Record) -> tuple[str, ...]:
 
     Units decide that, as far as there are any: a voltage, a current or a torque and a speed are those of a motor, a
     force and a position those of an axis; without a unit, the name of the output does, and the input has the unit that
-    its name implies. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or
-    `OF_MAGNITUDES` where the input has both signs and the output one.
+    its name implies. A channel without a unit that is named as one of a process, such as a level, is of neither.
+
+    A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input
+    has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
@@ -332,6 +336,8 @@ def usual_for(record: Record) -> tuple[str, ...]:
 def _may_be_of(plant: Plant, record: Record) -> bool:
     if not isinstance(plant, DrivenPlant) or plant.secondary:
         return False
+    if _is_of_a_process(record):
+        return False
     record = with_unit_of_name(record)
     plant = plant.for_command(record)
     try:
@@ -340,6 +346,15 @@ def _may_be_of(plant: Plant, record: Record) -> bool:
         return False
     turns = record.input_units[0] == "N*m" and not record.output_units[0]  # where no unit says that a mass is moved
     return not turns or (plant.channels is not None and plant.channels.commands == ("N*m",))
+
+
+def _is_of_a_process(record: Record) -> bool:
+    """Whether the name of the output, or else of the input, says so; a unit says more than a name."""
+    (output, *_), (unit, *_) = record.output_names, record.output_units
+    if not unit and is_of_a_process(output):
+        return True
+    moves = meaning(output, unit).quantity in (ColumnQuantity.SPEED, ColumnQuantity.POSITION)
+    return not moves and not record.input_units[0] and is_of_a_process(record.input_names[0])
 
 
 UNITS_OF_NAMES = {ColumnQuantity.CURRENT: "A", ColumnQuantity.TORQUE: "N*m", ColumnQuantity.FORCE: "N"}

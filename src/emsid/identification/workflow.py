@@ -14,6 +14,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.identification.all_data import FromAllData, from_all_data
 from emsid.identification.candidates import QUICK
@@ -34,6 +35,7 @@ from emsid.validation.comparison import Comparison
 from emsid.validation.regions import by_record
 
 
+@one_blas_thread()
 def identify(
     records: Records,
     unseen: Records | float = 0.3,

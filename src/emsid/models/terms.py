@@ -23,10 +23,22 @@ def vector(values: ArrayLike, what: str) -> Array:
     return array
 
 
-def check_whole(what: str, value: object, least: int, why: str) -> None:
-    """Refuse a value that is not a whole number of at least ``least``; ``why`` is the reason in the message."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ModelError(f"{what} {value}: {why}; give a whole number of at least {least}")
+def check_whole(
+    what: str, value: object, least: int, why: str, most: int | None = None, arguments: Sequence[str] = ()
+) -> None:
+    """Refuse a value that is not a whole number in a range.
+
+    Args:
+        what: it is.
+        value: to be checked.
+        least, most: the range; without an upper limit if ``most`` is None.
+        why: the reason in the message.
+        arguments: that the message names for the command line.
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):  # type: ignore[operator]
+        limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise ModelError(f"{what} {value}: {why}; give a whole number {limits}", arguments=arguments)
 
 
 def sum_of_terms(terms: Sequence[tuple[float, str]]) -> str:

@@ -68,6 +68,17 @@ def input_taken_as_constant(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("input-taken-as-linear", Severity.WARNING)
+def input_taken_as_linear(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: between (the course that fits better), ratio (of the errors)."""
+    between, ratio = f.data["between"], f.data["ratio"]
+    return (
+        f"{f.subject} is simulated as linear between its samples; with a {between} input the free-run error is "
+        f"{ratio:.3g} times smaller, and the parameters differ. Give the plant between={between!r}, or confirm with "
+        f"{argument('hold')} that the input is linear"
+    )
+
+
 @words("speed-is-a-mean")
 def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the output."""

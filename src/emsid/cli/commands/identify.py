@@ -28,7 +28,7 @@ from emsid.cli.options import (
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import SecondProcess, second_process
 from emsid.cli.terminal import say_json, warn, working
-from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
+from emsid.cli.writing import as_json, check_folder, completed, draw, kept, say_where, write
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -56,8 +56,8 @@ Budget = Annotated[
     typer.Option(
         metavar="S",
         parser=quantity("s"),
-        help="Time for the whole command (20s). Reading takes its part, and as much is kept for tables and page; each "
-        "model gets its share of the rest, which is at least half.",
+        help="Time for the whole command, such as 20s; without it there is no limit. Reading takes its part, and as "
+        "much is kept for tables and page; each model gets its share of the rest, which is at least half.",
     ),
 ]
 Unseen = Annotated[
@@ -76,10 +76,14 @@ Taps = Annotated[int | None, typer.Option(metavar="N", help="Taps of the first f
 Knots = Annotated[
     int | None, typer.Option(metavar="N", help="Hinges on each side of zero; knots or degree of a static map.", min=0)
 ]
-Orders = Annotated[str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")]
+Orders = Annotated[
+    str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade, or of a feedback model.")
+]
 Static = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Static map of a cascade (see `emsid list`); by default chosen."),
+    typer.Option(
+        metavar="NAME", help="Static map of a cascade or a feedback model (see `emsid list`); by default chosen."
+    ),
 ]
 Period = Annotated[
     int | None,
@@ -278,25 +282,28 @@ def _run(
 ) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.cli.first_screen import first_screen
+    from emsid.estimation.threads import one_blas_thread
     from emsid.identification import candidates
     from emsid.io import save
     from emsid.report.identification_page import report
 
-    with working() as control:
-        result = search(
-            control=control,
-            finished=lambda fit: write(out, {}, [fit], None, reader.remembered),
-            elsewhere=second,
-        )
-    with kept(result, "identification") as result:
-        write(out, {"result.json": result.to_data()}, result.fits, result.data_of, reader.remembered)
-        if result.is_recommended:
-            save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
-        if json:
-            say_json(as_json(result.to_data()))
-        else:
-            first_screen(result)
-    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
+    with one_blas_thread():  # also of what follows from the models: beside other programs, threads wait for each other
+        with working() as control:
+            result = search(
+                control=control,
+                finished=lambda fit: write(out, {}, [fit], None, reader.remembered),
+                elsewhere=second,
+            )
+        result, data = completed(result)
+        with kept(result, "identification") as result:
+            write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
+            if result.is_recommended:
+                save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+            if json:
+                say_json(as_json(data))
+            else:
+                first_screen(result)
+        drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         written = [*(f"{fit.model.name}.json" for fit in result.fits), *([RECOMMENDED] * result.is_recommended)]
         possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]

@@ -345,9 +345,11 @@ def gauss_newton(
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
-            shapes, fewer residuals than free parameters.
+            shapes, fewer residuals than free parameters, a negative number of steps.
         Stopped: by ``problem``, at the start; by ``control`` during the covariances, where these are interruptible.
     """
+    if max_iterations < 0:
+        raise ModelError(f"max_iterations {max_iterations}: this is a number of steps; give at least 0")
     theta, box = _check_start(start, lower, upper, names)
     search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, smoothing)
     iterate = search.begin(theta)

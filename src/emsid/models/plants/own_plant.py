@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Self
@@ -12,12 +13,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
-from emsid.errors import ModelError, listed
+from emsid.errors import EmsidError, ModelError, listed
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.interpolation import INTERPOLATION_REACH, between
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal
 from emsid.models.plants.plant import BEGINNING, Plant
 from emsid.models.plants.state import NO_ROWS, PlantState
+from emsid.models.terms import check_whole
 from emsid.plant.parameter import Measure, Parameter
 from emsid.record import Record
 
@@ -56,7 +59,9 @@ class OwnPlant(Plant):
             difference of initial states lasts in the first record of a fit, at least twenty.
 
     Raises:
-        ModelError: for as many values as the table does not have rows, or another ``between``.
+        ModelError: for as many values as the table does not have rows, bounds of no parameter or that do not ascend,
+            numbers of states or steps that are not positive, or another ``between``; when simulated, for functions that
+            fail or return a wrong shape.
     """
 
     derivative: Derivative
@@ -77,10 +82,21 @@ class OwnPlant(Plant):
                 f"{self.name}: between is {self.between!r}; give one of {listed(list(REACH))}"
                 f"{did_you_mean(str(self.between), list(REACH))}"
             )
+        check_whole(f"{self.name}: states", self.states, 1, "a plant has at least one state")
+        check_whole(f"{self.name}: steps", self.steps, 1, "these are Runge–Kutta steps per sample")
         if self.first and len(self.first) != self.states:
             raise ModelError(f"{self.name}: {len(self.first)} numbers in first for {self.states} states")
         if len(self.values) != len(self.table):
             raise ModelError(f"{self.name}: {len(self.values)} values for {len(self.table)} parameters")
+        names = [each.name for each in self.table]
+        for name, lower, upper in self.bounds:
+            if name not in names:
+                raise ModelError(
+                    f"{self.name}: bounds of {name!r}, which is no parameter; there are {listed(names)}"
+                    f"{did_you_mean(name, names)}"
+                )
+            if not lower <= upper:
+                raise ModelError(f"{self.name}: bounds of {name} from {lower:g} to {upper:g}; they must ascend")
 
     @property
     def handles(self) -> Mapping[str, Handle]:
@@ -97,6 +113,7 @@ class OwnPlant(Plant):
         """The state (n,) before the first sample; signals are not used.
 
         Raises:
+            Infeasible: for functions that fail.
             ModelError: for functions that return a wrong shape.
         """
         start, parameters = np.array(state, dtype=float), np.array(self.values)
@@ -104,11 +121,25 @@ class OwnPlant(Plant):
             ("derivative", self.derivative, (self.states,)),
             ("output", self.output, (len(signals),) if signals else None),
         ):
-            found = np.shape(function(start.copy(), command, parameters))
+            with self._reporting(what):
+                found = np.shape(function(start.copy(), command, parameters))
             if len(found) != 1 or (shape is not None and found != shape):
                 wanted = "(ny,)" if shape is None else shape
                 raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
         return PlantState(dt, start, np.tile(command, (REACH[self.between] or 0, 1)), NO_ROWS)
+
+    @contextmanager
+    def _reporting(self, what: str) -> Iterator[None]:
+        """Calls of the user's functions; what these raise becomes an error in one line.
+
+        It is `Infeasible`, since a function may fail at some parameters only, such as a root of a negative number.
+        """
+        try:
+            yield
+        except EmsidError:
+            raise
+        except Exception as problem:  # whatever a user's code may raise
+            raise Infeasible(f"{self.name}: its {what} failed: {type(problem).__name__}: {problem}") from problem
 
     @property
     def latency(self) -> int:
@@ -131,10 +162,9 @@ class OwnPlant(Plant):
         return replace(self, between="linear" if hold is Hold.FIRST else "held") if hold is not self.hold else self
 
     def interpolating(self) -> tuple[Self, ...]:
-        """The plant with another ``between``, if its input is held."""
-        if self.between != "held":
-            return ()
-        return tuple(replace(self, between=between) for between in REACH if between != "held")
+        """The plant with every smoother ``between``: band-limited is smoother than linear, and linear than held."""
+        order = list(REACH)
+        return tuple(replace(self, between=between) for between in order[order.index(self.between) + 1 :])
 
     def for_command(self, record: Record) -> Self:
         """The plant with as many samples for the initial state as a difference of initial states lasts in a record."""
@@ -164,12 +194,14 @@ class OwnPlant(Plant):
         compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
         parameters, x = np.array(self.values), state.motion.copy()
         inputs = np.ascontiguousarray(inputs)
-        width = len(signals) or len(np.asarray(self.output(x.copy(), inputs[0], parameters)))
+        with self._reporting("output"):
+            width = len(signals) or len(np.asarray(self.output(x.copy(), inputs[0], parameters)))
         out = np.empty((len(inputs), width))
         reach = REACH[self.between]
         if reach is None:
             loop = _compiled_runge_kutta if compiled else _runge_kutta
-            loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
+            with self._reporting("derivative or output"):
+                loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
             return out, state._replace(motion=x)
         window = np.concatenate([state.commands, inputs])
         ready = max(len(window) - 2 * reach - 1, 0)
@@ -178,7 +210,8 @@ class OwnPlant(Plant):
             out[:waiting] = np.asarray(self.output(x.copy(), inputs[0], parameters))
         moving = _compiled_between if compiled else _between
         fine = self._fine(window, reach)[: 2 * self.steps * ready + 1]
-        moving(self.derivative, self.output, fine, parameters, x, state.dt, self.steps, out[waiting:])
+        with self._reporting("derivative or output"):
+            moving(self.derivative, self.output, fine, parameters, x, state.dt, self.steps, out[waiting:])
         return out, state._replace(motion=x, commands=window[max(len(window) - 2 * reach - 1, 0) :])
 
     def _fine(self, window: Array, reach: int) -> Array:

@@ -320,7 +320,7 @@ class Plant(ABC):
         return None
 
     def interpolating(self) -> tuple[Plant, ...]:
-        """The plant with every hold that interpolates between samples and that no search tries; none."""
+        """The plant with every smoother course of the input between samples that no search tries; none."""
         return ()
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import ModelError
+from emsid.errors import ModelError, some
 from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
@@ -43,6 +43,7 @@ from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
 from emsid.models.regression.transforms import Transform
+from emsid.models.terms import vector
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -162,7 +163,7 @@ def fit_free_run(
     if start is None:
         begin = least_squares(structure, several).estimate
     else:
-        begin = np.array(start, dtype=float)
+        begin = given_start(structure, start)
         for record in several:
             structure.check(record)
             check_excitation(record)
@@ -194,6 +195,21 @@ def fit_free_run(
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
     return found.fit(model, structure.parameter_names)
+
+
+def given_start(structure: Structure, start: ArrayLike) -> Array:
+    """(n,) the parameters to begin with, checked.
+
+    Raises:
+        ModelError: for another number of them, or numbers that are not finite.
+    """
+    theta = vector(start, f"{structure.name}: start values")
+    if len(theta) != len(structure):
+        raise ModelError(
+            f"{structure.name}: {len(theta)} start values for {len(structure)} parameters; give one for each of "
+            f"{some(structure.parameter_names)}"
+        )
+    return theta
 
 
 def _jumps(structure: Structure) -> bool:

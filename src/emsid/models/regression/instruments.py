@@ -30,6 +30,7 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
+from emsid.models.regression.free_run_fit import given_start
 from emsid.models.regression.narx import Narx, Structure
 from emsid.record import Record
 
@@ -69,7 +70,7 @@ def fit_instruments(
     for regressor in structure.regressors:
         if len(regressor.factors) > 1 or any(f.power > 1 or f.transform for f in regressor.factors):
             raise ModelError(f"{structure.name}: instruments are for linear structures; {regressor} is not a lag")
-    theta = least_squares(structure, several).estimate if start is None else np.array(start, dtype=float)
+    theta = least_squares(structure, several).estimate if start is None else given_start(structure, start)
     best, ending = (np.inf, theta), Ending.OUT_OF_BUDGET
     before: Array | None = None
     iterations = 0

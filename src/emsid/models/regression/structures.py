@@ -207,8 +207,15 @@ def input_knots(record: Record, count: int) -> tuple[float, ...]:
     Args:
         record: its first input is used.
         count: hinges on either side of zero.
+
+    Raises:
+        ModelError: for a number of hinges that no structure takes.
     """
-    _check_counts("input_knots", count=count)
+    if not isinstance(count, int | np.integer) or not 0 <= count <= MOST:
+        raise ModelError(
+            f"knots {count}: these are hinges on each side of zero; give a whole number from 0 to {MOST}",
+            arguments=("knots",),
+        )
     low, high = float(record.input[:, 0].min()), float(record.input[:, 0].max())
     reach = max(-low, high)
     outermost = reach * (count / (count + 1)) ** 2

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,12 +16,22 @@ from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
 
+# A map is checked at this many inputs. Their number is prime, so that no period of a map is missed.
+CHECKED = 101
+# Derivatives are wrong if more than this part of those that are compared differ from differences of the function by
+# more than the second number. At a kink or a jump a few differ.
+WRONG, APART = 0.2, 0.05
+# The step of a difference, relative to the range of inputs or to a parameter.
+STEP = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class UserMap(StaticMap):
     """A static map defined by the user, y = f(x, θ), with its derivatives.
 
     Its scale is fixed: no factor is moved through it. Where it has no value (NaN), a search can neither start nor go.
+    The functions are called once when the map is made, at typical inputs, and their derivatives compared with
+    differences.
 
     Args:
         function: f(x (N,), θ (p,)) → (N,).
@@ -28,10 +39,11 @@ class UserMap(StaticMap):
         jacobian: ∂f/∂θ of the same arguments → (p, N); not needed without parameters.
         parameters_now: (p,) θ.
         parameter_names: (p,) a name for every parameter.
+        inputs: the range of typical inputs, at which the functions are checked.
 
     Raises:
-        ModelError: for different numbers of names and parameters; when called, for results of a wrong shape and for
-            functions that fail.
+        ModelError: for different numbers of names and parameters, functions that fail, results of a wrong shape or that
+            are not real or nowhere finite, and wrong derivatives.
     """
 
     function: Callable[[Array, Array], Array]
@@ -39,6 +51,7 @@ class UserMap(StaticMap):
     jacobian: Callable[[Array, Array], Array] | None = None
     parameters_now: Array = ()  # type: ignore[assignment]  # made an array below
     parameter_names: tuple[str, ...] = ()
+    inputs: tuple[float, float] = (-3.0, 3.0)
 
     kind: ClassVar[str] = "user"
     scaling: ClassVar[Scaling] = Scaling.NONE
@@ -52,6 +65,9 @@ class UserMap(StaticMap):
             raise ModelError(f"user map: {len(names)} names for {len(self.parameters_now)} parameters")
         if len(names) and self.jacobian is None:
             raise ModelError("user map: a map with parameters needs its derivative with respect to them")
+        if len(self.inputs) != 2 or not self.inputs[0] < self.inputs[1] or not np.isfinite(self.inputs).all():
+            raise ModelError(f"user map: inputs {self.inputs}; give the smallest and the largest typical input")
+        self._check()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,8 +90,12 @@ class UserMap(StaticMap):
         return 1.0
 
     def with_parameters(self, theta: Array) -> UserMap:
-        """The map with other parameters."""
-        return replace(self, parameters_now=theta)
+        """The map with other parameters; its functions are not checked again."""
+        made = copy(self)
+        object.__setattr__(made, "parameters_now", vector(theta, "user map parameters"))
+        if len(made.parameters_now) != len(self.parameters_now):
+            raise ModelError(f"user map: {len(self.names)} names for {len(made.parameters_now)} parameters")
+        return made
 
     def value(self, x: Array) -> Array:
         """f(x, θ)."""
@@ -134,11 +154,66 @@ class UserMap(StaticMap):
         for each in shown:
             each.flags.writeable = False
         try:
-            array = np.asarray(law(*shown), dtype=float)
+            with np.errstate(all="ignore"):  # outside its domain a function returns NaN
+                array = np.asarray(law(*shown))
         except EmsidError:
             raise
         except Exception as problem:  # whatever a user's code may raise
             raise ModelError(f"the {what} of a user's map failed: {type(problem).__name__}: {problem}") from problem
+        if array.dtype.kind not in "fiub":
+            raise ModelError(f"the {what} of a user's map returned {array.dtype} numbers; it must return real ones")
         if array.shape != shape:
             raise ModelError(f"the {what} of a user's map returned shape {array.shape} instead of {shape}")
-        return array
+        return array.astype(float, copy=False)
+
+    def _check(self) -> None:
+        """Call every function once, and compare the derivatives with differences.
+
+        Raises:
+            ModelError: for what is wrong with them.
+        """
+        low, high = self.inputs
+        x = np.linspace(low, high, CHECKED)
+        between = f"inputs from {low:g} to {high:g}"
+        value, slope = self.value(x), self.slope(x)
+        if not np.isfinite(value).any():
+            raise ModelError(
+                f"the function of a user's map is not finite at {between}; correct it, or give the typical inputs where"
+                " it has values, such as inputs=(0, 1)"
+            )
+        step = STEP * (high - low)
+        difference = (self.value(x + step) - self.value(x - step)) / (2 * step)
+        self._compare("derivative", slope, difference, value, step, between)
+        rows = self.parameter_gradient(x)
+        for k, (name, number) in enumerate(zip(self.names, self.parameters_now, strict=True)):
+            step = STEP * (abs(number) or 1.0)
+            moved = step * np.eye(1, len(self.names), k)[0]
+            ahead, behind = (self.with_parameters(self.parameters_now + sign * moved).value(x) for sign in (1, -1))
+            what = f"jacobian (row {k}, the derivative by {name})"
+            self._compare(what, rows[k], (ahead - behind) / (2 * step), value, step, between)
+
+    @staticmethod
+    def _compare(what: str, given: Array, difference: Array, value: Array, step: float, between: str) -> None:
+        """Refuse a derivative (N,) that is not that of the function.
+
+        Args:
+            what: its name.
+            given: the derivative.
+            difference: quotients of the function's values.
+            value: of the function.
+            step: of the differences.
+            between: the inputs in words.
+        """
+        shown = np.isfinite(difference) & np.isfinite(value)
+        if not shown.any():
+            return
+        given, difference, value = given[shown], difference[shown], value[shown]
+        rounding = 100 * np.finfo(float).eps * np.abs(value) / step
+        apart = np.abs(given - difference) > APART * np.maximum(np.abs(given), np.abs(difference)) + rounding
+        wrong = apart | ~np.isfinite(given)
+        if np.mean(wrong) > WRONG:
+            k = int(np.flatnonzero(wrong)[0])
+            raise ModelError(
+                f"the {what} of a user's map is wrong at {np.count_nonzero(wrong)} of {len(wrong)} {between}; it is "
+                f"{given[k]:.4g} where differences of the function give {difference[k]:.4g}"
+            )

@@ -35,13 +35,14 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.consensus import agreeing, leading
-from emsid.models.feedback.search.further_maps import ORDINALS, Maps, maps_more, usual_size, with_map_more
+from emsid.models.feedback.search.further_maps import Maps, maps_more, usual_size, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
 from emsid.models.feedback.search.starts import with_family, with_product
 from emsid.models.feedback.search.step_rates import at_twice_the_rate, faster, finer
 from emsid.models.feedback.search.trials import (
     LONGEST,
+    MOST_MAPS,
     MOST_ORDERS,
     ORDERS,
     Bench,
@@ -63,7 +64,6 @@ OF_MAGNITUDES, OF_DELAY = (2, 3, 4), 2
 EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
-MOST_MAPS = max(ORDINALS)
 # The number of models of a short record whose maps are made to share signals before one is chosen.
 SIMPLIFIED = 4
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
@@ -20,12 +22,14 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
+from emsid.models.feedback.search.further_maps import usual_size
 from emsid.models.feedback.search.trials import SEARCHED, FeedbackSearch, Trial, runs_away
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.models.start_states import starting
-from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
+
+Array = NDArray[np.float64]
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60
@@ -34,6 +38,8 @@ SAMPLES = 60
 LONG, PART, STEPS_TO_ALL, LAST_SAVING = 20_000, 10_000, 5, 1e-4
 # Last steps in the normal form, at least and at most; as many as this number of products of two derivatives allows.
 LAST_STEPS, PRODUCTS = (15, 100), 4e9
+# A given delay is at most the longest segment divided by this number.
+SHARE_OF_DELAY = 10
 # Steps of the fit to all data, at most.
 ITERATIONS = 300
 
@@ -75,9 +81,11 @@ class FeedbackStructure:
             check_excitation(record)
         if sum(map(len, several)) < SAMPLES:
             raise ModelError(f"feedback: fewer than {SAMPLES} samples; record longer")
+        _check_delay(self.search.delay, several)
+        search, problems = _watched(self.search)
         begun: list[Trial] = []
         try:
-            for trial in chosen(several, self.search, control):
+            for trial in chosen(several, search, control):
                 begun = [trial]
             control.doing("fitting feedback to all data")
             during = control.during("fitting feedback")
@@ -86,6 +94,10 @@ class FeedbackStructure:
                     begun.append(_in_part(begun[0], several, during))
                 control.check()
             return _fitted(begun, several, during)
+        except ModelError as problem:
+            if begun or self.search.static is None:
+                raise
+            raise _reason(self.search, problems) or problem from None
         except Stopped as stopped:
             if not begun:
                 raise
@@ -128,28 +140,75 @@ def feedback(
     FeedbackStructure(order 2, polynomial)
 
     Args:
-        order: of the linear part; None chooses it on unseen data.
+        order: of the linear part, 0 to 12; None chooses it on unseen data.
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
-        size: number of knots, or degree; 0 for the usual one of the family.
+        size: number of knots, or degree, at most 100; 0 for the usual one of the family.
         maps: the number of maps, 1 to 6; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
         oversampling: steps of the model per sample of the record; None tries 1 and 2.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
 
     Raises:
-        ModelError: for invalid numbers, or an unknown static map.
+        ModelError: for numbers outside their limits, a size without a static map that has sizes, or an unknown static
+            map.
     """
-    for what, value, least, why in (
-        ("order", order, 0, "orders count states"),
-        ("size", size, 0, "this is a number of knots, or a degree"),
-        ("maps", maps, 1, "this is the number of static maps"),
-        ("delay", delay, 0, "a model cannot look ahead"),
-        ("oversampling", oversampling, 1, "the model makes at least one step per sample"),
-    ):
-        if value is not None:
-            check_whole(f"feedback: {what}", value, least, why)
     family = None if static is None else family_of(static)
     return FeedbackStructure(FeedbackSearch(order, maps, family, size, delay, oversampling, held))
+
+
+def _check_delay(delay: int | None, records: Sequence[Record]) -> None:
+    """Refuse a delay after which too little of every segment is left.
+
+    Raises:
+        ModelError: with the longest segment.
+    """
+    longest = max(len(segment) for record in records for segment in record.segments)
+    if delay is not None and delay > longest // SHARE_OF_DELAY:
+        raise ModelError(
+            f"feedback: a delay of {delay} in a stretch of {longest} samples; give at most {longest // SHARE_OF_DELAY}",
+            arguments=("nk",),
+        )
+
+
+def _watched(search: FeedbackSearch) -> tuple[FeedbackSearch, list[ModelError]]:
+    """The search with a check of every map that is begun, and the problems of these, filled during the search.
+
+    A user's own map may fail, or have no value, at some input that the signals of a model reach. No model is begun
+    there; if none can be begun at all, the first problem says why.
+    """
+    family, problems = search.static, list[ModelError]()
+    if family is None:
+        return search, problems
+
+    def start(x: Array, z: Array, size: int) -> StaticMap:
+        map_ = family.start(x, z, size)
+        try:
+            finite = np.isfinite(map_.value(x))
+            if not finite.all():
+                raise ModelError(
+                    f"feedback: the {family.name} map is not finite at an input of {x[~finite][0]:.3g}, which the "
+                    "signals of the model reach; define it for all inputs"
+                )
+        except ModelError as problem:
+            problems.append(problem)
+            raise
+        return map_
+
+    watched = copy(search)  # its options are checked
+    object.__setattr__(watched, "static", replace(family, start=start))
+    return watched, problems
+
+
+def _reason(search: FeedbackSearch, problems: Sequence[ModelError]) -> ModelError | None:
+    """Why no model with the given map was begun: the first problem of the map, or that it fails now; None: unknown."""
+    assert search.static is not None
+    x = np.linspace(-1.0, 1.0, 5 * SAMPLES)
+    try:
+        if not problems:
+            search.static.start(x, x, usual_size(search.static, search.size)).value(x)
+    except ModelError as failure:
+        return failure
+    return problems[0] if problems else None
 
 
 def _are_long(records: Sequence[Record]) -> bool:

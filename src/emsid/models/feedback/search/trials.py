@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.uncertainty.coloured_residuals import autoregression, effective_samples
 from emsid.models.blocks.search.map_families import Family
@@ -28,6 +28,7 @@ from emsid.models.feedback.search.directions import Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import RUNAWAY, squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
+from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import FOLDS, folded, validation_splits
@@ -42,6 +43,10 @@ ORDERS, MOST_ORDERS, LONGEST = (1, 2, 3), 6, 5
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 MUCH_WORSE = 2.0
+# Limits of what may be given: a search for more takes hours, and no record determines so much.
+LARGEST_ORDER, LARGEST_SIZE, LARGEST_STEPS = 12, 100, 64
+# The largest number of static maps.
+MOST_MAPS = 6
 # The number of models that a map is added to at a time, and the fewest samples of records for it. In these, compiled
 # code, which leaves the interpreter free, takes most of the time.
 AT_ONCE, LONG = 2, 2_500
@@ -53,6 +58,10 @@ PER_PARAMETER, REFITTED, SAVING = 10, 15, 1e-3
 # The fewest samples for every parameter of a richer model: with fewer, what the parameters take from noise alone
 # makes the mean square error on other data 1.5 times that on the fitted ones, or more.
 FEWEST = 5
+
+
+# The options of the command line whose name is another one.
+_OPTIONS = {"order": "orders", "size": "knots", "delay": "nk"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +78,10 @@ class FeedbackSearch:
         held: whether the input is held between its samples, or continuous.
         held_back: fraction of the record that choices are made on.
         shown: a longer delay than the usual ones, which linear models of the record show; it is tried too.
+
+    Raises:
+        ModelError: for numbers outside their limits, a size of maps that have none, or a class of maps that have no
+            start from data.
     """
 
     order: int | None = None
@@ -80,6 +93,43 @@ class FeedbackSearch:
     held: bool | None = None
     held_back: float = 0.25
     shown: int = 0
+
+    def __post_init__(self) -> None:
+        for what, value, least, most, why in (
+            ("order", self.order, 0, LARGEST_ORDER, "orders count states"),
+            ("size", self.size, 0, LARGEST_SIZE, "this is a number of knots, or a degree"),
+            ("maps", self.maps, 1, MOST_MAPS, "this is the number of static maps"),
+            ("delay", self.delay, 0, None, "a model cannot look ahead"),
+            ("oversampling", self.oversampling, 1, LARGEST_STEPS, "the model makes at least one step per sample"),
+        ):
+            if value is not None:
+                option = (_OPTIONS[what],) if what in _OPTIONS else ()
+                check_whole(f"feedback: {what}", value, least, why, most, option)
+        if self.held is not None and not isinstance(self.held, bool):
+            raise ModelError(f"feedback: held {self.held!r}; give True, False, or None to try both")
+        self._check_maps()
+
+    def _check_maps(self) -> None:
+        """Refuse a size of maps that have none, and maps that cannot be begun.
+
+        Raises:
+            ModelError: with the map.
+        """
+        if self.static is None:
+            if self.size:
+                raise ModelError(f"feedback: size {self.size} without a static map; give its name, such as 'spline'")
+            return
+        name = self.static.name
+        if self.size and not self.static.sizes:
+            raise ModelError(
+                f"feedback: size {self.size} of a {name} map, which has one size; leave it out", arguments=("knots",)
+            )
+        x = np.linspace(-1.0, 1.0, 5 * LARGEST_SIZE)
+        try:
+            self.static.start(x, x**3, self.size or next(iter(self.static.sizes), 0))
+        except ModelError as problem:
+            options = ("knots",) if self.size else ("static",)
+            raise ModelError(f"feedback: {problem}", arguments=options) from None
 
     @property
     def longest(self) -> int:

@@ -112,10 +112,11 @@ def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Rea
 
 
 def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> list[Finding]:
-    """A finding where a user's plant simulates better with an input that is interpolated between its samples.
+    """A finding where a user's plant simulates better with an input that goes on more smoothly between its samples.
 
     The program does not change the hold itself, since the equations may be those of a sampled system. The parameters
-    are fitted again in a few steps, because those of a held input compensate for some of the delay.
+    are fitted again in a few steps, because those of a held input compensate for some of the delay, and
+    those of a linear one for some of its damping.
 
     Args:
         task: what was asked.
@@ -135,7 +136,8 @@ def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> li
         if again.cost < least and matters(again.cost, minimum.cost) and gained > CLEAR:
             least = again.cost
             data = {"between": getattr(other, "between", ""), "ratio": float(np.sqrt(minimum.cost / again.cost))}
-            found = [Finding("input-taken-as-constant", task.segments[0].input_names[0], data)]
+            code = "input-taken-as-constant" if problem.plant.hold is Hold.ZERO else "input-taken-as-linear"
+            found = [Finding(code, task.segments[0].input_names[0], data)]
     return found
 
 

@@ -110,9 +110,13 @@ def test_coordinates_keep_to_shared_signals_and_cover_all_other_changes(count: i
     assert np.linalg.cond(effect / np.linalg.norm(effect, axis=0)) < 1e6  # every coordinate changes the output
 
 
+@pytest.mark.parametrize("pairs", [*((pair,) for pair in PAIRS), PAIRS])
 @pytest.mark.parametrize("form", [whitened, normal_form])
-def test_the_forms_keep_output_and_shared_signals(form: Callable[[FeedbackModel, Visited], Same]) -> None:
-    model = sharing(*PAIRS)
+def test_the_forms_keep_output_and_shared_signals(
+    form: Callable[[FeedbackModel, Visited], Same], pairs: tuple[tuple[str, str], ...]
+) -> None:
+    """A line that is taken from the second map changes the output's row, and the column of the input."""
+    model = replace(sharing(*pairs), maps=(MAPS[0], Polynomial(np.array([0.1, 0.2, 0.0, 0.1]))))
     same = form(model, visited(model))
     np.testing.assert_allclose(same.model.output(U, same.state(X)), model.output(U, X), rtol=1e-9, atol=1e-9)
     for pair in same.model.shared:

@@ -32,7 +32,7 @@ from emsid.errors import ModelError
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.sharing import multiple
+from emsid.models.feedback.sharing import Pair, multiple
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -285,15 +285,21 @@ def shared_rows(model: FeedbackModel, in_any_unit: bool = False) -> Array:
         model: with the signals.
         in_any_unit: whether the factor between them may change.
     """
+    rows = [rows_of(model, pair, in_any_unit) for pair in model.shared]
+    return np.concatenate(rows) if rows else np.zeros((0, len(model.parameters)))
+
+
+def rows_of(model: FeedbackModel, pair: Pair, in_any_unit: bool) -> Array:
+    """(k, p) parameters whose product with these is zero have a first signal that is a multiple of the second."""
+    of, like = map(model.entries, pair)
+    factor, own = multiple(model.matrix[of], model.matrix[like]), model.matrix[like][None]
     found = []
-    for of, like in (map(model.entries, pair) for pair in model.shared):
-        factor, own = multiple(model.matrix[of], model.matrix[like]), model.matrix[like][None]
-        for mixture in _null_space(own).T if in_any_unit else np.eye(len(of[0])):
-            change = Change.none(model)
-            change.matrix[of] += mixture
-            change.matrix[like] -= factor * mixture
-            found.append(change.vector(model))
-    return np.array(found).reshape(-1, len(model.parameters))
+    for mixture in _null_space(own).T if in_any_unit else np.eye(len(of[0])):
+        change = Change.none(model)
+        change.matrix[of] += mixture
+        change.matrix[like] -= factor * mixture
+        found.append(change.vector(model))
+    return np.array(found)
 
 
 def _null_space(rows: Array) -> Array:
@@ -425,7 +431,8 @@ def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple
         slope, level: of the line.
 
     Returns:
-        The model, and (n,) the change of its state; None where an integrator would have to hold the level.
+        The model, and (n,) the change of its state; None where an integrator would have to hold the level, or where
+        signals that are shared would no longer be multiples of one another.
     """
     n = model.states
     out, into = model.matrix[:, n + 1 + i], model.matrix[n + i, : n + 1]
@@ -438,7 +445,10 @@ def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple
     offsets, factors = model.map_offsets + matrix[n:-1, :n] @ shift, model.factors.copy()
     factors[:, -1] += factors[:, :n] @ shift
     behind = model.output_offset + float(constants[-1] + matrix[-1, :n] @ shift)
-    return replace(model, matrix=matrix, map_offsets=offsets, factors=factors, output_offset=behind), -shift
+    moved = replace(model, matrix=matrix, map_offsets=offsets, factors=factors, output_offset=behind)
+    if np.abs(moved.matrix - matrix).max(initial=0.0) > CONTAINED * np.abs(matrix).max():
+        return None
+    return moved, -shift
 
 
 def resting_shift(a: Array, constant: Array) -> Array:

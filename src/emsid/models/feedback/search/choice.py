@@ -119,8 +119,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield from contest.entered(faster(bench, each, settings))
     yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
-    if len(contest.best.found.model.maps) > 1:
-        yield from contest.entered(finer(bench, [contest.best], settings))
+    yield from contest.entered(finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
     yield best

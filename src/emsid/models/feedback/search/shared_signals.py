@@ -1,28 +1,40 @@
-"""Signals that maps share: the last step of a search, which makes the chosen model smaller.
+r"""Signals that maps share: the last step of a search, which makes the chosen model smaller.
 
 The force of a spring adds to the input, and depends on the position that is measured; a friction and a back-EMF are
 functions of one speed. A fit gives every map a direction of its own, into it and out of it, and where the data hardly
 determine these, they differ by what the noise makes of them. On other data the signals then leave their range, and with
-it what is known of the map. So two signals are made one, the most similar ones first, and the model is fitted again:
-z of a map with the output, or with z of another map; w of a map with the input, so that both act by the same states, or
-with w of another map. It is kept if Schwarz's criterion and the choice of the search prefer it, which count the
-parameters that are saved.
+it what is known of the map. So two signals are made one, and the model is fitted again: z of a map with the output, or
+with z of another map; w of a map with the input, so that both act by the same states, or with w of another map. It is
+kept if Schwarz's criterion and the choice of the search prefer it, which count the parameters that are saved.
+
+The pairs are tried in the order of what they cost. Where signals are one, n conditions Gθ = 0 hold; with the derivative
+J of the residual, the minimum under them is, to first order,
+
+    θ − (JᵀJ)⁻¹Gᵀ(G(JᵀJ)⁻¹Gᵀ)⁻¹Gθ,      and the sum of squares grows by      (Gθ)ᵀ(G(JᵀJ)⁻¹Gᵀ)⁻¹Gθ
+
+(Wald). The fit begins there.
+
+References:
+    Wald, *Tests of statistical hypotheses concerning several parameters when the number of observations is large*,
+    Transactions of the American Mathematical Society 54 (1943).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from emsid.errors import EmsidError
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.static_maps import Scaling
-from emsid.models.feedback.coordinates import Visited, size_of
-from emsid.models.feedback.fitting import visited
+from emsid.models.feedback.coordinates import coordinates, rows_of
+from emsid.models.feedback.fitting import Found, FreeRun, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.trials import Bench, Trial
 from emsid.models.feedback.sharing import Pair
@@ -30,8 +42,8 @@ from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 
-# Pairs that are tried with one model.
-TRIED = 6
+# Pairs that are tried with one model, and the share of a direction that is added to what the data say of it.
+TRIED, RIDGE = 6, 1e-8
 
 
 def with_shared_signals(bench: Bench, best: Trial) -> Iterator[Trial]:
@@ -52,14 +64,12 @@ def _with_one_more(bench: Bench, best: Trial, refused: set[Pair]) -> Trial | Non
         best: the model.
         refused: pairs that made it worse at a minimum; others are added.
     """
-    model, states = best.found.model, best.found.states
-    seen = visited(model, bench.segments(model), states)
-    pairs = sorted((pair for pair in _pairs(model) if pair not in refused), key=lambda pair: -_alike(model, seen, pair))
-    for pair in pairs[:TRIED]:
+    found = best.found
+    starts = sorted(_starts(found, bench, [pair for pair in _pairs(found.model) if pair not in refused]), key=_cost)
+    for pair, _, model, states in starts[:TRIED]:
         bench.control.doing(f"{pair[0]} a multiple of {pair[1]}")
         with suppress(EmsidError):
-            start = _sharing(model, pair, seen)
-            trial = bench.refined(start, states, best.family, best.size)
+            trial = bench.refined(model, states, best.family, best.size)
             if not _lost(trial, best) and bench.prefers(trial, best):
                 return trial
             if trial.found.minimum.ending.before_minimum:  # with more signals shared it may go farther
@@ -90,25 +100,45 @@ def _pairs(model: FeedbackModel) -> Iterator[Pair]:
             yield from [(w[i], "u")] * free
 
 
-def _alike(model: FeedbackModel, seen: Visited, pair: Pair) -> float:
-    """How similar two signals are: the correlation of what x and u give, or the cosine of how they act on x and y."""
-    of, like = (model.matrix[model.entries(name)] for name in pair)
-    if pair[0] in model.numbered("z"):
-        entering = np.column_stack([seen.x, seen.u])
-        a, b = ((entering - entering.mean(axis=0)) @ each for each in (of, like))
-    else:
-        size = np.append(size_of(seen.x), size_of(seen.y))
-        a, b = of / size, like / size
-    with np.errstate(all="ignore"):
-        cosine = float(np.abs(a @ b) / (np.linalg.norm(a) * np.linalg.norm(b)))
-    return cosine if np.isfinite(cosine) else 0.0
+class Start(NamedTuple):
+    """A model with one more shared signal.
+
+    Attributes:
+        pair: of the signals.
+        cost: what the sum of squares grows by, to first order.
+        model, states: where a fit begins.
+    """
+
+    pair: Pair
+    cost: float
+    model: FeedbackModel
+    states: list[Array]
 
 
-def _sharing(model: FeedbackModel, pair: Pair, seen: Visited) -> FeedbackModel:
-    """The model in which the first signal is the closest multiple of the second one, with the same mean of a z."""
-    same, offsets = replace(model, shared=(*model.shared, pair)), model.map_offsets.copy()
-    if pair[0] in model.numbered("z"):
-        i, at = model.numbered("z").index(pair[0]), model.entries(pair[0])
-        if not model.maps[i].absorbs_shift:
-            offsets[i] += (model.matrix - same.matrix)[at] @ np.append(seen.x.mean(axis=0), seen.u.mean())
-    return replace(same, map_offsets=offsets)
+def _cost(start: Start) -> float:
+    return start.cost
+
+
+def _starts(found: Found, bench: Bench, pairs: Sequence[Pair]) -> Iterator[Start]:
+    """The minima under the conditions of each pair, to first order."""
+    model, segments = found.model, bench.segments(found.model)
+    if not pairs:
+        return
+    spread = coordinates(model, visited(model, segments, found.states))
+    problem = FreeRun(model, spread, segments, model.edge)
+    rows = [rows for _, rows in problem.linearised(np.concatenate([np.zeros(spread.shape[1]), *found.states]))]
+    size = np.linalg.norm(np.concatenate(rows), axis=0)
+    size[size == 0] = 1.0
+    ridge = RIDGE * np.eye(len(size))
+    triangle = np.linalg.qr(np.concatenate([*(each / size for each in rows), ridge]), mode="r")
+    for pair in pairs:
+        conditions = rows_of(model, pair, True)
+        moved = np.pad(conditions @ spread, ((0, 0), (0, len(size) - spread.shape[1]))) / size
+        apart = conditions @ model.parameters
+        across = solve_triangular(triangle, moved.T, trans="T")
+        weights = np.linalg.lstsq(across.T @ across, apart, rcond=None)[0]
+        step = -solve_triangular(triangle, across @ weights) / size
+        free, ends = np.split(step, [spread.shape[1]])
+        there = replace(model.with_parameters(model.parameters + spread @ free), shared=(*model.shared, pair))
+        states = [x + dx for x, dx in zip(found.states, ends.reshape(-1, model.states), strict=True)]
+        yield Start(pair, float(apart @ weights), there, states)

@@ -28,7 +28,7 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
-from emsid.models.blocks.search.choice import Task, from_smaller, improving, with_spread_knots
+from emsid.models.blocks.search.choice import Task, at_best_minimum, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back, shortened
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.knots import too_few_knots
@@ -271,7 +271,7 @@ def estimate(
         for choice in improving(task):
             best = choice
         assert best is not None
-        start = with_spread_knots(task, from_smaller(task, best), several)
+        start = with_spread_knots(task, at_best_minimum(task, best), several)
         return _fitted(start, several, steady, orders, settings, control)
     except Stopped as stopped:
         if best is None:

@@ -22,7 +22,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, shortened
-from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.map_families import POLYNOMIAL, Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
 from emsid.models.blocks.search.refinement import (
@@ -37,6 +37,7 @@ from emsid.models.blocks.search.refinement import (
 from emsid.models.blocks.search.sources import exchanged, ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
 from emsid.selection.improvement import better, matters
 
@@ -238,12 +239,29 @@ def _with_filters_exchanged(task: Task, best: Choice) -> Choice:
 
 
 def _of_best_family(task: Task, best: Choice) -> Choice:
-    """The choice, or a better one with a map of another family."""
+    """The choice, or a better one with a map of another family; with a straight line, if none is better than that.
+
+    Without the line, a linear system gets the map that suits the noise best, such as limits that few samples reach.
+    """
     others = task.settings.families[1:]
     if others:
         task.control.doing("family of the static map")
     plans = [task.plan(best.model, family, task.typical(family)) for family in others]
-    return simplest([best, *task.refined(plans, best)])
+    found = task.refined(plans, best, partial(_bent, task))
+    if POLYNOMIAL in others and not task.topology.outer:  # beside the others it never fits best
+        found += task.refined([task.plan(best.model, POLYNOMIAL, 1)], best)
+    return simplest([best, *found])
+
+
+def _bent(task: Task, choice: Choice) -> bool:
+    """Whether the data that a choice was refined on show bends of its maps."""
+    model = choice.model
+    runs = [model.signals(u, model.resting(float(u[0]))) for u, _ in as_arrays(task.part)]
+    return all(
+        block.bends_over(np.concatenate([signals[k] for signals in runs]))
+        for k, block in enumerate(model.blocks)
+        if isinstance(block, StaticMap)
+    )
 
 
 def _without_bends(task: Task, best: Choice) -> Choice:

@@ -201,6 +201,10 @@ class StaticMap(ABC):
         """Findings on parts of the map that its input x (m,) does not determine."""
         return ()
 
+    def bends_over(self, x: Array) -> bool:
+        """Whether enough of its inputs x (m,) are on either side of a bend; without it the map is a straight line."""
+        return True
+
     def meaning(self, name: str) -> str:
         """The meaning of a parameter in a few words."""
         return self.kind

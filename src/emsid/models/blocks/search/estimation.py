@@ -36,7 +36,7 @@ from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state
 from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
-from emsid.models.blocks.search.refinement import Choice, searched
+from emsid.models.blocks.search.refinement import Choice, searched, with_steeper_jumps
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
@@ -297,7 +297,7 @@ def _fitted(
     how = Search(transient=transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control)
     how["threads"] = settings.threads
     first = Search(restarts=True, least_saving=settings.least_saving, control=control.during(f"fitting {start.name}"))
-    found = searched(start, records, **(how | first))
+    found = with_steeper_jumps(searched(start, records, **(how | first)), **(how | first))
     corrected = Corrected()
     if settings.loss is SQUARES:
         averages, free_map = steady.each if steady else 1.0, len(settings.families) > 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import ClassVar
 
@@ -390,6 +390,10 @@ class CoulombLinear(NumberedMap):
     def started(cls, x: Array, z: Array, size: int) -> CoulombLinear:
         """A sign smoothed over a twentieth of the spread of x, plus a linear term."""
         return closest(cls(0.0, 1.0, width=0.05 * float(np.std(x))), x, z)
+
+    def steeper(self) -> CoulombLinear:
+        """Half the width."""
+        return replace(self, width=0.5 * self.width) if self.width else self
 
     def breaks(self, low: float, high: float) -> Array:
         """Both sides of the jump at zero."""

@@ -185,6 +185,10 @@ class StaticMap(ABC):
         """The same curve with another knot between each two; itself if it has none."""
         return self
 
+    def steeper(self) -> StaticMap:
+        """The same map with a smooth jump that is half as wide; itself if it has none."""
+        return self
+
     def pieces(self) -> Pieces | None:
         """The map as polynomials between break points; None if it is none, and compiled loops cannot evaluate it."""
         return None

@@ -20,14 +20,24 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import Search
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, shortened
-from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.map_families import POLYNOMIAL, Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
-from emsid.models.blocks.search.refinement import Choice, Plan, evident, refined, simplest, with_knots_at_bends
+from emsid.models.blocks.search.refinement import (
+    Choice,
+    Plan,
+    evident,
+    refined,
+    searched,
+    simplest,
+    with_knots_at_bends,
+)
 from emsid.models.blocks.search.sources import exchanged, ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
 from emsid.selection.improvement import better, matters
 
@@ -36,6 +46,12 @@ REFINED_MAPS = 2
 # A cascade whose error is below this fraction of the output, a thousandth of its power, explains the output: no further
 # sources of starts are needed.
 EXPLAINED = 0.03
+# Filters of this order or more may miss the minimum of smaller ones from their own starts.
+LARGE = 3
+# The number of different minima of a smaller model that start a larger one: the lowest may lead to a higher one.
+KEPT = 2
+# A search for a minimum ends where a few steps together lower the cost by less than this part.
+SAVING = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +66,8 @@ class Task:
         settings: options of the search.
         template: offsets, delay and name of the cascade.
         control: when to stop.
+        limits: the largest orders of both filters; None has no limit.
+        explained: whether another model explains the output, so that one source of starts is enough.
     """
 
     topology: Topology
@@ -59,6 +77,8 @@ class Task:
     settings: CascadeSearch
     template: Cascade
     control: Control = FREE
+    limits: Orders = (None, None)
+    explained: bool = False
 
     @cached_property
     def part(self) -> list[Record]:
@@ -69,6 +89,14 @@ class Task:
     def short(self) -> bool:
         """Whether the records are so short that several splits compare models."""
         return len(self.rounds) > 1
+
+    def explains(self, choice: Choice) -> bool:
+        """Whether a choice leaves a negligible part of the output of the data that it was refined on."""
+        return choice.known < self._enough
+
+    @cached_property
+    def _enough(self) -> float:
+        return EXPLAINED * float(np.std(np.concatenate([y for _, y in as_arrays(self.part)])))
 
     def sizes(self, family: Family) -> tuple[int, ...]:
         """The sizes of a family of maps to try."""
@@ -101,17 +129,17 @@ class Task:
         """
         # Of choices beside a rival, only those that fit better than it does are of use.
         ahead = inf if rival is None else rival.known
-        enough = EXPLAINED * float(np.std(np.concatenate([y for _, y in as_arrays(self.part)])))
         found: list[Choice] = []
         others = [] if rival is None else [rival]
         problem: ModelError | None = None
-        for starts in ordered_starts(self.topology, records, orders, self.settings, template, self.control):
+        sources = ordered_starts(self.topology, records, orders, self.settings, template, self.control, self.limits)
+        for starts in sources:
             self.control.doing(f"refining {len(starts)} start values")
             try:
                 found += self.refined([plan(start) for start in starts], rival, lambda each: each.known < ahead)
             except ModelError as failed:
                 problem = failed
-            if any(choice.known < enough for choice in [*others, *found]):
+            if self.explained or any(map(self.explains, [*others, *found])):
                 break
         if problem and not found:
             raise problem
@@ -211,12 +239,29 @@ def _with_filters_exchanged(task: Task, best: Choice) -> Choice:
 
 
 def _of_best_family(task: Task, best: Choice) -> Choice:
-    """The choice, or a better one with a map of another family."""
+    """The choice, or a better one with a map of another family; with a straight line, if none is better than that.
+
+    Without the line, a linear system gets the map that suits the noise best, such as limits that few samples reach.
+    """
     others = task.settings.families[1:]
     if others:
         task.control.doing("family of the static map")
     plans = [task.plan(best.model, family, task.typical(family)) for family in others]
-    return simplest([best, *task.refined(plans, best)])
+    found = task.refined(plans, best, partial(_bent, task))
+    if POLYNOMIAL in others and not task.topology.outer:  # beside the others it never fits best
+        found += task.refined([task.plan(best.model, POLYNOMIAL, 1)], best)
+    return simplest([best, *found])
+
+
+def _bent(task: Task, choice: Choice) -> bool:
+    """Whether the data that a choice was refined on show bends of its maps."""
+    model = choice.model
+    runs = [model.signals(u, model.resting(float(u[0]))) for u, _ in as_arrays(task.part)]
+    return all(
+        block.bends_over(np.concatenate([signals[k] for signals in runs]))
+        for k, block in enumerate(model.blocks)
+        if isinstance(block, StaticMap)
+    )
 
 
 def _without_bends(task: Task, best: Choice) -> Choice:
@@ -247,7 +292,7 @@ def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
     """
     yield best
     task.control.doing("higher orders")
-    while larger := larger_cascades(best.model, task.topology, task.orders, task.part):
+    while larger := larger_cascades(best.model, task.topology, task.orders, task.part, limits=task.limits):
         plans = [Plan(each, best.family, best.size) for each in larger]
         choice = simplest([best, *task.refined(plans, best, partial(_may_replace, task, best))])
         if choice is best:
@@ -277,28 +322,94 @@ def _from_new_starts(task: Task, choice: Choice) -> Choice:
     return min([choice, *found], key=lambda each: each.known)
 
 
-LARGE = 3
-"""Filters of this order or more may miss the minimum of smaller ones from their own starts."""
+def at_best_minimum(task: Task, best: Choice) -> Choice:
+    """The choice for given orders from `LARGE` on, or the same structure at a better minimum.
 
+    A larger model has more minima and may be started far from its best. Smaller ones are in it, with poles that zeros
+    cancel; so it is also started at the minimum of each, from the smallest on, and never fits its own data worse. The
+    one of order `LARGE` is also started at the model whose orders a search chooses up to its own.
 
-def from_smaller(task: Task, best: Choice) -> Choice:
-    """The choice for given orders from `LARGE` on, or that which begins at the minimum of a model one order lower.
-
-    A larger model has more minima and may be started far from its best. The smaller one is in it, with poles that zeros
-    cancel; so a larger model never fits its own data worse.
+    Models of one structure have as many parameters, so their errors on the data that they are fitted to compare them.
+    A few steps do not show which start ends lower, so every search continues to its minimum.
     """
-    orders = task.orders
-    given = [order for order in orders if order is not None]
-    if len(given) != task.topology.first + task.topology.second or min(given) < LARGE:
+    nested = nested_orders(task.orders, task.topology)
+    if not nested:
         return best
-    lower = (None if orders[0] is None else orders[0] - 1, None if orders[1] is None else orders[1] - 1)
     same = replace(task.settings, static=best.family or task.settings.static)
-    with suppress(ModelError):  # without a start for the smaller one
-        *_, small = improving(replace(task, orders=lower, settings=same))
-        task.control.doing("from the minimum of a smaller model")
-        (larger,) = task.refined([Plan(grown(small.model, orders), small.family, small.size)])
-        return min(best, larger, key=lambda choice: choice.known)
-    return best
+    least, smallest, *_ = nested
+    found = [*_chosen(replace(task, orders=least, settings=same, explained=task.explains(best)))]
+    found += _chosen(replace(task, orders=(None, None), limits=smallest, settings=same))
+    for orders in nested[1:]:
+        smaller = replace(task, orders=orders, settings=same, explained=task.explains(best))
+        own = [best] if orders == task.orders else _chosen(smaller)
+        task.control.doing("minima of the same structure")
+        if own or found:
+            found = _lowest(smaller, own, found, divided=orders == smallest)
+    return found[0]
+
+
+def _chosen(task: Task) -> list[Choice]:
+    """The last of the successive choices; none without a start."""
+    with suppress(ModelError):
+        *_, last = improving(task)
+        return [last]
+    return []
+
+
+def nested_orders(orders: Orders, topology: Topology) -> list[Orders]:
+    """Orders from `LARGE` - 1 up to those given, each within the next; none if one is not given, or below `LARGE`.
+
+    Args:
+        orders: that are given, of the filters before and after the map.
+        topology: of the cascade.
+    """
+    given = [order for order in orders if order is not None]
+    if len(given) != topology.first + topology.second or min(given) < LARGE:
+        return []
+    first, second = orders
+    return [
+        (None if first is None else min(first, most), None if second is None else min(second, most))
+        for most in range(LARGE - 1, max(given) + 1)
+    ]
+
+
+def _lowest(task: Task, own: Sequence[Choice], smaller: Sequence[Choice], *, divided: bool) -> list[Choice]:
+    """The `KEPT` lowest minima of choices, with the orders of the task.
+
+    Poles and zeros of the lowest are then divided otherwise between its filters, as long as that lowers it.
+
+    Args:
+        task: whose orders are given.
+        own: of these orders.
+        smaller: of these orders or lower ones.
+        divided: whether poles and zeros are also divided where a smaller one is best.
+    """
+    ends = [_at_minimum(task, each) for each in [*own, *smaller]]
+    best, *others = sorted(ends, key=lambda each: each.known)
+    if divided or best in ends[: len(own)]:
+        compared = replace(task, rounds=())
+        while True:
+            plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]
+            found = [each for each in compared.refined(plans, best) if matters(each.known**2, best.known**2)]
+            if not found:
+                break
+            others.insert(0, best)
+            best = _at_minimum(task, min(found, key=lambda each: each.known))
+    kept = [best]
+    for each in others:
+        if len(kept) < KEPT and matters(kept[-1].known ** 2, each.known**2):
+            kept.append(each)
+    return kept
+
+
+def _at_minimum(task: Task, choice: Choice) -> Choice:
+    """The minimum that a choice leads to, with the orders of the task and the knots of the last fit."""
+    start = with_knots(task, replace(choice, model=grown(choice.model, task.orders)), task.part)
+    steps, control = task.settings.max_iterations, task.control.quietly()
+    limits = Search(max_iterations=steps, least_saving=SAVING, covariances=False, control=control)
+    found = searched(start, task.part, **limits)
+    task.control.check()
+    return replace(choice, model=found.model, known=found.error)
 
 
 def with_spread_knots(task: Task, best: Choice, records: Sequence[Record]) -> Cascade:
@@ -307,13 +418,18 @@ def with_spread_knots(task: Task, best: Choice, records: Sequence[Record]) -> Ca
     If their number is given, they then move to where the map bends, as few knots round a kink wherever it is. The usual
     number is enough everywhere; there, knots that move make fits of a rounded map slightly worse.
     """
-    family = best.family
-    if family is None or not family.sizes or len(best.model.blocks) < 2:
-        return best.model
-    sizes = map_sizes(family, task.topology, records, task.orders, task.settings)
-    size = sizes[-1] if family.smooth else best.size
-    model = started(best.model, lambda x, z: family.start(x, z, size), as_arrays(records))
-    if not family.smooth or task.settings.size is None:
+    model = with_knots(task, best, records)
+    if best.family is None or not best.family.smooth or task.settings.size is None:
         return model
-    task.control.doing(f"knots of the {family.name}")
+    task.control.doing(f"knots of the {best.family.name}")
     return with_knots_at_bends(model, task.part, task.control)
+
+
+def with_knots(task: Task, choice: Choice, records: Sequence[Record]) -> Cascade:
+    """The model of the choice with knots spread over records; a smooth map gets as many as its family has."""
+    family = choice.family
+    if family is None or not family.sizes or len(choice.model.blocks) < 2:
+        return choice.model
+    sizes = map_sizes(family, task.topology, records, task.orders, task.settings)
+    size = sizes[-1] if family.smooth else choice.size
+    return started(choice.model, lambda x, z: family.start(x, z, size), as_arrays(records))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
-from emsid.models.blocks.static_maps import STATIC_MAPS, CubicSpline, StaticMap
+from emsid.models.blocks.static_maps import STATIC_MAPS, CubicSpline, Polynomial, StaticMap
 from emsid.models.blocks.static_maps.through_points import spread_knots
 
 Array = NDArray[np.float64]
@@ -123,4 +123,5 @@ def family_of(static: Any) -> Family:
     )
 
 
+POLYNOMIAL = family(Polynomial)
 SPLINE = family(CubicSpline)

@@ -41,7 +41,12 @@ ROUNDING = 1e-6
 
 
 def larger_cascades(
-    model: Cascade, topology: Topology, orders: Orders, records: Sequence[Record], correlated: bool = True
+    model: Cascade,
+    topology: Topology,
+    orders: Orders,
+    records: Sequence[Record],
+    correlated: bool = True,
+    limits: Orders = (None, None),
 ) -> list[Cascade]:
     """The cascade with one pole and zero more in a filter, for every filter whose error shows that one is missing.
 
@@ -53,10 +58,16 @@ def larger_cascades(
         orders: that are given, of the filters before and after the map; the others may rise.
         records: to which it is fitted.
         correlated: as in `search`.
+        limits: the largest orders of both filters, as in `orders.total_orders`.
     """
     filters = [k for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
-    given = [order for order, there in zip(orders, (topology.first, topology.second), strict=True) if there]
-    open_ = [k for k, order in zip(filters, given, strict=True) if order is None]
+    there = (topology.first, topology.second)
+    most = [
+        0 if order is not None else LARGEST_ORDER if limit is None else limit
+        for order, limit, used in zip(orders, limits, there, strict=True)
+        if used
+    ]
+    open_ = [k for k, order in zip(filters, most, strict=True) if len(_filter(model, k).denominator) < order]
     room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - len(model.parameters)
     if not open_ or room < 2:
         return []
@@ -67,14 +78,9 @@ def larger_cascades(
     for k, parts in zip(open_, explained(problem, minimum.estimate, open_, poles), strict=True):
         best = int(np.argmax(parts))
         left = 1.0 - float(parts[best])
-        block = model.blocks[k]
-        assert isinstance(block, Rational)
-        if (
-            len(block.denominator) < LARGEST_ORDER
-            and matters(left, 1.0)
-            and schwarz_gain(left, 1.0, minimum.samples, 2) > 0
-        ):
-            blocks = (*model.blocks[:k], with_cancelled_pole(block, poles[best]), *model.blocks[k + 1 :])
+        if matters(left, 1.0) and schwarz_gain(left, 1.0, minimum.samples, 2) > 0:
+            block = with_cancelled_pole(_filter(model, k), poles[best])
+            blocks = (*model.blocks[:k], block, *model.blocks[k + 1 :])
             larger.append(replace(model, blocks=blocks))
     return larger
 
@@ -110,6 +116,12 @@ def explained(problem: FreeRun, theta: Array, which: Sequence[int], poles: Array
         along = np.where(after > ROUNDING * before, new @ error / np.maximum(after, 1e-300), 0.0)
         found.append(along**2 / max(float(error @ error), 1e-300))
     return np.array(found)
+
+
+def _filter(model: Cascade, k: int) -> Rational:
+    block = model.blocks[k]
+    assert isinstance(block, Rational)
+    return block
 
 
 def _lagged(signal: Array, pole: float) -> Array:

@@ -292,6 +292,27 @@ def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -
     return min(held, again, key=lambda found: found.error)
 
 
+def with_steeper_jumps(found: Found, **how: Unpack[Search]) -> Found:
+    """The fit, or one whose smooth jumps are half as wide, and half again, as long as the error falls.
+
+    A filter before a jump cannot be fitted, as the derivative of the jump is zero, or infinite. A smooth one can; its
+    width starts far above that of a jump, which only a filter close to that of the system shows.
+
+    Args:
+        found: from `searched`.
+        how: of further searches.
+    """
+    while True:
+        blocks = [block.steeper() if isinstance(block, StaticMap) else block for block in found.model.blocks]
+        if all(new is old for new, old in zip(blocks, found.model.blocks, strict=True)):
+            return found
+        steeper = searched(replace(found.model, blocks=tuple(blocks)), found.records, **how)
+        before, after = (2 * each.minimum.cost / each.minimum.samples for each in (found, steeper))
+        if how.get("control", FREE).ending or not matters(after, before):
+            return found
+        found = steeper
+
+
 def with_knots_at_bends(start: Cascade, records: Sequence[Record], control: Control) -> Cascade:
     """The cascade, or one whose splines have their knots where they bend, where Schwarz's criterion prefers that.
 

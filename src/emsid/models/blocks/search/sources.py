@@ -50,10 +50,11 @@ def ordered_starts(
     settings: CascadeSearch,
     template: Cascade,
     control: Control,
+    limits: Orders = (None, None),
 ) -> Iterator[list[Cascade]]:
     """The cascades to refine, best first: those from the frequency response, and then, if need be, from other sources.
 
-    Of the first ones the best of every order precede the rest.
+    Of the first ones the best of every order precede the rest. The limits of orders are as in `total_orders`.
 
     Raises:
         Stopped: by ``control``.
@@ -67,10 +68,10 @@ def ordered_starts(
             yield [candidate.cascade for candidate in recovered]
             return
     response = measured_response(segments, settings.period)  # without one, the other sources remain
-    totals = total_orders(topology, response, orders)
+    totals = total_orders(topology, response, orders, limits)
     pairs: list[Filters] = []
     for total in totals:
-        for first, second in order_shares(topology, orders, total):
+        for first, second in order_shares(topology, orders, total, limits):
             control.check()
             if response is not None:
                 with suppress(ModelError):  # more coefficients than the response has points
@@ -90,7 +91,7 @@ def ordered_starts(
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
-    shares = order_shares(topology, orders, totals[-1])
+    shares = order_shares(topology, orders, totals[-1], limits)
     for first, second in shares:
         draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
     found += scanned(draws, segments, leading.trial, template, settings.threads)

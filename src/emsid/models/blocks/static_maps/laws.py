@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import ClassVar
 
@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 POINTS = 2_000
 # Quantiles on either side that are tried as edges of a dead zone.
 EDGES = 16
-# Below this fraction of the samples, a side of a map is not reliably determined.
-SELDOM = 0.002
+# Below this fraction of the samples, or with fewer of them, a side of a map is not reliably determined.
+SELDOM, FEW = 0.002, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +122,22 @@ class DeadZone(NumberedMap):
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """A finding for a side, or a zone, with too few samples."""
         sides = (
-            ("left", ["b_l", "m_l"], float(np.mean(x < self.b_l))),
-            ("right", ["b_r", "m_r"], float(np.mean(x > self.b_r))),
+            ("left", ["b_l", "m_l"], x < self.b_l),
+            ("right", ["b_r", "m_r"], x > self.b_r),
         )
         unseen = tuple(
-            Finding("dead-zone-side-unseen", data={"side": side, "parameters": names, "share": share})
-            for side, names, share in sides
-            if share < SELDOM
+            Finding("dead-zone-side-unseen", data={"side": side, "parameters": names, "share": float(np.mean(there))})
+            for side, names, there in sides
+            if _seldom(there)
         )
-        inside = float(np.mean((x > self.b_l) & (x < self.b_r)))
-        return unseen or ((Finding("dead-zone-unseen", data={"share": inside}),) if inside < SELDOM else ())
+        inside = (x > self.b_l) & (x < self.b_r)
+        share = float(np.mean(inside))
+        return unseen or ((Finding("dead-zone-unseen", data={"share": share}),) if _seldom(inside) else ())
+
+    def bends_over(self, x: Array) -> bool:
+        """Whether enough inputs are in two of its three parts."""
+        left, right = x < self.b_l, x > self.b_r
+        return sum(not _seldom(there) for there in (left, ~(left | right), right)) > 1
 
     def marks(self) -> tuple[Array, str]:
         """The ends of the zone."""
@@ -208,6 +214,10 @@ class TwoSlopes(NumberedMap):
             m_l, m_r, level = combination(rows, z).tolist()
             found.append((float(np.sum((np.array([m_l, m_r, level]) @ rows - z) ** 2)), cls(corner, m_l, m_r)))
         return min(found, key=itemgetter(0))[1]
+
+    def bends_over(self, x: Array) -> bool:
+        """Whether enough inputs are on both sides of the corner."""
+        return not (_seldom(x < self.b) or _seldom(x > self.b))
 
     def marks(self) -> tuple[Array, str]:
         """The corner."""
@@ -288,10 +298,17 @@ class Saturation(NumberedMap):
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """A finding for a limit that the signal rarely reaches."""
         linear = self.slope_between * x
-        limits = (("low", float(np.mean(linear <= self.low))), ("high", float(np.mean(linear >= self.high))))
+        limits = (("low", linear <= self.low), ("high", linear >= self.high))
         return tuple(
-            Finding("limit-unseen", data={"side": side, "share": share}) for side, share in limits if share < SELDOM
+            Finding("limit-unseen", data={"side": side, "share": float(np.mean(there))})
+            for side, there in limits
+            if _seldom(there)
         )
+
+    def bends_over(self, x: Array) -> bool:
+        """Whether enough inputs are at one of the limits."""
+        linear = self.slope_between * x
+        return not (_seldom(linear <= self.low) and _seldom(linear >= self.high))
 
     def marks(self) -> tuple[Array, str]:
         """The inputs at which the limits begin."""
@@ -374,6 +391,10 @@ class CoulombLinear(NumberedMap):
         """A sign smoothed over a twentieth of the spread of x, plus a linear term."""
         return closest(cls(0.0, 1.0, width=0.05 * float(np.std(x))), x, z)
 
+    def steeper(self) -> CoulombLinear:
+        """Half the width."""
+        return replace(self, width=0.5 * self.width) if self.width else self
+
     def breaks(self, low: float, high: float) -> Array:
         """Both sides of the jump at zero."""
         tiny = 1e-9 * (high - low)
@@ -382,3 +403,8 @@ class CoulombLinear(NumberedMap):
     def _sign(self, x: Array) -> Array:
         sign: Array = np.tanh(x / self.width) if self.width else np.sign(x)
         return sign
+
+
+def _seldom(there: NDArray[np.bool_]) -> bool:
+    """Whether too few samples are there, of which (N,) says so, to determine that side of a map."""
+    return bool(np.mean(there) < SELDOM or np.sum(there) < FEW)

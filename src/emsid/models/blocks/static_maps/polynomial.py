@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse
 from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
 from emsid.models.terms import sum_of_terms, vector
@@ -138,6 +139,10 @@ class Polynomial(StaticMap):
     def started(cls, x: Array, z: Array, size: int) -> Polynomial:
         """A polynomial of degree ``size`` on the range of x."""
         return closest(cls(np.zeros(size + 1), float(x.min()), float(x.max())), x, z)
+
+    def findings(self, x: Array) -> tuple[Finding, ...]:
+        """That it is a straight line, of degree one."""
+        return (Finding("map-is-straight"),) if self.size == 1 else ()
 
     @property
     def size(self) -> int:

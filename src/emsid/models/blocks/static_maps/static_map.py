@@ -185,6 +185,10 @@ class StaticMap(ABC):
         """The same curve with another knot between each two; itself if it has none."""
         return self
 
+    def steeper(self) -> StaticMap:
+        """The same map with a smooth jump that is half as wide; itself if it has none."""
+        return self
+
     def pieces(self) -> Pieces | None:
         """The map as polynomials between break points; None if it is none, and compiled loops cannot evaluate it."""
         return None
@@ -200,6 +204,10 @@ class StaticMap(ABC):
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Findings on parts of the map that its input x (m,) does not determine."""
         return ()
+
+    def bends_over(self, x: Array) -> bool:
+        """Whether enough of its inputs x (m,) are on either side of a bend; without it the map is a straight line."""
+        return True
 
     def meaning(self, name: str) -> str:
         """The meaning of a parameter in a few words."""

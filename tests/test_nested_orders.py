@@ -1,0 +1,90 @@
+"""A larger class of cascades never fits its own data worse: each search includes the minima of smaller models."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import cheby1, cheby2, lfilter
+
+import emsid
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.search.choice import nested_orders
+from emsid.models.blocks.search.orders import order_shares, total_orders
+from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Noisy = tuple[Record, float]
+
+
+def with_noise(u: Array, y: Array, share: float, rng: np.random.Generator) -> Noisy:
+    """A record, and the standard deviation of its noise, which is a share of that of the output."""
+    deviation = share * float(y.std())
+    return Record(u, y + deviation * rng.standard_normal(len(u)), 0.01), deviation
+
+
+def limited(seed: int) -> Noisy:
+    """Limits between two filters of third order, driven by low-pass noise."""
+    u = lfilter(*cheby1(4, 0.5, 0.35), np.random.default_rng(seed + 100).standard_normal(3000))
+    rng = np.random.default_rng(seed)
+    x = lfilter(*cheby1(3, 0.5, 0.12 + 0.1 * rng.uniform()), u / u.std())
+    y = lfilter(*cheby2(3, 40, 0.3 + 0.1 * rng.uniform()), np.clip(x / x.std(), -0.8, 0.8))
+    return with_noise(u / u.std(), y, 0.003, rng)
+
+
+def smooth(seed: int) -> Noisy:
+    """A hyperbolic tangent between two filters of third order, driven by a multisine up to a fifth of the rate."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(1251, complex)
+    spectrum[1:501] = np.exp(2j * np.pi * rng.uniform(size=500))
+    u = np.fft.irfft(spectrum, 2500)
+    x = lfilter(*cheby1(3, 0.5, 0.15 + 0.1 * rng.uniform()), u / u.std())
+    y = lfilter(*cheby2(3, 30, 0.3 + 0.2 * rng.uniform()), np.tanh(1.5 * x / x.std()))
+    return with_noise(u / u.std(), y, 0.01, rng)
+
+
+def error(record: Noisy, orders: tuple[int, int] | None = None, **given: Any) -> float:
+    """The residual of the fit, in standard deviations of the noise."""
+    fit = emsid.fit(emsid.wiener_hammerstein(orders, **given), record[0])
+    if orders is not None:
+        assert tuple(len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)) == orders
+    return float(np.sqrt(fit.noise_variance)) / record[1]
+
+
+@pytest.mark.parametrize(
+    "seed", [1, 2, pytest.param(4, marks=pytest.mark.long), pytest.param(7, marks=pytest.mark.long)]
+)
+def test_larger_orders_fit_no_worse(seed: int) -> None:
+    """The remaining error above the noise, at a kink, is that of the knots."""
+    record = limited(seed)
+    errors = [error(record, orders, static="spline") for orders in ((3, 3), (3, 4), (4, 4))]
+    assert errors[0] < 1.15
+    assert max(errors[1:]) < 1.005 * errors[0]
+
+
+@pytest.mark.parametrize("seed", [9001, 9005, pytest.param(9009, marks=pytest.mark.long)])
+def test_the_true_orders_fit_as_well_as_chosen_ones(seed: int) -> None:
+    record = smooth(seed)
+    assert error(record, (3, 3)) < min(1.03, 1.005 * error(record))
+
+
+def test_the_number_of_knots_does_not_decide_which_minimum_is_found() -> None:
+    record = smooth(9005)
+    assert [error(record, (3, 3), static="spline", size=size) < 1.03 for size in (10, 20, 40)] == [True] * 3
+
+
+def test_orders_of_smaller_models_are_nested() -> None:
+    assert nested_orders((3, 5), WIENER_HAMMERSTEIN) == [(2, 2), (3, 3), (3, 4), (3, 5)]
+    assert nested_orders((None, 4), HAMMERSTEIN) == [(None, 2), (None, 3), (None, 4)]
+    assert nested_orders((3, None), WIENER) == [(2, None), (3, None)]
+    assert nested_orders((2, 5), WIENER_HAMMERSTEIN) == nested_orders((None, 5), WIENER_HAMMERSTEIN) == []
+
+
+def test_orders_that_are_chosen_keep_their_limits() -> None:
+    free = (None, None)
+    assert order_shares(WIENER_HAMMERSTEIN, free, 5, (3, 3)) == [(2, 3), (3, 2)]
+    assert order_shares(HAMMERSTEIN, free, 4, (None, 4)) == [(None, 4)]
+    assert total_orders(WIENER_HAMMERSTEIN, None, (2, 6), (3, 3)) == [8]

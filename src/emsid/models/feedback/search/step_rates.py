@@ -18,8 +18,6 @@ from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, S
 
 # Steps per sample that are tried: twice the rate, and more as long as that is better.
 TWICE, MOST_STEPS = 2, 8
-# More steps lower the mean square error of the fitted data by at least this share.
-SAVED = 1e-4
 
 
 def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -60,7 +58,7 @@ def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Trial | No
         with suppress(EmsidError):
             start = with_steps_doubled(model, held)
             finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
-    most = (1 - SAVED) ** 0.5 * trial.found.error
+    most = (1 - 1 / trial.found.minimum.samples) ** 0.5 * trial.found.error  # n log MSE falls by one or more
     lower = [each for each in finer if each.found.error < most and each.errors.mean < trial.errors.mean]
     return min(lower, key=lambda each: each.errors.mean, default=None)
 

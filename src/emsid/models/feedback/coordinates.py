@@ -266,8 +266,7 @@ def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None
         _, sizes, axes = np.linalg.svd(redundant[fixed], full_matrices=True)
         rank = int(np.sum(sizes > DEPENDENT))
         redundant = redundant @ axes[rank:].T
-    redundant, alike = redundant[~fixed], shared_rows(model)[:, ~fixed] / scale[~fixed]
-    alike /= np.maximum(np.linalg.norm(alike, axis=1, keepdims=True), 1e-300)
+    redundant, alike = redundant[~fixed], _of_unit_length(shared_rows(model)[:, ~fixed] / scale[~fixed])
     basis = _null_space(alike)
     if redundant.size:
         kept = redundant @ _null_space(alike @ redundant)
@@ -302,6 +301,14 @@ def rows_of(model: FeedbackModel, pair: Pair, in_any_unit: bool) -> Array:
     return np.array(found)
 
 
+def _of_unit_length(rows: Array) -> Array:
+    """(k, q) rows divided by their lengths, also where their squares are too large; those of zeros remain."""
+    largest = np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
+    rows = rows / np.where(largest > 0, largest, 1.0)
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(rows / np.where(length > 0, length, 1.0), dtype=float)
+
+
 def _null_space(rows: Array) -> Array:
     """(q, f) orthonormal directions whose products with the rows (k, q) are zero."""
     if not rows.size:
@@ -326,8 +333,7 @@ def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, con
     """
     scale, fixed = weights(model, visited), fixed | fixed_offsets(model)
     free = coordinates(model, visited) * scale[:, None]
-    rows = np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model, True)]) / scale
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = _of_unit_length(np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model, True)]) / scale)
     redundant = directions(model, visited) * scale[:, None]
     length = np.linalg.norm(redundant, axis=0)
     if not length.any():

@@ -111,22 +111,24 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             return
         best = best or beside
     yield best
-    contest = Contest(bench, tried, best)
-    if best.family is not MAGNITUDE:
+    contest, of_sensor = Contest(bench, tried, best), best.family is MAGNITUDE
+    if not of_sensor:
         yield from contest.entered(_sooner(bench, contest.best, settings))
         others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
         for each in (contest.best, *others):
             yield from contest.entered(faster(bench, each, settings))
     yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
-    yield from contest.entered(finer(bench, [contest.best], settings))
+    if not of_sensor:
+        yield from contest.entered(finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
     yield best
     if bench.compared:
-        yield from _completed(bench, best, settings)
+        yield from () if of_sensor else _completed(bench, best, settings)
     else:
-        yield agreeing(bench, [*eligible, *_smaller(bench, leading(eligible, best, SIMPLIFIED))], best)
+        smaller = () if of_sensor else _smaller(bench, leading(eligible, best, SIMPLIFIED))
+        yield agreeing(bench, [*eligible, *smaller], best)
 
 
 def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

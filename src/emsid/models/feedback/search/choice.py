@@ -232,9 +232,10 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
     if contest.best.family is MAGNITUDE:
         yield from _more_maps(contest, settings, PLAIN.more)
         return
-    others = list(at_twice_the_rate(bench, contest.best, settings))
-    yield from contest.entered(others)
-    yield from contest.entered(finer(bench, others, settings))
+    for each in (contest.best, *_runner_up(contest.tried, contest.best)):
+        others = list(at_twice_the_rate(bench, each, settings))
+        yield from contest.entered(others)
+        yield from contest.entered(finer(bench, others, settings))
     single = contest.best
     yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
     yield from _more_maps(contest, settings, PLAIN.more)

@@ -65,7 +65,7 @@ EXTENDED, SHORT = 4, 2_000
 # Families and sizes that every order is tried with, the last one where these are no better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 # The number of models of a short record whose maps are made to share signals before one is chosen.
-SIMPLIFIED = 4
+SIMPLIFIED = 6
 
 
 class Palette(NamedTuple):
@@ -127,8 +127,9 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     if bench.compared:
         yield from () if of_sensor else _completed(bench, best, settings)
     else:
-        smaller = () if of_sensor else _smaller(bench, leading(eligible, best, SIMPLIFIED))
-        yield agreeing(bench, [*eligible, *smaller], best)
+        several = [each for each in eligible if each is best or bench.determines(each)]
+        smaller = {} if of_sensor else _smaller(bench, leading(several, best, SIMPLIFIED))
+        yield agreeing(bench, [smaller.get(each, each) for each in several], smaller.get(best, best))
 
 
 def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -144,10 +145,9 @@ def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[
             yield trial
 
 
-def _smaller(bench: Bench, trials: Sequence[Trial]) -> Iterator[Trial]:
-    """Those of the trials whose maps can share signals, with as many as possible."""
-    for each in trials:
-        yield from [*with_shared_signals(bench, each)][-1:]
+def _smaller(bench: Bench, trials: Sequence[Trial]) -> dict[Trial, Trial]:
+    """For each trial the one in which as many signals as possible are shared, which then stands for it."""
+    return {each: [each, *with_shared_signals(bench, each)][-1] for each in trials}
 
 
 def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:

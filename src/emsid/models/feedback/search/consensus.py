@@ -12,7 +12,8 @@ differ least from the right one on larger inputs:
 
     min_k Σ_j w_j mean |ŷ_k − ŷ_j|.
 
-A model that is alone in what it says there is not chosen, even if it fits the record a little better.
+A model that is alone in what it says there is not chosen, even if it fits the record a little better. Models with so
+many parameters that the record alone does not show how good they are take no part, but for the best one.
 
 References:
     Kass, Raftery, *Bayes factors*, Journal of the American Statistical Association 90 (1995), on the weights.

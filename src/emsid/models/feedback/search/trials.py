@@ -230,6 +230,10 @@ class Bench:
         """Whether there are samples enough for the parameters of a model."""
         return trial.found.minimum.samples >= FEWEST * trial.parameters
 
+    def determines(self, trial: Trial) -> bool:
+        """Whether there are so many samples that the fitted data alone show how good a model is."""
+        return trial.found.minimum.samples >= PER_PARAMETER * trial.parameters
+
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
         return segments_longer_than(model.memory, model, self.shown)
@@ -311,7 +315,7 @@ class Bench:
         gain = schwarz_gain(error, than, effective_samples(minimum.residuals), extra)
         if compared:
             wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
-        elif extra and minimum.samples < PER_PARAMETER * rich.parameters:
+        elif extra and not self.determines(rich):
             wins = (
                 self.suffices(rich) and error < than and matters(self.left_out(rich).mean, self.left_out(simple).mean)
             )

@@ -136,10 +136,10 @@ def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[
     """With shared signals, and with more steps per sample if these lower the errors then; as long as both go on."""
     now, before = best, None
     while now is not before:
-        before = now
-        for trial in with_shared_signals(bench, before):
+        for trial in with_shared_signals(bench, now):
             now = trial
             yield trial
+        before = now
         for trial in finer(bench, [now], settings):
             now = trial
             yield trial

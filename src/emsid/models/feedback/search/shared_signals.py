@@ -21,6 +21,7 @@ References:
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -44,11 +45,13 @@ Array = NDArray[np.float64]
 
 # Pairs that are tried with one model, and the share of a direction that is added to what the data say of it.
 TRIED, RIDGE = 6, 1e-8
+# How often a pair is tried.
+TWICE = 2
 
 
 def with_shared_signals(bench: Bench, best: Trial) -> Iterator[Trial]:
     """Trials in which more and more signals are shared, each better than the one before."""
-    refused = set[Pair]()
+    refused = Counter[Pair]()
     now: Trial | None = best
     while now is not None:
         now = _with_one_more(bench, now, refused)
@@ -56,25 +59,25 @@ def with_shared_signals(bench: Bench, best: Trial) -> Iterator[Trial]:
             yield now
 
 
-def _with_one_more(bench: Bench, best: Trial, refused: set[Pair]) -> Trial | None:
+def _with_one_more(bench: Bench, best: Trial, refused: Counter[Pair]) -> Trial | None:
     """The model with one more shared signal; None if that makes it worse.
 
     Args:
         bench: the data.
         best: the model.
-        refused: pairs that made it worse at a minimum; others are added.
+        refused: how often a pair made it worse, twice where that was at a minimum; others are added. A pair is tried
+            until then: with more signals shared its search may go farther.
     """
     found = best.found
-    starts = sorted(_starts(found, bench, [pair for pair in _pairs(found.model) if pair not in refused]), key=_cost)
+    starts = sorted(_starts(found, bench, [pair for pair in _pairs(found.model) if refused[pair] < TWICE]), key=_cost)
     for pair, _, model, states in starts[:TRIED]:
         bench.control.doing(f"{pair[0]} a multiple of {pair[1]}")
+        refused[pair] += 1
         with suppress(EmsidError):
             trial = bench.refined(model, states, best.family, best.size)
             if not _lost(trial, best) and bench.prefers(trial, best):
                 return trial
-            if trial.found.minimum.ending.before_minimum:  # with more signals shared it may go farther
-                continue
-        refused.add(pair)
+            refused[pair] += not trial.found.minimum.ending.before_minimum
     return None
 
 

@@ -60,22 +60,21 @@ def input_between_samples(f: Finding, argument: Spelling) -> str:
 @words("input-taken-as-constant", Severity.WARNING)
 def input_taken_as_constant(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: between (the hold that fits better), ratio (of the errors)."""
-    between, ratio = f.data["between"], f.data["ratio"]
-    return (
-        f"{f.subject} is simulated as constant between its samples; with a {between} input the free-run error is "
-        f"{ratio:.3g} times smaller, and the parameters differ. Give the plant between={between!r}, or confirm with "
-        f"{argument('hold')} that the input is constant"
-    )
+    return _taken_as(f, argument, "constant")
 
 
 @words("input-taken-as-linear", Severity.WARNING)
 def input_taken_as_linear(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: between (the course that fits better), ratio (of the errors)."""
+    return _taken_as(f, argument, "linear")
+
+
+def _taken_as(f: Finding, argument: Spelling, course: str) -> str:
     between, ratio = f.data["between"], f.data["ratio"]
     return (
-        f"{f.subject} is simulated as linear between its samples; with a {between} input the free-run error is "
+        f"{f.subject} is simulated as {course} between its samples; with a {between} input the free-run error is "
         f"{ratio:.3g} times smaller, and the parameters differ. Give the plant between={between!r}, or confirm with "
-        f"{argument('hold')} that the input is linear"
+        f"{argument('hold')} that the input is {course}"
     )
 
 

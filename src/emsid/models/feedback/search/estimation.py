@@ -142,10 +142,12 @@ def feedback(
     Args:
         order: of the linear part, 0 to 12; None chooses it on unseen data.
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
-        size: number of knots, or degree, at most 100; 0 for the usual one of the family.
+        size: number of knots, or degree, at most 100; 0 for the usual one of the family, or
+            a larger one if that is better.
         maps: the number of maps, 1 to 6; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
-        oversampling: steps of the model per sample of the record; None tries 1 and 2.
+        oversampling: steps of the model per sample of the record; None tries 1 and 2, and 4 and 8 where these are
+            better.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
 
     Raises:

@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -45,8 +46,8 @@ Array = NDArray[np.float64]
 
 # Pairs that are tried with one model, and the share of a direction that is added to what the data say of it.
 TRIED, RIDGE = 6, 1e-8
-# How often a pair is tried.
-TWICE = 2
+# How often a pair is tried, where its search does not end at a minimum.
+AGAIN = 2
 
 
 def with_shared_signals(bench: Bench, best: Trial) -> Iterator[Trial]:
@@ -65,11 +66,11 @@ def _with_one_more(bench: Bench, best: Trial, refused: Counter[Pair]) -> Trial |
     Args:
         bench: the data.
         best: the model.
-        refused: how often a pair made it worse, twice where that was at a minimum; others are added. A pair is tried
-            until then: with more signals shared its search may go farther.
+        refused: how often each pair made it worse, which is counted here. A search that ended at a minimum counts
+            twice; another one may go farther when more signals are shared.
     """
-    found = best.found
-    starts = sorted(_starts(found, bench, [pair for pair in _pairs(found.model) if refused[pair] < TWICE]), key=_cost)
+    pairs = [pair for pair in _pairs(best.found.model) if refused[pair] < AGAIN]
+    starts = sorted(_starts(best.found, bench, pairs), key=attrgetter("cost"))
     for pair, _, model, states in starts[:TRIED]:
         bench.control.doing(f"{pair[0]} a multiple of {pair[1]}")
         refused[pair] += 1
@@ -116,10 +117,6 @@ class Start(NamedTuple):
     cost: float
     model: FeedbackModel
     states: list[Array]
-
-
-def _cost(start: Start) -> float:
-    return start.cost
 
 
 def _starts(found: Found, bench: Bench, pairs: Sequence[Pair]) -> Iterator[Start]:

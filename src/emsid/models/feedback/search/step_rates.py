@@ -24,8 +24,7 @@ def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tria
     """With two steps per sample, for this order and lower ones."""
     if settings.oversampling is not None:
         return
-    top, now = best.found.model.states, None
-    ways = (False, True) if settings.held is None else (settings.held,)
+    top, now, ways = best.found.model.states, None, settings.ways
     for order in (top, *(each for each in reversed(ORDERS) if each < top and settings.order is None)):
         tried = [each for held in ways if (each := _of_steps(bench, best, order, Steps(TWICE, held)))]
         if now is not None and tried and much_worse(tried[0], now):
@@ -51,7 +50,7 @@ def finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch) -> It
 def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Trial | None:
     """With twice the steps per sample; None if that does not lower the errors."""
     model = trial.found.model
-    ways = (False, True) if settings.held is None and model.oversampling == 1 else (model.held,)
+    ways = settings.ways if model.oversampling == 1 else (model.held,)
     finer = list[Trial]()
     for held in ways:
         bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
@@ -73,7 +72,7 @@ def at_twice_the_rate(bench: Bench, best: Trial, settings: FeedbackSearch) -> It
     if settings.oversampling is not None or model.oversampling != TWICE:
         return
     for order in {model.states, model.states if settings.order else max(model.states - 1, 1)}:
-        for held in (False, True) if settings.held is None else (settings.held,):
+        for held in settings.ways:
             trial = _of_steps(bench, best, order, Steps(TWICE, held))
             if trial is not None and not much_worse(trial, best):
                 yield trial

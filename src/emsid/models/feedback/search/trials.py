@@ -132,6 +132,11 @@ class FeedbackSearch:
             raise ModelError(f"feedback: {problem}", arguments=options) from None
 
     @property
+    def ways(self) -> tuple[bool, ...]:
+        """The ways to take the input between its samples that are tried: held or not."""
+        return (False, True) if self.held is None else (self.held,)
+
+    @property
     def longest(self) -> int:
         """The longest delay that may be chosen, in samples."""
         return max(LONGEST, self.shown) if self.delay is None else self.delay

@@ -70,6 +70,30 @@ def test_it_rests_where_a_run_ends(level: float) -> None:
     assert moved == pytest.approx(level - np.clip(level, -3, 3), abs=0.1)
 
 
+def saturated_loop(begin: float = 0.0) -> FeedbackModel:
+    """A PI controller with a limit, whose integrator begins at this value, and a lag: states y and the integral."""
+    kp, ki, lag = 8.0, 0.05, 0.03
+    matrix = [[1 - lag, 0, 0, lag], [-ki, 1, ki, 0], [-kp, 1, kp, 0], [1, 0, 0, 0]]
+    return FeedbackModel(np.array(matrix), (Saturation(1.0, -3.0, 3.0),), np.array([begin]), dt=DT)
+
+
+def test_a_rest_is_looked_for_from_the_centre() -> None:
+    """In coordinates in which the zero state is far from the data, the controller takes longer than the run to it."""
+    u = np.repeat(np.random.default_rng(2).uniform(-2, 2, 200), 15)
+    model = saturated_loop(begin=400.0)
+    assert abs(model.resting(1.0)[0] - 1.0) > 1
+    inside = replace(model, centre=np.array([0.0, -400.0]))
+    np.testing.assert_allclose(inside.resting(1.0), [1.0, -399.0])
+    y = inside.output(u, inside.resting(0.0))
+    record = Record(u, y + 0.01 * np.std(y) * np.random.default_rng(3).normal(size=len(u)), DT)
+    fitted = fit_feedback(inside, record).model
+    seen = fitted.trajectory(u, fitted.resting(0.0)).x
+    np.testing.assert_allclose(fitted.centre, seen.mean(axis=0), atol=0.01 * seen.std())
+    assert fitted.output(u, fitted.resting(0.0)) == pytest.approx(y, abs=0.01 * np.std(y))
+    again = FeedbackModel.from_data(fitted.to_data())
+    np.testing.assert_array_equal(again.centre, fitted.centre)
+
+
 # --- cases -----------------------------------------------------------------------------------------------------------
 
 
@@ -149,11 +173,12 @@ def test_redundant_directions_leave_the_output_as_it_is(name: str, make: Callabl
 @pytest.mark.parametrize("make", [loop, multiplied])
 @pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "monotone-spline", "coulomb-linear", "abs"])
 def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[str], FeedbackModel]) -> None:
-    model = make(name)
+    model = replace(make(name), centre=X)
     expected = model.output(U, X)
     normal = normal_form(model, visited(model))
     for same in (whitened(model, visited(model)), normal):
         np.testing.assert_allclose(same.model.output(U, same.state(X)), expected, rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(same.model.centre, same.state(model.centre), rtol=1e-9, atol=1e-10)
     seen = visited(normal.model, U, normal.state(X))
     spread = coordinates_in_form(normal.model, seen, normal.fixed, normal.conditions)
     assert not spread[normal.fixed].any()
@@ -193,6 +218,8 @@ def test_what_is_no_feedback_model_is_refused() -> None:
         FeedbackModel(LOOP, (Rational([1.0]),))  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="finite"):
         FeedbackModel(np.full((1, 1), np.nan))
+    with pytest.raises(ModelError, match="a centre of 3 states; give 2"):
+        replace(loop(), centre=np.ones(3))
     with pytest.raises(ModelError, match="one input"):
         fit_feedback(loop(), Record(np.zeros((50, 2)), np.arange(50.0), DT))
     steep = FeedbackModel(LOOP, (Polynomial(np.array([0.0, 0.0, 0.0, 500.0])),))

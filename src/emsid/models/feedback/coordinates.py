@@ -364,7 +364,7 @@ def with_state(model: FeedbackModel, transform: Array) -> FeedbackModel:
     factors = model.factors.copy()
     for rows in (matrix, factors):
         rows[:, :n] = np.linalg.solve(transform.T, rows[:, :n].T).T
-    return replace(model, matrix=matrix, factors=factors)
+    return replace(model, matrix=matrix, factors=factors, centre=transform @ model.centre)
 
 
 def with_units(model: FeedbackModel, i: int, unit_in: float, unit_out: float) -> FeedbackModel:
@@ -451,7 +451,14 @@ def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple
     offsets, factors = model.map_offsets + matrix[n:-1, :n] @ shift, model.factors.copy()
     factors[:, -1] += factors[:, :n] @ shift
     behind = model.output_offset + float(constants[-1] + matrix[-1, :n] @ shift)
-    moved = replace(model, matrix=matrix, map_offsets=offsets, factors=factors, output_offset=behind)
+    moved = replace(
+        model,
+        matrix=matrix,
+        map_offsets=offsets,
+        factors=factors,
+        output_offset=behind,
+        centre=model.centre - shift,
+    )
     if np.abs(moved.matrix - matrix).max(initial=0.0) > CONTAINED * np.abs(matrix).max():
         return None
     return moved, -shift

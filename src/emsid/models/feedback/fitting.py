@@ -288,6 +288,7 @@ def conclude(
     form = normal_form(last.model, visited(last.model, segments, last.states))
     model, states = form.model, [form.state(x) for x in last.states]
     seen = visited(model, segments, states)
+    model = replace(model, centre=seen.x.mean(axis=0))
     spread = coordinates_in_form(model, seen, form.fixed, form.conditions)
     problem = FreeRun(model, spread, segments, transient, control.check)
     minimum = replace(_gauss_newton(problem, states, 0, tolerance, control, True), ending=last.minimum.ending)

@@ -98,10 +98,13 @@ class FeedbackModel(OneChannelMethods):
             may be one of the output, without what w adds to it, ``("z1", "y")``, or of z of a map before it, ``("z2",
             "z1")``, but for its offset; w may act on the state and the output as the input does, ``("w1", "u")``, or as
             another w, ``("w2", "w1")``. The elements of the first are made the closest multiple of those of the second.
+        centre: (n,) the mean state over the records of its fit, from which `resting` looks for a steady state; by
+            default zero. A model may have several steady states, of which those far from its data mean nothing.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
-            object that is no static map, an invalid delay or oversampling, or pairs of other signals.
+            object that is no static map, an invalid delay or oversampling, pairs of other signals, or a centre of
+            another length.
     """
 
     matrix: Array
@@ -115,6 +118,7 @@ class FeedbackModel(OneChannelMethods):
     dt: float | None = None
     factors: Array = ()  # type: ignore[assignment]  # made an array below
     shared: tuple[tuple[str, str], ...] = ()
+    centre: Array = ()  # type: ignore[assignment]  # made an array below
 
     models_noise: ClassVar[bool] = False
 
@@ -124,9 +128,13 @@ class FeedbackModel(OneChannelMethods):
         offsets = np.zeros(m) if np.size(self.map_offsets) == 0 else self.map_offsets
         ones = np.eye(1, self.states + 2, self.states + 1).repeat(m, axis=0)
         factors = ones if np.size(self.factors) == 0 else self.factors
+        centre = np.zeros(max(self.states, 0)) if np.size(self.centre) == 0 else self.centre
         for field, value, dimensions in (
-            ("matrix", self.matrix, 2), ("map_offsets", offsets, 1), ("factors", factors, 2)
-        ):  # fmt: skip
+            ("matrix", self.matrix, 2),
+            ("map_offsets", offsets, 1),
+            ("factors", factors, 2),
+            ("centre", centre, 1),
+        ):
             array = np.array(value, dtype=float)
             if array.ndim != dimensions or not np.isfinite(array).all():
                 raise ModelError(f"{self.name}: {field} needs {dimensions} dimensions and finite numbers")
@@ -140,6 +148,8 @@ class FeedbackModel(OneChannelMethods):
             )
         if self.factors.shape != (m, n + 2):
             raise ModelError(f"{self.name}: factors of shape {self.factors.shape}; with n states give (m, n + 2)")
+        if self.centre.shape != (n,):
+            raise ModelError(f"{self.name}: a centre of {len(self.centre)} states; give {n}, as the matrix has")
         if self.matrix[n : n + m, n + 1 :].any():
             raise ModelError(f"{self.name}: w must not reach z in the same step; that block of the matrix is zero")
         for k, each in enumerate(self.maps, start=1):
@@ -325,13 +335,13 @@ class FeedbackModel(OneChannelMethods):
         return after, self.linearised(step.z[0], self.factor(step.x, np.full(1, u))[0])
 
     def resting(self, level: float) -> Array:
-        """(n,) the steady state for a constant input: where a run ends, completed by Newton steps.
+        """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
 
         Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
         """
-        out, end = self.stepped(np.full(SETTLING, level), np.zeros(self.states))
+        out, end = self.stepped(np.full(SETTLING, level), self.centre)
         if not np.isfinite(out.y).all():
-            return self._completed(np.zeros(self.states), level)
+            return self._completed(self.centre, level)
         rest = self._completed(end, level)
         after, whole = self.linearised_at(rest, level)
         found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
@@ -402,6 +412,7 @@ class FeedbackModel(OneChannelMethods):
             **({} if self.dt is None else {"dt": self.dt}),
             **({"factors": self.factors.tolist()} if len(self.multiplied) else {}),
             **({"shared": [list(pair) for pair in self.shared]} if self.shared else {}),
+            **({"centre": self.centre.tolist()} if self.centre.any() else {}),
         }
 
     @classmethod
@@ -425,6 +436,7 @@ class FeedbackModel(OneChannelMethods):
                 None if data.get("dt") is None else float(data["dt"]),
                 np.array(data.get("factors", ()), dtype=float),
                 tuple((str(first), str(second)) for first, second in data.get("shared", ())),
+                np.array(data.get("centre", ()), dtype=float),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a feedback model: {problem!r}") from None

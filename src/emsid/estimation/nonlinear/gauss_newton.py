@@ -20,6 +20,9 @@ triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so the
 multiplied by max(1/10, 1 − (2ϱ − 1)³), and otherwise by 2, 4, 8, … (Nielsen 1999). A trial point without a
 residual (an unstable filter, a simulation that overflowed) counts as a failed step; the next one is shorter.
 
+Damped steps follow the bend of a narrow valley (`acceleration`), unless the problem is sparse, so that the derivative
+is not kept.
+
 **The end.** The search has converged when the undamped step to the linearised minimum is shorter than
 ``tolerance`` standard errors, the relative offset of Bates & Watts (1981),
 
@@ -46,6 +49,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,7 +57,8 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.box import Box
+from emsid.estimation.nonlinear.acceleration import acceleration
+from emsid.estimation.nonlinear.box import Box, bounded
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
@@ -63,6 +68,7 @@ from emsid.estimation.nonlinear.problem import (
     Infeasible,
     Linearised,
     Problem,
+    SparseProblem,
     cost,
     linearised,
     trial_cost,
@@ -84,6 +90,8 @@ LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 FIRST_DAMPING = 1e-3
 # The damping grows by this factor after a step to parameters without a derivative.
 MORE_DAMPING = 100.0
+# A step is accelerated if it promises less than this share of what the undamped step does.
+DAMPED = 0.9
 # A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
 # weights of the penalties that are smaller by the second number, at most the third number of times.
 RAISED, LIGHTER, MOST_LIGHTENED = 0.05, 0.1, 8
@@ -286,14 +294,27 @@ class _Search:
             if saving <= ROUNDING * point.cost:
                 break
             self.control.check()
-            theta = self.box.moved(point.theta, step)
-            trial = trial_cost(self.problem, theta, self.loss) + point.penalty.cost(theta)
+            ends = [self.box.moved(point.theta, each) for each in self._bent(iterate, damped, step)]
+            costs = [trial_cost(self.problem, each, self.loss) + point.penalty.cost(each) for each in ends]
+            trial, theta = min(zip(costs, ends, strict=True), key=itemgetter(0))
             ratio = (point.penalised_cost - trial) / saving
             if ratio > 0:
                 return theta, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
             damping *= growth
             growth *= 2.0
         return None, damping
+
+    def _bent(self, iterate: _Iterate, damped: Information, step: Array) -> list[Array]:
+        """(n,) a damped step, and what follows the bend of the valley if the damping makes it much shorter."""
+        point = iterate.point
+        shorter = promised(point.information, step) < DAMPED * promised(point.information, iterate.remaining)
+        if isinstance(self.problem, SparseProblem) or not shorter:
+            return [step]
+        triangle, varied = damped.factor[:-1, :-1], self.box.varied
+        bend = acceleration(
+            self.problem, point.theta, point.linearised.blocks(), self.loss, varied, triangle, iterate.scale, step
+        )
+        return [step] if bend is None else [step, step + bend]
 
     def _cost_hardly_falls(self, iterate: _Iterate) -> bool:
         if not self.least_saving or iterate.steps < PATIENCE:
@@ -350,7 +371,7 @@ def gauss_newton(
     """
     if max_iterations < 0:
         raise ModelError(f"max_iterations {max_iterations}: this is a number of steps; give at least 0")
-    theta, box = _check_start(start, lower, upper, names)
+    theta, box = bounded(start, lower, upper, names)
     search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, smoothing)
     iterate = search.begin(theta)
     while (end := search.end(iterate)) is None:
@@ -384,7 +405,7 @@ def each_step(
         ModelError: as `gauss_newton`.
         Stopped: by ``problem`` or ``control``.
     """
-    theta, box = _check_start(start, lower, upper, names)
+    theta, box = bounded(start, lower, upper, names)
     search = _Search(problem, box, SQUARES, MOST_STEPS, tolerance, 0.0, 0.0, control, NONE)
     iterate: _Iterate | None = search.begin(theta)
     while iterate is not None and search.end(iterate) is None:
@@ -392,25 +413,6 @@ def each_step(
         if after[0] is not None:
             yield after[0]
         iterate = search.advance(iterate, after)
-
-
-def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:
-    theta = np.array(start, dtype=float)
-    if theta.ndim != 1:
-        raise ModelError(f"start values of shape {theta.shape}; give (p,)")
-    if names and len(names) != len(theta):
-        raise ModelError(f"{len(names)} names for {len(theta)} parameters")
-    low = np.broadcast_to(np.asarray(lower, dtype=float), theta.shape)
-    high = np.broadcast_to(np.asarray(upper, dtype=float), theta.shape)
-    for k, (value, a, b) in enumerate(zip(theta, low, high, strict=True)):
-        what = names[k] if names else f"θ{k + 1}"
-        if not np.isfinite(value):
-            raise ModelError(f"start value of {what} is {value}; give a finite number")
-        if not a <= b:
-            raise ModelError(f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one")
-        if not a <= value <= b:
-            raise ModelError(f"start value {value:g} of {what} is outside its bounds [{a:g}, {b:g}]")
-    return theta, Box(low, high, np.flatnonzero(low < high))
 
 
 def _finite(number: float) -> float | None:

@@ -125,11 +125,11 @@ def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.M
     before = fit_feedback(truth, record, max_iterations=8)
     steps, reached = fitting._last_steps, []
 
-    def flattened(*args: object) -> Found:
-        last = steps(*args)
+    def flattened(*args: object) -> tuple[Found, list[fitting.Other]]:
+        last, others = steps(*args)
         reached.append(last)
         heavier = replace(last.minimum, residuals=tuple(10 * each for each in last.minimum.residuals))
-        return replace(last, model=last.model.with_parameters(0.5 * last.model.parameters), minimum=heavier)
+        return replace(last, model=last.model.with_parameters(0.5 * last.model.parameters), minimum=heavier), others
 
     monkeypatch.setattr(fitting, "_last_steps", flattened)
     after = fit_feedback(truth, record, max_iterations=8)

@@ -68,18 +68,29 @@ def drawn(slopes: Array, residuals: Sequence[Array], rng: np.random.Generator, m
     return np.asarray((moves / np.maximum(beyond, 1.0)).sum(axis=1))
 
 
+Ends = Sequence[tuple[float, Array]]
+"""The cost and the leading parameters of searches."""
+
+
 def begun_again(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> Minimum:
     """The end of a search that did not converge, or a better one of others that begin around it.
 
-    The others are quick. From the best of them the search goes on in full; if that does not converge either, others
-    that end with the same cost make up for it, see `confirmed`. A search that converged, or that was stopped, is
-    returned as it is.
+    If the best one does not converge either, others that end with the same cost make up for it, see `confirmed`. A
+    search that converged, or that was stopped, is returned as it is.
 
     Args:
         minimum: the end of the search.
         search: a search from θ, with the options of `gauss_newton` that it is given.
         own: the number of parameters, before initial states, that ends are compared in.
         control: when to stop.
+    """
+    return confirmed(*begun_around(minimum, search, own, control))
+
+
+def begun_around(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> tuple[Minimum, Ends]:
+    """The best end of a search that did not converge and of others that begin around it, and the ends of the others.
+
+    The others are quick. From the best of them the search goes on in full. The arguments are those of `begun_again`.
     """
     rng, begin, best = np.random.default_rng(0), minimum, minimum
     ends: list[tuple[float, Array]] = []
@@ -94,15 +105,15 @@ def begun_again(minimum: Minimum, search: Search, own: int, control: Control = F
             best = min(best, again, key=lambda each: each.cost)
     if control.ending is None and (best.cost < (1 - SLOW) * minimum.cost or minimum.ending is Ending.OUT_OF_BUDGET):
         minimum = min(minimum, search(best.estimate), key=lambda each: each.cost)
-    return confirmed(minimum, ends)
+    return minimum, ends
 
 
-def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]], part: float = SAME) -> list[Array]:
+def _same(minimum: Minimum, ends: Ends, part: float = SAME) -> list[Array]:
     """The ends in the same minimum: the cost is higher by no more than this part."""
     return [values for cost, values in ends if cost <= (1 + part) * minimum.cost]
 
 
-def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
+def confirmed(minimum: Minimum, ends: Ends) -> Minimum:
     """A search that stalled, with how many of those that began around its end ended with the same cost.
 
     It counts as converged if there are enough of these, and none found a lower cost.

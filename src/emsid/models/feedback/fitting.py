@@ -8,18 +8,22 @@ parameters within this form.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
+from emsid.estimation.nonlinear.restarts import Ends, begun_around, confirmed
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, whitened
@@ -42,6 +46,8 @@ STEPS, ROUNDS = 25, 6
 MOST_STATES = 60
 # Less than this fraction of the cost saved in a round ends the search.
 SAVED = 1e-3
+# In records of at most this many samples, a search that does not converge is begun again.
+BEGUN_AGAIN = 10_000
 # A fit whose last steps raise the error by more than this factor keeps the parameters that it had before them.
 WORSE = 1.05
 
@@ -281,10 +287,12 @@ def conclude(
     Raises:
         Stopped: by ``control``, within a long segment.
     """
-    last = _last_steps(found, segments, transient, max_iterations, tolerance, control) if found.settled else found
+    last, others = found, list[Other]()
+    if found.settled:
+        last, others = _last_steps(found, segments, transient, max_iterations, tolerance, control)
     ended = found.settled and last.error <= WORSE * found.error
     if not ended:  # also where the weights of the penalties began too heavy in other coordinates
-        last = found
+        last, others = found, []
     form = normal_form(last.model, visited(last.model, segments, last.states))
     model, states = form.model, [form.state(x) for x in last.states]
     seen = visited(model, segments, states)
@@ -295,6 +303,7 @@ def conclude(
     if ended:
         end = last.minimum
         minimum = replace(minimum, findings=end.findings, iterations=end.iterations, costs=end.costs).judged()
+        minimum = confirmed(minimum, _in_form(others, model, spread, segments, last.states))
     free = spread.shape[1]
     own = minimum.covariance[:free, :free]
     lost = np.isinf(np.diag(own))
@@ -317,13 +326,17 @@ def conclude(
     )
 
 
+Other = tuple[float, FeedbackModel]
+"""The cost of another search, and the model where it ends."""
+
+
 def _last_steps(
     found: Found, segments: Segments, transient: int, iterations: int, tolerance: float, control: Control
-) -> Found:
-    """The minimum near one that has settled, in the coordinates of `observer_form`.
+) -> tuple[Found, list[Other]]:
+    """The minimum near one that has settled, in the coordinates of `observer_form`, and where others end around it.
 
     That form measures z and w by single elements, which cannot be held where signals are shared; then the coordinates
-    are those of the search.
+    are those of the search. Others are begun if the search does not converge in a record that is not long.
     """
     seen = visited(found.model, segments, found.states)
     same, held = (whitened(found.model, seen), None) if found.model.shared else observer_form(found.model, seen)
@@ -331,8 +344,30 @@ def _last_steps(
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient, control.check)
     minimum = _gauss_newton(problem, states, iterations, tolerance, control, False)
+    ends: Ends = []
+    if iterations and sum(len(y) for _, y in segments) <= BEGUN_AGAIN:
+
+        def search(theta: Array, **options: Any) -> Minimum:
+            given = {"max_iterations": iterations, "tolerance": tolerance, "control": control, "covariances": False}
+            return _search(problem, theta, **(given | options))
+
+        minimum, ends = begun_around(minimum, search, spread.shape[1], control)
     states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
-    return Found(problem.at(minimum.estimate), states, minimum, True)
+    others = [(cost, problem.at(own)) for cost, own in ends]
+    return Found(problem.at(minimum.estimate), states, minimum, True), others
+
+
+def _in_form(
+    others: Sequence[Other], model: FeedbackModel, spread: Array, segments: Segments, states: Sequence[Array]
+) -> Ends:
+    """The costs of other models and their parameters (f,) in the coordinates of a fitted one, in the normal form."""
+    ends = []
+    for cost, other in others:
+        with suppress(EmsidError):
+            form = normal_form(other, visited(other, segments, states)).model
+            moved = np.linalg.lstsq(spread, form.parameters - model.parameters, rcond=None)[0]
+            ends.append((cost, np.asarray(moved, dtype=float)))
+    return ends
 
 
 def _findings(minimum: Minimum, unknown: list[str]) -> tuple[Finding, ...]:
@@ -354,8 +389,21 @@ def _gauss_newton(
     covariances: bool,
     least_saving: float = 0.0,
 ) -> Minimum:
+    theta = np.concatenate([np.zeros(problem.spread.shape[1]), *states])
+    return _search(
+        problem,
+        theta,
+        max_iterations=iterations,
+        tolerance=tolerance,
+        control=control,
+        covariances=covariances,
+        least_saving=least_saving,
+    )
+
+
+def _search(problem: FreeRun, theta: Array, **options: Any) -> Minimum:
+    """`gauss_newton` from (φ, states), with these options of it."""
     free = problem.spread.shape[1]
-    theta = np.concatenate([np.zeros(free), *states])
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
     if len(theta) - free > MOST_STATES:
         low[free:] = high[free:] = theta[free:]
@@ -364,17 +412,13 @@ def _gauss_newton(
         theta,
         lower=low,
         upper=high,
-        max_iterations=iterations,
-        tolerance=tolerance,
-        least_saving=least_saving,
         names=(
             *(f"coordinate {k + 1}" for k in range(free)),
             *("starting states" for _ in range(len(theta) - free)),
         ),
-        control=control,
-        covariances=covariances,
         interruptible=max(len(y) for _, y in problem.segments) > BLOCK,
         smoothing=Smoothing(problem.penalties),
+        **options,
     )
 
 

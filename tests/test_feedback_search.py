@@ -476,7 +476,8 @@ def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> No
 
     def tried() -> list[Trial]:
         asked.clear()
-        return list(choice._other_maps(choice.Contest(Judge(), [first], first), FeedbackSearch()))  # type: ignore[arg-type]
+        contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+        return list(choice._other_maps(contest, FeedbackSearch(), []))
 
     assert tried() == [second]
     assert asked == [*choice.PLAIN, choice.FREE_FORM.others]

@@ -6,7 +6,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    most: a polynomial and a dead zone, or else a spline;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order and lower ones, two steps per sample, and more if these are better;
-3. other families of maps with few numbers;
+3. other families of maps with few numbers, and friction that sticks (`sticking`);
 4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
@@ -40,6 +40,7 @@ from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
 from emsid.models.feedback.search.starts import with_family, with_product
 from emsid.models.feedback.search.step_rates import at_twice_the_rate, faster, finer
+from emsid.models.feedback.search.sticking import sticking
 from emsid.models.feedback.search.trials import (
     LONGEST,
     MOST_MAPS,
@@ -114,10 +115,16 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     contest, of_sensor = Contest(bench, tried, best), best.family is MAGNITUDE
     if not of_sensor:
         yield from contest.entered(_sooner(bench, contest.best, settings))
-        others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
-        for each in (contest.best, *others):
-            yield from contest.entered(faster(bench, each, settings))
-    yield from _other_maps(contest, settings)
+    stuck = [] if of_sensor else _with_sticking(contest, settings)
+    if any(_settles(contest, each) for each in stuck):
+        yield from contest.entered(stuck)
+        yield from _more_maps(contest, settings, PLAIN.more, len(contest.best.found.model.maps) + 1)
+    else:
+        if not of_sensor:
+            others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
+            for each in (contest.best, *others):
+                yield from contest.entered(faster(bench, each, settings))
+        yield from _other_maps(contest, settings, stuck)
     yield from contest.entered(_sooner(bench, contest.best, settings))
     if not of_sensor:
         yield from contest.entered(finer(bench, [contest.best], settings))
@@ -222,11 +229,12 @@ class Contest:
                 yield trial
 
 
-def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
+def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Trial]) -> Iterator[Trial]:
     """With other families of maps in place of the first one, and beside it.
 
-    Maps of free form come last, and beside others only where one map of free form is the best model. Several of them
-    follow the record as well as the right maps, but with many parameters, and then err in other combinations of states.
+    Models with friction that sticks (``stuck``) take part before maps are added. Maps of free form come last, and
+    beside others only where one map of free form is the best model. Several of them follow the record as well as the
+    right maps, but with many parameters, and then err in other combinations of states.
     """
     bench = contest.bench
     if contest.best.family is MAGNITUDE:
@@ -238,6 +246,7 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
         yield from contest.entered(finer(bench, others, settings))
     single = contest.best
     yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
+    yield from contest.entered(stuck)
     yield from _more_maps(contest, settings, PLAIN.more)
     plain = contest.best
     if not bench.leaves_noise(plain):
@@ -246,10 +255,33 @@ def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
         yield from _more_maps(contest, settings, FREE_FORM.more)
 
 
-def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
-    """With further maps, one after the other, until none explains more or the best model leaves noise only."""
+def _with_sticking(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
+    """With friction that sticks, where more than noise is left, and with all numbers of steps per sample.
+
+    Friction acts between samples, so that few steps are wrong at other inputs although they may do for the record; and
+    what they miss is no reason for further maps.
+    """
+    bench, best = contest.bench, contest.best
+    if bench.leaves_noise(best):
+        return []
+    trials = list(sticking(bench, best.found.model.delay, settings))
+    for trial in trials:
+        best = trial if bench.prefers(trial, best) else best
+    return trials if best is contest.best else [*trials, *finer(bench, [best], settings, in_any_case=True)]
+
+
+def _settles(contest: Contest, stuck: Trial) -> bool:
+    """Whether friction that sticks is far better than the best model so far, so that others in its place are not tried.
+
+    Short records compare many models, as no unseen data show which is right.
+    """
+    return contest.bench.compared and much_worse(contest.best, stuck) and contest.bench.prefers(stuck, contest.best)
+
+
+def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: int = 2) -> Iterator[Trial]:
+    """With further maps, from this number on, until none explains more or the best model leaves noise only."""
     most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
-    for number in range(2, min(settings.maps or most, most) + 1):
+    for number in range(least, min(settings.maps or most, most) + 1):
         before, fewer = contest.best, _that_explain_most(contest, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return

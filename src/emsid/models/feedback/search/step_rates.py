@@ -3,7 +3,7 @@
 A model with one step per sample makes up for what happens between samples by a higher order, which holds for inputs
 like those of its record only: of a hardening spring it is wrong on a sweep through the resonance. With more steps, a
 lower order suffices. Two steps are tried with the order of the best model and lower ones, and then, from the fitted
-model, twice as many again, as long as that lowers the errors.
+model, twice as many again, as long as that does not raise the errors: more steps cost no parameters.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from contextlib import suppress
 from emsid.errors import EmsidError
 from emsid.models.feedback.search.further_maps import with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
+from emsid.models.feedback.search.sticking import sticking_map, with_sticking_steps_doubled
 from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, Steps, Trial, much_worse
+from emsid.selection.improvement import matters
 
-# Steps per sample that are tried: twice the rate, and more as long as that is better.
+# Steps per sample that are tried: twice the rate, and more as long as that is no worse.
 TWICE, MOST_STEPS = 2, 8
 
 
@@ -35,31 +37,46 @@ def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tria
                 now, ways = each, (each.found.model.held,)
 
 
-def finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch) -> Iterator[Trial]:
-    """With twice the steps per sample, and twice again, as long as that lowers the errors."""
+def finer(
+    bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, in_any_case: bool = False
+) -> Iterator[Trial]:
+    """With twice the steps per sample, and twice again, as long as that does not raise the errors, or in any case."""
     if settings.oversampling is not None:
         return
     for trial in trials:
         now: Trial | None = trial
         while now is not None and now.found.model.oversampling < MOST_STEPS:
-            now = _doubled(bench, now, settings)
+            now = _doubled(bench, now, settings, in_any_case)
             if now is not None:
                 yield now
 
 
-def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Trial | None:
-    """With twice the steps per sample; None if that does not lower the errors."""
+def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch, in_any_case: bool) -> Trial | None:
+    """With twice the steps per sample; None if that raises the errors, unless it is wanted in any case."""
     model = trial.found.model
     ways = settings.ways if model.oversampling == 1 else (model.held,)
     finer = list[Trial]()
     for held in ways:
         bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
         with suppress(EmsidError):
-            start = with_steps_doubled(model, held)
+            if (sticks := sticking_map(model)) is not None:
+                start = with_sticking_steps_doubled(model, sticks, held)
+            else:
+                start = with_steps_doubled(model, held)
             finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
-    most = (1 - 1 / trial.found.minimum.samples) ** 0.5 * trial.found.error  # n log MSE falls by one or more
-    lower = [each for each in finer if each.found.error < most and each.errors.mean < trial.errors.mean]
-    return min(lower, key=lambda each: each.errors.mean, default=None)
+    kept = finer if in_any_case else [each for each in finer if _is_no_worse(each, trial)]
+    return min(kept, key=lambda each: each.errors.mean, default=None)
+
+
+def _is_no_worse(finer: Trial, trial: Trial) -> bool:
+    """Whether more steps do not raise the errors; a model with one step per sample must become better by them.
+
+    A plant may well be sampled, as a digital controller is, but one that moves between samples does so continuously.
+    """
+    error, than, one = finer.found.error**2, trial.found.error**2, 1 / trial.found.minimum.samples  # in n log MSE
+    if trial.found.model.oversampling == 1:
+        return error < (1 - one) * than and finer.errors.mean < trial.errors.mean
+    return error < (1 + one) * than and not matters(trial.errors.mean, finer.errors.mean)
 
 
 def at_twice_the_rate(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

@@ -107,6 +107,22 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     *(
         Finding(
+            "map-beyond-range",
+            "feedback",
+            {
+                "map": map_,
+                "low": -2.0,
+                "high": 3.5,
+                "fitted_low": -1.25,
+                "fitted_high": 1.5,
+                "share": 0.125,
+                "seen": False,
+            },
+        )
+        for map_ in (None, 2)
+    ),
+    *(
+        Finding(
             "records-differ",
             "speed",
             {

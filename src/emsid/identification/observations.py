@@ -10,6 +10,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
+from emsid.identification.map_ranges import about_the_maps
 from emsid.identification.options import Options
 from emsid.identification.plausibility import Plausibility
 from emsid.models.blocks.cascade import Cascade
@@ -58,6 +59,7 @@ def observations(
         *([found] if (found := worst_region(comparison.best)) else []),
         *_about_few_samples(comparison.best.row.samples, unseen),
         *about_the_unseen_input(record, unseen, seen),
+        *about_the_maps(comparison.best.fit.model, record, unseen, seen),
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
             for row in comparison.rows

@@ -279,3 +279,15 @@ def input_beyond_range(f: Finding, argument: Spelling) -> str:
         f"{f.subject} goes from {d['low']:g} to {d['high']:g} on {data_name(f)}, and from {d['fitted_low']:g} to "
         f"{d['fitted_high']:g} in the data the models were fitted to; outside this range the models extrapolate"
     )
+
+
+@words("map-beyond-range", Severity.WARNING)
+def map_beyond_range(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: map (None if there is one), low, high, fitted_low, fitted_high, share, seen."""
+    d = f.data
+    which = "its static map" if d["map"] is None else f"its static map {d['map']}"
+    return (
+        f"{f.subject}: the input of {which} goes from {d['low']:.4g} to {d['high']:.4g} in the free run on "
+        f"{data_name(f)}, and from {d['fitted_low']:.4g} to {d['fitted_high']:.4g} in the data of the fit; for "
+        f"{100 * d['share']:.2g} % of the samples the model extrapolates there"
+    )

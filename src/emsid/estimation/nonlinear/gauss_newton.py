@@ -20,8 +20,7 @@ triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so the
 multiplied by max(1/10, 1 − (2ϱ − 1)³), and otherwise by 2, 4, 8, … (Nielsen 1999). A trial point without a
 residual (an unstable filter, a simulation that overflowed) counts as a failed step; the next one is shorter.
 
-Damped steps follow the bend of a narrow valley (`acceleration`), unless the problem is sparse, so that the derivative
-is not kept.
+With ``accelerated``, damped steps follow the bend of a narrow valley (`acceleration`).
 
 **The end.** The search has converged when the undamped step to the linearised minimum is shorter than
 ``tolerance`` standard errors, the relative offset of Bates & Watts (1981),
@@ -68,7 +67,6 @@ from emsid.estimation.nonlinear.problem import (
     Infeasible,
     Linearised,
     Problem,
-    SparseProblem,
     cost,
     linearised,
     trial_cost,
@@ -175,6 +173,7 @@ class _Search:
     noise: float
     control: Control
     smoothing: Smoothing
+    accelerated: bool = False
 
     def begin(self, theta: Array) -> _Iterate:
         """The state at the start.
@@ -308,7 +307,7 @@ class _Search:
         """(n,) a damped step, and what follows the bend of the valley if the damping makes it much shorter."""
         point = iterate.point
         shorter = promised(point.information, step) < DAMPED * promised(point.information, iterate.remaining)
-        if isinstance(self.problem, SparseProblem) or not shorter:
+        if not (self.accelerated and shorter):
             return [step]
         triangle, varied = damped.factor[:-1, :-1], self.box.varied
         bend = acceleration(
@@ -343,6 +342,7 @@ def gauss_newton(
     covariances: bool = True,
     interruptible: bool = False,
     smoothing: Smoothing = NONE,
+    accelerated: bool = False,
 ) -> Minimum:
     """The θ that minimises Σ ℓ(r(θ)), and penalties if any, within bounds, from a start.
 
@@ -363,6 +363,7 @@ def gauss_newton(
         covariances: whether they are computed; otherwise they are infinite.
         interruptible: whether ``control`` may end their computation too, which takes seconds for a long record.
         smoothing: penalties on roughness, whose weights are chosen from the data.
+        accelerated: whether damped steps follow the bend of a valley; a `SparseProblem` computes its derivative again.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -372,7 +373,9 @@ def gauss_newton(
     if max_iterations < 0:
         raise ModelError(f"max_iterations {max_iterations}: this is a number of steps; give at least 0")
     theta, box = bounded(start, lower, upper, names)
-    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, smoothing)
+    search = _Search(
+        problem, box, loss, max_iterations, tolerance, least_saving, noise, control, smoothing, accelerated
+    )
     iterate = search.begin(theta)
     while (end := search.end(iterate)) is None:
         try:

@@ -418,6 +418,7 @@ def _search(problem: FreeRun, theta: Array, **options: Any) -> Minimum:
         ),
         interruptible=max(len(y) for _, y in problem.segments) > BLOCK,
         smoothing=Smoothing(problem.penalties),
+        accelerated=True,
         **options,
     )
 

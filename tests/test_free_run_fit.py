@@ -143,6 +143,61 @@ def test_the_intervals_of_dry_friction_contain_the_truth() -> None:
     assert np.mean(inside, axis=0).min() > 0.904
 
 
+FRICTION = friction_narx(1, 1, knots=(-0.5, 0.5))
+FRICTION_TRUTH = np.array([-0.9, 0.0, 0.5, 0.5, 0.1, 0.05])
+
+
+def dead_zone_and_friction(seed: int) -> Record:
+    """A drive with a dead zone and dry friction, a coloured input, and white noise of 5 % on the output."""
+    rng = np.random.default_rng([23, seed])
+    u, y = 3 * lfilter([0.3], [1, -0.7], rng.standard_normal(600)), np.zeros(600)
+    for t in range(1, len(u)):
+        drive = 0.5 * (max(u[t - 1] - 0.5, 0.0) + min(u[t - 1] + 0.5, 0.0))
+        y[t] = 0.9 * y[t - 1] + drive + 0.05 - 0.1 * np.sign(y[t - 1])
+    return Record(u, y + 0.05 * np.std(y) * rng.standard_normal(600), 0.01)
+
+
+def test_searches_over_signs_of_a_friction_model_end_at_minima() -> None:
+    """With the exact derivative around its end, two in three searches stall."""
+    fits = [fit_free_run(FRICTION, dead_zone_and_friction(seed), restarts=True) for seed in range(12)]
+    assert {fit.ending for fit in fits} == {Ending.CONVERGED}
+    assert np.isfinite([fit.standard_error for fit in fits]).all()
+
+
+@pytest.mark.long
+def test_the_intervals_of_a_friction_model_contain_the_truth() -> None:
+    """0.96 to 1.0 of 150 records; the least is 2.6 standard deviations below 95 %."""
+    fits = [fit_free_run(FRICTION, dead_zone_and_friction(1000 + k), restarts=True) for k in range(150)]
+    inside = [np.abs(each.estimate - FRICTION_TRUTH) < 1.96 * each.standard_error for each in fits]
+    assert np.mean([each.ending is Ending.CONVERGED for each in fits]) > 0.95
+    assert np.mean(inside, axis=0).min() > 0.904
+
+
+def test_friction_models_of_simulated_motors_have_intervals() -> None:
+    """Also where the model lacks something of the motor and the residual is coloured; by exact derivatives 7 stall."""
+    free_run = REGRESSIONS["friction-narx-free-run"]
+    fits = [free_run(motor(seed, 1000).fitted, emsid.Options()) for seed in range(20)]
+    assert sum(fit.ending is Ending.STALLED for fit in fits) <= 2
+
+
+def test_a_search_that_stalls_far_from_its_minimum_has_no_intervals() -> None:
+    """As for cascades and plants: the covariance of the place where it stalled says nothing of the distance."""
+    fit = fit_free_run(friction_narx(1, 1, knots=(), nk=1), motor(6, 1500).fitted)
+    (stalled,) = (finding for finding in fit.findings if finding.code == "search-stalled")
+    assert stalled.data["offset"] > 0.3
+    assert not fit.has_intervals
+
+
+def test_wide_differences_leave_out_runs_that_diverge() -> None:
+    """Beside a model at the limit of stability, a run overflows on one side, and its difference is no derivative."""
+    u = np.r_[np.ones(8), np.zeros(292)]
+    structure, theta = Structure.parse("y(t-1)", "u(t-1)", "-sign(y(t-1))"), np.array([1.0, 1.0, 0.01])
+    record = Record(u, 5 * np.random.default_rng(0).standard_normal(300), 0.1)
+    problem = FreeRunError(structure, [record], 1)
+    (_, exact), (_, wide) = problem.linearised(theta)[0], Widened(problem, 500.0).linearised(theta)[0]
+    assert np.abs(wide).max() < 10 * np.abs(exact).max()
+
+
 # --- fit -------------------------------------------------------------------------------------------------------------
 
 
@@ -369,11 +424,11 @@ def test_knots_lie_in_the_range_of_the_input() -> None:
     assert input_knots(Record(np.linspace(-3.0, 2.9, 100), y, 1.0), 1) == (-0.75, 0.75)  # one reach on both sides
 
 
-@pytest.mark.parametrize(("seed", "lower", "ending"), [(6, 0.1, Ending.STALLED), (7, 1.0, Ending.CONVERGED)])
-def test_a_search_that_stalls_is_begun_again(seed: int, lower: float, ending: Ending) -> None:
+@pytest.mark.parametrize(("seed", "lower"), [(6, 0.1), (9, 1.0)])
+def test_a_search_that_stalls_is_begun_again(seed: int, lower: float) -> None:
     """The free run of a motor with friction is not smooth; the same rule as for cascades and plants helps it."""
     record, structure = motor(seed, 1500).fitted, friction_narx(1, 1, knots=(), nk=1)
     once, again = (fit_free_run(structure, record, restarts=each) for each in (False, True))
     assert once.ending is Ending.STALLED
     assert again.noise_variance < lower * once.noise_variance
-    assert again.ending is ending
+    assert again.ending is Ending.CONVERGED

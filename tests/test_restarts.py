@@ -88,3 +88,20 @@ def test_a_stopped_search_is_not_begun_again() -> None:
     problem.searches = 0
     assert begun_again(first, problem.search, 2, Control(cancelled=lambda: True)) is first
     assert problem.searches == 0
+
+
+def test_rounds_end_when_enough_searches_agree_and_searches_around_may_be_others() -> None:
+    problem, elsewhere = Decay(step=0.003), Decay(step=0.003)
+    first = problem.search(np.array([1.5, 0.0]))
+
+    def lost(theta: Array, **options: Any) -> Minimum:
+        return elsewhere.search(np.array([-1.0, 3.0]), **{**options, "max_iterations": 0})
+
+    alone = begun_again(first, problem.search, 2, around=lost, turns=3)
+    assert elsewhere.searches == 3 * RESTARTS
+    assert alone.ending is Ending.STALLED
+    assert alone.findings[0].data["starts"] == 3 * RESTARTS + 1
+    elsewhere.searches = 0
+    found = begun_again(first, problem.search, 2, around=elsewhere.search, turns=3)
+    assert found.ending is Ending.CONVERGED
+    assert elsewhere.searches <= RESTARTS

@@ -32,6 +32,8 @@ CLOSE = 0.5
 """So are ends whose costs differ by less than a move by this many standard errors changes the cost."""
 AGREEING = 3
 """How many searches must end in the same minimum as one that stalled, so that this counts as converged."""
+TURNS = 3
+"""The most rounds of restarts around the end of a search that has not converged; they end when none lowers the cost."""
 STEPS, SLOW = 25, 1e-3
 """The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
 FAR = 2.0
@@ -72,7 +74,15 @@ Ends = Sequence[tuple[float, Array]]
 """The cost and the leading parameters of searches."""
 
 
-def begun_again(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> Minimum:
+def begun_again(
+    minimum: Minimum,
+    search: Search,
+    own: int,
+    control: Control = FREE,
+    *,
+    around: Search | None = None,
+    turns: int = 1,
+) -> Minimum:
     """The end of a search that did not converge, or a better one of others that begin around it.
 
     If the best one does not converge either, others that end with the same cost make up for it, see `confirmed`. A
@@ -83,28 +93,44 @@ def begun_again(minimum: Minimum, search: Search, own: int, control: Control = F
         search: a search from θ, with the options of `gauss_newton` that it is given.
         own: the number of parameters, before initial states, that ends are compared in.
         control: when to stop.
+        around: how the others search, if not like ``search``.
+        turns: the most rounds of others, each from the end of the one before, until enough of all end with one cost.
     """
-    return confirmed(*begun_around(minimum, search, own, control))
+    return confirmed(*begun_around(minimum, search, own, control, around=around, turns=turns))
 
 
-def begun_around(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> tuple[Minimum, Ends]:
+def begun_around(
+    minimum: Minimum,
+    search: Search,
+    own: int,
+    control: Control = FREE,
+    *,
+    around: Search | None = None,
+    turns: int = 1,
+) -> tuple[Minimum, Ends]:
     """The best end of a search that did not converge and of others that begin around it, and the ends of the others.
 
     The others are quick. From the best of them the search goes on in full. The arguments are those of `begun_again`.
     """
-    rng, begin, best = np.random.default_rng(0), minimum, minimum
+    search_around, rng = around or search, np.random.default_rng(0)
     ends: list[tuple[float, Array]] = []
-    for _ in range(RESTARTS if minimum.ending in (Ending.STALLED, Ending.OUT_OF_BUDGET) else 0):
-        if control.ending is not None or len(_same(best, ends)) >= AGREEING:
+    for _ in range(turns):
+        if minimum.ending not in (Ending.STALLED, Ending.OUT_OF_BUDGET) or control.ending is not None:
             break
-        step = np.zeros(len(begin.estimate))
-        step[begin.free] = drawn(begin.information.factor[:-1, :-1], begin.residuals, rng)
-        with suppress(EmsidError):
-            again = search(begin.estimate + step, max_iterations=STEPS, least_saving=SLOW, covariances=False)
-            ends.append((again.cost, again.estimate[:own]))
-            best = min(best, again, key=lambda each: each.cost)
-    if control.ending is None and (best.cost < (1 - SLOW) * minimum.cost or minimum.ending is Ending.OUT_OF_BUDGET):
-        minimum = min(minimum, search(best.estimate), key=lambda each: each.cost)
+        begin = best = minimum
+        for _ in range(RESTARTS):
+            if control.ending is not None or len(_same(best, ends)) >= AGREEING:
+                break
+            step = np.zeros(len(begin.estimate))
+            step[begin.free] = drawn(begin.information.factor[:-1, :-1], begin.residuals, rng)
+            with suppress(EmsidError):
+                again = search_around(begin.estimate + step, max_iterations=STEPS, least_saving=SLOW, covariances=False)
+                ends.append((again.cost, again.estimate[:own]))
+                best = min(best, again, key=lambda each: each.cost)
+        if control.ending is None and (best.cost < (1 - SLOW) * begin.cost or begin.ending is Ending.OUT_OF_BUDGET):
+            minimum = min(minimum, search(best.estimate), key=lambda each: each.cost)
+        if confirmed(minimum, ends).ending is Ending.CONVERGED:
+            break
     return minimum, ends
 
 

@@ -22,9 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from emsid.estimation.nonlinear.problem import Array, Block, Infeasible, Problem
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 
 WIDTHS = (8.0, 4.0, 2.0, 1.0)
 """h of one search after another, in standard errors."""
+BEYOND = 10.0
+"""A residual on either side that is larger by this factor than the linearised one is that of a run that diverges."""
 LEAST = 1e-8
 """Directions with a singular value below this part of the largest keep their exact derivative."""
 
@@ -50,15 +53,19 @@ class Widened:
         blocks = list(self.problem.linearised(theta))
         residual = np.concatenate([r for r, _ in blocks])
         _, sizes, axes = np.linalg.svd(np.concatenate([j for _, j in blocks]), full_matrices=False)
-        reach = self.width * float(np.sqrt(np.mean(residual**2)))
+        reach = self.width * float(np.sqrt(residual @ residual / effective_samples([r for r, _ in blocks])))
         found = [jacobian.copy() for _, jacobian in blocks]
         for size, axis in zip(sizes, axes, strict=True):
             if not (reach > 0 and size > LEAST * sizes[0]):
                 continue
             step = reach / size * axis
             try:
-                sides = [self.problem.residuals(theta + step), self.problem.residuals(theta - step)]
+                with np.errstate(over="ignore"):
+                    sides = [self.problem.residuals(theta + step), self.problem.residuals(theta - step)]
+                    most = max(np.sqrt(sum(r @ r for r in side)) for side in sides)
             except Infeasible:
+                continue
+            if not most <= BEYOND * (np.linalg.norm(residual) + reach):
                 continue
             for jacobian, (_, exact), ahead, behind in zip(found, blocks, *sides, strict=True):
                 mean = (ahead - behind) * (size / (2 * reach))

@@ -13,7 +13,8 @@ which a slow or lightly damped model would keep for long.
 
 The search starts from least squares. Where the free run of that estimate diverges or explains nothing, it goes from
 prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened. Signs of past
-outputs make the free run jump; a search that may begin again then uses `wide_differences` first.
+outputs make the free run jump; a search that may begin again then uses `wide_differences` first, and so do those around
+its end.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 4.2 and 10.2. Piroddi, Spinelli, *An identification algorithm for
@@ -23,6 +24,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -35,9 +37,10 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
-from emsid.estimation.nonlinear.restarts import begun_again
+from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem, trial_cost
+from emsid.estimation.nonlinear.restarts import TURNS, begun_again
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
@@ -56,6 +59,8 @@ STEPS = 15
 SAMPLES_PER_STATE = 8
 # Effort of every search with wide differences.
 WIDE: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.05, "least_saving": 1e-3, "covariances": False}
+# A search begins again at a cost of at most this many times that where it ended, nearer by a half at most so often.
+FAR, HALVED = 4.0, 8
 # The largest number of initial outputs that are estimated.
 MOST_STATES = 40
 
@@ -185,16 +190,27 @@ def fit_free_run(
     def search(theta: Array, of: Problem = problem, **others: Any) -> Minimum:
         return gauss_newton(of, theta, **(usual | others))
 
+    def narrowed(theta: Array, widths: Sequence[float]) -> Array:
+        for width in widths:
+            with suppress(Infeasible):  # the derivative is too large
+                theta = search(theta, Widened(problem, width), **WIDE).estimate
+        return theta
+
     first = problem.with_states(begin)
-    for width in WIDTHS if restarts and _jumps(structure) else ():
-        first = search(first, Widened(problem, width), **WIDE).estimate
     found = search(first)
-    if restarts:
+    if restarts and _jumps(structure):
+        found = min(search(narrowed(first, WIDTHS)), found, key=lambda each: each.cost)
+
+        def around(theta: Array, **others: Any) -> Minimum:
+            return search(narrowed(_nearer(problem, theta, found), WIDTHS[1:]), **others)
+
+        found = begun_again(found, search, len(structure), control, around=around, turns=TURNS)
+    elif restarts:
         found = begun_again(found, search, len(structure), control)
     shortest = min(map(len, segments))
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
-    return found.fit(model, structure.parameter_names)
+    return found.judged().fit(model, structure.parameter_names)
 
 
 def given_start(structure: Structure, start: ArrayLike) -> Array:
@@ -215,6 +231,15 @@ def given_start(structure: Structure, start: ArrayLike) -> Array:
 def _jumps(structure: Structure) -> bool:
     """Whether the free run of a structure jumps: a sign of a past output is among its regressors."""
     return any(f.channel == 0 and f.transform is Transform.SIGN for r in structure.regressors for f in r.factors)
+
+
+def _nearer(problem: Problem, theta: Array, minimum: Minimum) -> Array:
+    """θ where its cost is at most `FAR` times that of the end of a search, or a point nearer to that end."""
+    for _ in range(HALVED):
+        if trial_cost(problem, theta, SQUARES) <= FAR * minimum.cost:
+            break
+        theta = 0.5 * (theta + minimum.estimate)
+    return theta
 
 
 def _explains_something(problem: FreeRunError, theta: Array) -> bool:

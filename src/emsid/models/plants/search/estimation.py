@@ -24,7 +24,7 @@ from emsid.estimation.nonlinear import restarts
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
+from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, TURNS, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, as_seen, starts_from_samples
@@ -50,8 +50,6 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-TURNS = 3
-"""The most rounds of restarts around the end of a search that has not converged; they end when none lowers the cost."""
 SHORT = 0.02
 """The time after which errors are forgotten in a search that begins at rest, as a part of the longest segment."""
 

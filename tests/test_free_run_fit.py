@@ -17,9 +17,10 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.wide_differences import Widened
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
-from emsid.models.extrapolation import Extremes, diverges
+from emsid.models.extrapolation import MUCH_BETTER, Extremes, diverges, diverges_held
 from emsid.models.regression import free_run_fit
 from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
+from emsid.models.regression.search import cross_validation
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
@@ -353,6 +354,55 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() ->
     assert validation.errors(structure, lambda *_: model).mean == np.inf
     stable = Narx(structure, np.array([0.5, 0.5, 0.05]), 0.1)
     assert np.isfinite(validation.errors(structure, lambda *_: stable).mean)
+
+
+def softening(u: Array) -> Array:
+    """y(t) of an oscillator whose spring softens: it has no steady state for constant u above 0.66."""
+    return Narx(SOFTENING, SOFTENING_TRUTH, 0.01).simulate(u).output[:, 0]
+
+
+SOFTENING = Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "y(t-1)^3")
+SOFTENING_TRUTH = np.array([1.4, -0.55, 0.15, 0.12])
+
+
+def softened(seed: int, size: float, samples: int = 800) -> tuple[Record, float]:
+    """Its record for coloured noise of a largest value ``size``, with 1 % noise, and the noise."""
+    rng = np.random.default_rng([31, seed])
+    u = lfilter([1], [1, -0.7], rng.standard_normal(samples))
+    u *= size / np.abs(u).max()
+    assert np.abs(softening(1.2 * u)).max() < 1  # stable
+    y = softening(u)
+    return Record(u, y + 0.01 * np.std(y) * rng.standard_normal(samples), 0.01), 0.01 * float(np.std(y))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_system_that_diverges_only_on_a_constant_extreme_is_found(seed: int) -> None:
+    record, noise = softened(seed, 0.66)
+    assert diverges_held(Narx(SOFTENING, SOFTENING_TRUTH, 0.01), Extremes(record))
+    fit = REGRESSIONS["polynomial-narx"](record, emsid.Options())
+    other, _ = softened(seed + 10, 0.66)
+    error = fit.model.simulate(other.input).output[:, 0] - softening(other.input)
+    assert np.sqrt(np.mean(error[50:] ** 2)) < 0.2 * noise  # 2 to 4 times the noise if it is refused
+
+
+def test_what_diverges_on_a_constant_extreme_must_be_much_better_and_stable_backwards(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record, _ = softened(0, 0.66)
+    wary = replace(CrossValidation.of(record, 0.25, 2), wary=True)
+    bounded = Narx(SOFTENING, np.array([1.4, -0.55, 0.15, 0.0]), 0.01)
+    held = Narx(SOFTENING, SOFTENING_TRUTH, 0.01)
+    plain = replace(wary, wary=False)
+    assert plain.errors(SOFTENING, lambda *_: held).mean == np.inf
+    assert wary.errors(SOFTENING, lambda *_: bounded).mean == plain.errors(SOFTENING, lambda *_: bounded).mean
+    own = wary.errors(SOFTENING, lambda *_: held).mean
+    with monkeypatch.context() as patched:
+        patched.setattr(cross_validation, "diverges_held", lambda *_: False)
+        assert own == pytest.approx(MUCH_BETTER**2 * wary.errors(SOFTENING, lambda *_: held).mean)
+    far = cross_validation.diverges
+    backwards = {id(extremes.backwards) for extremes in wary.extremes}
+    monkeypatch.setattr(cross_validation, "diverges", lambda model, on: id(on) in backwards or far(model, on))
+    assert wary.errors(SOFTENING, lambda *_: held).mean == np.inf
 
 
 # --- candidates ------------------------------------------------------------------------------------------------------

@@ -380,6 +380,12 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_recommended
     assert findings["diverges-on-constant-input"] == {"model": "cubic"}
     assert "diverges-beyond-range" not in findings
     assert excluded_models(Finding(code, "cubic", data) for code, data in findings.items()) == {"cubic"}
+    known_errors = {"cubic": 1.0, "arx": 3.9}
+    about = [Finding(code, "cubic", data) for code, data in findings.items()]
+    assert excluded_models(about, known_errors) == {"cubic"}
+    assert excluded_models(about, {**known_errors, "arx": 4.1}) == set()  # the system may do so, too
+    beyond = Finding("diverges-beyond-range", "cubic", {"model": "cubic"})
+    assert excluded_models([*about, beyond], {**known_errors, "arx": 4.1}) == {"cubic"}
     stable = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, -0.4 * (1 - slow)]), DT))
     assert "diverges-on-constant-input" not in implausible(stable, known)
     assert [runs_away(each.model, Extremes(known)) for each in (fit, stable)] == [True, False]

@@ -71,9 +71,10 @@ class Compared:
         findings = about_the_fits(fits, train)
         on_choice, on_unseen = _held_back(fits, test, transient, divide=whole is not None)
         chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
-        fitted, excluded = None if whole is None else train, excluded_models(findings)
+        errors = {each.row.model: each.row.ranked_by for each in chosen_on.assessments}
+        fitted, excluded = None if whole is None else train, excluded_models(findings, errors)
         ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
-        order = _order(chosen_on, on_record, ranking, findings)
+        order = _order(chosen_on, on_record, ranking, findings, excluded)
         on_choice = on_choice and on_choice.in_order_of(order)
         return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))
 
@@ -118,10 +119,14 @@ def _held_back(
 
 
 def _order(
-    choice: Comparison, on_record: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]
+    choice: Comparison,
+    on_record: Comparison,
+    ranking: Sequence[Ranked],
+    findings: Sequence[Finding],
+    excluded: frozenset[str],
 ) -> list[Fit[Any]]:
     """The models, the recommended one first and the others by their errors."""
     fitted = {each.row.model: each for each in on_record.assessments}
     useless = {each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model])}
-    first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
+    first = recommended(ranking, implausible_models(findings), useless | excluded)
     return [first.fit, *(each.fit for each in ranking if each is not first)]

@@ -63,7 +63,7 @@ def on_all_samples(judged: Compared, train: Record, options: Options, control: C
         found = kind.continued(fit, train, options, control.during(doing))
         control.check()
         errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], choice), None, options)}
-        safe = is_safe(found.model, choice)
+        safe = is_safe(found.model, choice, fit.model)
     except (EmsidError, Stopped):
         return judged
     worse = better(errors[id(fit)], than=errors[id(found)])

@@ -60,7 +60,7 @@ LEAD = 200
 """Samples of the record before the steps, or a quarter of it; they give the initial state."""
 DIVERGES, DIVERGES_HELD = "diverges-beyond-range", "diverges-on-constant-input"
 EXCLUDING = frozenset({DIVERGES, DIVERGES_HELD})
-"""The findings that keep a model from being chosen, however small its error is."""
+"""The findings that keep a model from being chosen; see `excluded_models` for the exception."""
 
 IMPLAUSIBLE = frozenset(
     {

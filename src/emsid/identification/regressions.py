@@ -180,7 +180,7 @@ class PolynomialNarx(_OfFreeRun):
         na, nb, nk, constant = self._lags(record, options, control)
         inputs = record.input.shape[1]
         structure = replace(arx(na, nb, nk, inputs, constant), name="polynomial-narx")
-        validation = CrossValidation.of(record, options.held_back, max(na, nk + nb) + 1, control)
+        validation = replace(CrossValidation.of(record, options.held_back, max(na, nk + nb) + 1, control), wary=True)
         fit = fit_to_compare(structure, validation.fitted, None, control)
         of_linear = validation.refitted(fit)
         dictionary = _dictionary(record, options, validation, (na, nb, nk))

@@ -12,7 +12,7 @@ limits a model only if the inputs predict more than `PREDICTABLE` of its varianc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,9 @@ import numpy as np
 from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
-from emsid.identification.plausibility import EXCLUDING, IMPLAUSIBLE
+from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import stretch_errors
+from emsid.models.extrapolation import MUCH_BETTER
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, models_noise
@@ -79,9 +80,22 @@ def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
     return frozenset(finding.model for finding in findings if finding.code in IMPLAUSIBLE)
 
 
-def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
-    """The names of the models that diverge on a slightly larger or a constant input."""
-    return frozenset(finding.model for finding in findings if finding.code in EXCLUDING)
+def excluded_models(findings: Iterable[Finding], errors: Mapping[str, float] | None = None) -> frozenset[str]:
+    """The names of the models that diverge on a slightly larger or a constant input.
+
+    One that diverges on a constant input only is none of them where its error is smaller by `MUCH_BETTER` than those of
+    all models that do not: the system may do so, too.
+
+    Args:
+        findings: on how plausible the models are.
+        errors: mean square errors of the free runs of all models on unseen data, by name, if known.
+    """
+    several, known = list(findings), errors or {}
+    excluded = {finding.model for finding in several if finding.code in EXCLUDING}
+    never = {finding.model for finding in several if finding.code == DIVERGES}
+    others = min((error for name, error in known.items() if name not in excluded), default=np.inf)
+    much_better = {name for name, error in known.items() if np.isfinite(error) and MUCH_BETTER**2 * error <= others}
+    return frozenset(excluded - (much_better - never))
 
 
 def _verdict(

@@ -1,7 +1,10 @@
 """Whether the free run of a model stays bounded on inputs that its record lacks.
 
 A model can simulate its record well and diverge on an input a little larger than that of the record, or while the
-largest or the smallest input is held.
+largest or the smallest input is held. The first is reason enough not to choose it. The second may be true of the
+system: one with a spring that softens can be stable for every input like that of the record, and diverge on a constant
+one that is as large as its peak. Such a model is chosen only if it is much better than all others (`MUCH_BETTER`),
+since one that is a little better is more often wrong there than right.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ FAR = 10.0
 """A free run that leaves the middle of the measured output by this many times its half range has diverged."""
 HELD, BEGUN = 300, 200
 """The samples for which an extreme input is held, and those of the record before."""
+MUCH_BETTER = 2.0
+"""A model that diverges while an extreme input is held has an error smaller by this factor than those that do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,12 @@ class Extremes:
         return replace(self.record, input=middle + LARGER * (u - middle))
 
     @cached_property
+    def backwards(self) -> Record:
+        """The longest segment of the larger record backwards in time: another input of the same spectrum and range."""
+        segment = max(self.larger.segments, key=len)
+        return replace(segment, input=segment.input[::-1], output=segment.output[::-1])
+
+    @cached_property
     def held(self) -> Record:
         """The beginning of the longest segment, then its largest input held, the beginning, and its smallest input.
 
@@ -59,7 +70,12 @@ class Extremes:
 
 def runs_away(model: Model, extremes: Extremes) -> bool:
     """Whether a model diverges on a record with a larger input, or while an extreme input is held."""
-    return diverges(model, extremes.larger) or free_run(model, extremes.held).diverged_at is not None
+    return diverges(model, extremes.larger) or diverges_held(model, extremes)
+
+
+def diverges_held(model: Model, extremes: Extremes) -> bool:
+    """Whether a model diverges while an extreme input is held."""
+    return free_run(model, extremes.held).diverged_at is not None
 
 
 def diverges(model: Model, record: Record) -> bool:

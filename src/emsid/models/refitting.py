@@ -21,7 +21,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.extrapolation import Extremes, runs_away
+from emsid.models.extrapolation import Extremes, diverges, diverges_held
 from emsid.models.feedback import fitting as feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import trials
@@ -93,12 +93,23 @@ def better_refit(
         better = free_run_error(again, (whole,)) < free_run_error(fit.model, (whole,))
     except EmsidError:  # the data do not suit it
         return None
-    return again if better and is_safe(again, whole) else None
+    return again if better and is_safe(again, whole, fit.model) else None
 
 
-def is_safe(model: Model, record: Record) -> bool:
-    """Whether a model, stable on a record, does not run away on inputs that the record lacks; a plant never does."""
-    return isinstance(model, GreyBox) or not runs_away(model, Extremes(record))
+def is_safe(model: Model, record: Record, known: Model | None = None) -> bool:
+    """Whether a model, stable on a record, does not run away on inputs that the record lacks; a plant never does.
+
+    Args:
+        model: the model.
+        record: what it is stable on.
+        known: a model that it takes the place of; where that diverges while an extreme input is held, it may too.
+    """
+    if isinstance(model, GreyBox):
+        return True
+    extremes = Extremes(record)
+    if diverges(model, extremes.larger):
+        return False
+    return not diverges_held(model, extremes) or (known is not None and diverges_held(known, extremes))
 
 
 def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, control: Control) -> Model:

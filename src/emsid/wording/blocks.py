@@ -168,8 +168,9 @@ def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
 def diverges_on_constant_input(f: Finding, argument: Spelling) -> str:
     """Subject: the model."""
     return (
-        "its free run diverges while the input stays at its largest or smallest value in the record, so it is not "
-        "chosen; record an input that stays there for a while, or give a smaller order or degree"
+        "its free run diverges while the input stays at its largest or smallest value in the record, so it is "
+        "chosen only if its error is half that of every other model; record an input that stays there for a while, or "
+        "give a smaller order or degree"
     )
 
 

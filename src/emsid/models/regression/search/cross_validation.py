@@ -1,8 +1,9 @@
 """The error by which regressions are chosen: the free run on parts of the data that were not fitted.
 
 A short record is cross-validated: each of several parts, which together cover the whole record, is unseen once, and
-the structure is fitted anew to the rest. Of a long record a part is held back. A model that diverges on inputs beyond
-those of the record (`emsid.models.extrapolation`) is never chosen.
+the structure is fitted anew to the rest. Of a long record a part is held back. A model that diverges on larger inputs
+than those of the record (`emsid.models.extrapolation`) is never chosen, and one that diverges only while an extreme
+input is held is chosen where that is asked for and it is much better than those that do not.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.models.extrapolation import Extremes, runs_away
+from emsid.models.extrapolation import MUCH_BETTER, Extremes, diverges, diverges_held
 from emsid.models.free_run import squared_errors
 from emsid.models.model import Model
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -45,12 +46,15 @@ class CrossValidation:
         splits: of these or of the whole record.
         transient: samples at the start of every unseen segment that enter no error.
         control: when to stop.
+        wary: whether a model that diverges while an extreme input is held is compared, by `MUCH_BETTER` times its
+            error; otherwise it is refused.
     """
 
     fitted: Sequence[Record]
     splits: Sequence[Split]
     transient: int
     control: Control = FREE
+    wary: bool = False
 
     @classmethod
     def of(
@@ -92,7 +96,7 @@ class CrossValidation:
     def errors(
         self, structure: Structure, model_for: Callable[[Structure, Sequence[Record]], Model], least: float = 0.0
     ) -> StretchErrors:
-        """The errors of the free run over the unseen data of all splits; infinite where it diverges.
+        """The errors of the free run over the unseen data of all splits; infinite where it diverges or may do so.
 
         Args:
             structure: what is fitted.
@@ -103,14 +107,23 @@ class CrossValidation:
         for train, unseen in self.splits:
             try:
                 model = model_for(structure, train)
-                far = any(runs_away(model, extremes) for extremes in self.extremes)
-                squares = np.full(1, np.inf) if far else squared_errors(model, unseen, self.transient)
+                factor = self._factor(model)
+                squares = np.full(1, np.inf) if np.isinf(factor) else squared_errors(model, unseen, self.transient)
             except (EmsidError, ValueError, ArithmeticError):  # what cannot be fitted to a part is not chosen
                 squares = np.full(1, np.inf)
             if np.isinf(squares).any():
                 return StretchErrors.of(np.full(STRETCHES, np.inf))
-            parts.append(StretchErrors.of(np.maximum(squares, least), STRETCHES // len(self.splits)))
+            parts.append(StretchErrors.of(factor * np.maximum(squares, least), STRETCHES // len(self.splits)))
         return StretchErrors.joined(parts)
+
+    def _factor(self, model: Model) -> float:
+        """By how much the squared errors of a model count more because of what it does beyond the data."""
+        if any(diverges(model, extremes.larger) for extremes in self.extremes):
+            return np.inf
+        if not any(diverges_held(model, extremes) for extremes in self.extremes):
+            return 1.0
+        safe = self.wary and not any(diverges(model, extremes.backwards) for extremes in self.extremes)
+        return MUCH_BETTER**2 if safe else np.inf
 
 
 def fit_to_compare(structure: Structure, records: Record | Sequence[Record], start: Any, control: Control) -> Fit[Narx]:

@@ -43,6 +43,7 @@ from emsid.plant import Friction, GaussianStribeck, Motor
 from emsid.study.demonstration import axis_record
 from independent import armature, two_masses
 from independent.cases import CASES, levels
+from independent.nonlinear_systems import duffing
 from independent.one_mass import OneMass
 
 RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
@@ -333,6 +334,32 @@ def test_a_plant_that_leaves_several_times_what_a_linear_model_leaves_is_not_ref
     usual = choose(RIGID, resonance(), refinements=tried)
     assert "probably-another-system" not in [each.code for each in usual.findings]
     assert len(usual.names) >= len(ended.names)
+
+
+def test_a_plant_that_leaves_several_times_what_a_regression_leaves_is_not_refined_further():
+    asked = []
+
+    def regression() -> float:
+        asked.append(1)
+        return 0.01
+
+    ended = choose(RIGID, resonance(), refinements=(late_command, slow_sensor), linear=0.9, regression=regression)
+    (found,) = (each for each in ended.findings if each.code == "probably-another-system")
+    assert found.data["regression"] == 0.01
+    assert found.data["left"] > 0.1
+    assert asked == [1]
+    choose(RIGID, motor(), refinements=(late_command,), linear=0.9, regression=regression)
+    assert asked == [1]  # a motor leaves little, and is not compared
+
+
+def test_a_motor_model_of_a_nonlinear_oscillator_is_given_up_early():
+    """A linear model leaves 21 % of this oscillator, too much to tell that the best motor, with 28 %, is none."""
+    record = duffing(8192, 2, noise=0.01, spread=0.2).unseen["another multisine"]
+    fit = candidates.CANDIDATES["rigid-motor"](record, Options())
+    (found,) = (each for each in fit.findings if each.code == "probably-another-system")
+    assert found.data["linear"] > 0.2
+    assert found.data["regression"] < 0.01
+    assert len(fit.names) <= 5
 
 
 def test_a_motor_is_compared_with_linear_models_of_several_orders(monkeypatch):

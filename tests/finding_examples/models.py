@@ -166,5 +166,6 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding(
         "free-run-drifts", "linear-axis", {"seconds": 5.312, "error": 0.00108795, "whole": 0.00203921, "unit": "m"}
     ),
-    Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098}),
+    Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098, "regression": None}),
+    Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.4, "regression": 0.02}),
 )

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, sqrt
 from typing import Any, ClassVar
+
+import numpy as np
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
@@ -49,10 +52,13 @@ from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMEN
 from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
+from emsid.record.excerpt import excerpt
 
 LEAST_SAVING = 1e-4
 """A fit of a cascade that only compares ends where four steps together lower its cost by less than this part: at this
 rate all its steps would save less than what makes a model better than another."""
+REFERENCE = 8_000
+"""The most samples of the regression that a plant which leaves much of the output is compared with."""
 LAST_STEPS = 10
 """Steps of a plant from its estimates of a part of a record to those of all of it."""
 
@@ -191,6 +197,7 @@ class Physical:
                 per_record=options.per_record,
                 refinements=self.refinements,
                 linear=inf if linear is None else (1 - linear.fit) ** 2,
+                regression=partial(_left_by_regression, record, control),
                 control=control,
             )
         except Stopped:
@@ -239,6 +246,16 @@ class Physical:
     def coded(self, options: Options) -> Plant:
         """The plant to begin with; its drive, if it has one, has the codes that are no commands."""
         return self.plant.with_drive(codes=options.codes) if isinstance(self.plant, DrivenPlant) else self.plant
+
+
+def _left_by_regression(record: Record, control: Control) -> float:
+    """The share of the output's variance that a polynomial regression leaves in free run; infinite where it fails."""
+    part = excerpt(record, REFERENCE)
+    try:
+        fit = REGRESSIONS["polynomial-narx"](part, Options(), control.quietly())
+    except EmsidError:
+        return inf
+    return fit.noise_variance / float(np.var(part.output))
 
 
 class _Candidates(MutableMapping[str, ModelKind]):

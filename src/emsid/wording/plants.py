@@ -252,10 +252,12 @@ def free_run_drifts(f: Finding, argument: Spelling) -> str:
 
 @words("probably-another-system")
 def probably_another_system(f: Finding, argument: Spelling) -> str:
-    left, linear = (f"{100 * f.data[name]:.2g} %" for name in ("left", "linear"))
+    regression = f.data.get("regression")
+    other, share = ("linear model", f.data["linear"]) if regression is None else ("polynomial regression", regression)
+    left, less = (f"{100 * each:.2g} %" for each in (f.data["left"], share))
     return (
         f"these data are probably of another kind of system: after the first refinement, its free run leaves {left} of "
-        f"the output's variance unexplained, and a linear model {linear}; no other refinements were tried"
+        f"the output's variance unexplained, and a {other} {less}; no other refinements were tried"
     )
 
 

@@ -14,8 +14,8 @@ estimated before and after these rounds (`load_drift`); if it changes, refinemen
 one. An inexact initial state must not count as drift: where an estimated one agrees with the first samples
 (`beginning`), it is estimated.
 
-**Another system.** If the error of a plant with one refinement is several times that of a linear model, the record is
-of another kind of system, and the plant is refined no further (`WORSE`).
+**Another system.** If the error of a plant with one refinement is several times that of a linear model or of a
+nonlinear regression, the record is of another kind of system, and the plant is refined no further (`reference`).
 
 **Intervals.** Some intervals of the last fit may include the value without effect (`support`). Of these refinements,
 the one that costs least is removed and the rest is fitted again, until there is none. The fit need not have converged,
@@ -53,6 +53,7 @@ from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
 from emsid.models.plants.search.look_alikes import in_place
+from emsid.models.plants.search.reference import Reference
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
     BY_DIRECTION,
@@ -101,9 +102,6 @@ AKAIKE = 2.0
 """The increase of Akaike's criterion for a parameter."""
 STRONG = 10.0
 """Schwarz's criterion is strong evidence above this (Kass, Raftery, *Bayes factors*, JASA 90 (1995))."""
-UNEXPLAINED, WORSE = 0.1, 4.0
-"""A plant is refined no further if its error after the first round is more than this share of the output's variance,
-and this many times that of a linear model. Simulated motors without refinements have up to half of that error."""
 
 
 @one_blas_thread()
@@ -119,6 +117,7 @@ def choose(
     refinements: Sequence[Refinement] = REFINEMENTS,
     rule: Rule = gain,
     linear: float = inf,
+    regression: Callable[[], float] | None = None,
     control: Control = FREE,
 ) -> GreyBoxFit:
     """The plant with the refinements that the record supports, fitted to all of it.
@@ -135,6 +134,7 @@ def choose(
         rule: by how much the richer of two trials (simple, rich) is preferred; negative for the simpler.
         linear: the share of the output's variance that a linear model leaves in free run; a plant that leaves much more
             after its first refinement is refined no further.
+        regression: gives the same share for a nonlinear regression.
         control: when to stop; the best plant so far is then the answer.
     """
     plant = plant.for_command(record)
@@ -148,7 +148,7 @@ def choose(
             control=control,
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
-    stopped = search.run(weighting, refinements, rule, linear)
+    stopped = search.run(weighting, refinements, rule, Reference(linear, regression))
     last = {"max_iterations": 0, "control": Control(cancelled=control.cancelled)} if stopped else {"control": control}
 
     def concluded() -> GreyBoxFit:
@@ -168,7 +168,8 @@ def choose(
         fit = replace(fit, findings=tuple(said if each.code == SEARCHES else each for each in fit.findings))
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.another_system:
-        findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
+        data = {"left": search.left, "linear": linear, "regression": search.reference.by_regression}
+        findings.append(Finding("probably-another-system", plant.name, data))
     return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings))
 
 
@@ -178,7 +179,8 @@ class _Choice:
     Attributes:
         trial: the best plant so far.
         asked: its free parameters, whether the record identifies them or not.
-        another_system: whether the search ended because a linear model leaves much less of the output.
+        another_system: whether the search ended because another model leaves much less of the output.
+        reference: such models.
         thinned: whether trials see fewer samples than there are.
     """
 
@@ -214,7 +216,7 @@ class _Choice:
         start = reached.problem.plant
         assert isinstance(start, DrivenPlant)
         self.asked, self._fixed = free, tuple(fixed)
-        self.another_system = False
+        self.another_system, self.reference = False, Reference(inf, None)
         self._record = scaled
         limits = {**physical, **bounds_of_parts(plant, task.limits), **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
@@ -270,10 +272,10 @@ class _Choice:
         return not self.another_system and (self.thinned or self.found.hold is not Hold.ZERO)
 
     def run(
-        self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float
+        self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, reference: Reference
     ) -> Ending | None:
         """Choose the weighting where it is None, add and remove refinements; how it was ended early, if it was."""
-        self._rule, self._most_left = rule, max(UNEXPLAINED, WORSE * linear)
+        self._rule, self.reference = rule, reference
         try:
             self._begin(all_alike if weighting is None else weighting)
             if not self.trial.residuals:
@@ -354,7 +356,7 @@ class _Choice:
             if best is not None:
                 self._trials, best = self._trials.settled(best)
                 self._take(best)
-            self.another_system = done == 0 and self.left > self._most_left
+            self.another_system = done == 0 and self.reference.is_much_less(self.left)
             if best is None or self.another_system:
                 break
 

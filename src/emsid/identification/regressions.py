@@ -26,7 +26,7 @@ from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.orders import output_error_orders
-from emsid.models.regression.search.terms import Trial, prune, select_by_free_run, simplest
+from emsid.models.regression.search.terms import Trial, prune, select_by_free_run, simplest, supported
 from emsid.models.regression.structures import (
     arx,
     friction_narx,
@@ -180,6 +180,7 @@ class PolynomialNarx(_OfFreeRun):
         na, nb, nk, constant = self._lags(record, options, control)
         inputs = record.input.shape[1]
         structure = replace(arx(na, nb, nk, inputs, constant), name="polynomial-narx")
+        given = structure.regressors
         validation = replace(CrossValidation.of(record, options.held_back, max(na, nk + nb) + 1, control), wary=True)
         fit = fit_to_compare(structure, validation.fitted, None, control)
         of_linear = validation.refitted(fit)
@@ -190,6 +191,12 @@ class PolynomialNarx(_OfFreeRun):
             dictionary = _dictionary(record, options, validation, (na, nb, nk))
             best = simplest([best, select_by_free_run(best.fit, dictionary, validation)])
         fit = refit_to(best.fit, record, control)
+
+        def refit(structure: Structure, theta: Any) -> Fit[Narx] | None:
+            found = refit_to(replace(fit, model=structure.model(theta, record), estimate=theta), record, control)
+            return found if validation.factor(found.model) <= validation.factor(fit.model) else None
+
+        fit = supported(fit, refit, len(dictionary), given)
         return replace(fit, findings=(*fit.findings, *_about_dictionary(dictionary, record)))
 
     def _lags(self, record: Record, options: Options, control: Control) -> tuple[int, int, int, bool]:

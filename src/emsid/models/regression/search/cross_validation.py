@@ -107,7 +107,7 @@ class CrossValidation:
         for train, unseen in self.splits:
             try:
                 model = model_for(structure, train)
-                factor = self._factor(model)
+                factor = self.factor(model)
                 squares = np.full(1, np.inf) if np.isinf(factor) else squared_errors(model, unseen, self.transient)
             except (EmsidError, ValueError, ArithmeticError):  # what cannot be fitted to a part is not chosen
                 squares = np.full(1, np.inf)
@@ -116,7 +116,7 @@ class CrossValidation:
             parts.append(StretchErrors.of(factor * np.maximum(squares, least), STRETCHES // len(self.splits)))
         return StretchErrors.joined(parts)
 
-    def _factor(self, model: Model) -> float:
+    def factor(self, model: Model) -> float:
         """By how much the squared errors of a model count more because of what it does beyond the data."""
         if any(diverges(model, extremes.larger) for extremes in self.extremes):
             return np.inf

@@ -8,14 +8,20 @@ reduces the free-run error most. It is added, and all parameters are fitted agai
 reduce the error on unseen data; then those with the smallest θⱼ²/var θⱼ are removed, as long as that error hardly
 grows.
 
+Unseen data do not show all that is superfluous: of many terms, some reduce the error on any data by chance. So those
+that the fit to all data does not support are removed in the end, by the extended criterion of Schwarz, see `supported`.
+
 References:
     Billings, *Nonlinear System Identification* (2013), ch. 3. Piroddi, Spinelli, *An identification algorithm for
     polynomial NARX models based on simulation error minimization*, International Journal of Control 76 (2003).
+    Chen, Chen, *Extended Bayesian information criteria for model selection with large model spaces*, Biometrika 95
+    (2008).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +33,7 @@ from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.selection.improvement import StretchErrors, better
 from emsid.selection.improvement import simplest as simplest_model
@@ -43,6 +50,10 @@ WORSE = 1.25
 AT_ONCE = 6
 # Samples in which the derivatives of all terms of a dictionary are compared; of a longer record, every k-th.
 COMPARED = 20_000
+
+
+Refit = Callable[[Structure, Array], Fit[Narx] | None]
+"""Fits a structure to data, from a start."""
 
 
 class Trial(NamedTuple):
@@ -175,6 +186,41 @@ def _without(trial: Trial, number: int, validation: CrossValidation) -> Trial | 
     except EmsidError:
         return None
     return Trial(fit, validation.refitted(fit))
+
+
+def supported(fit: Fit[Narx], refit: Refit, dictionary: int, given: Collection[Regressor] = ()) -> Fit[Narx]:
+    """A fit to all data without the terms that these do not support, fitted again after each.
+
+    The weakest term is removed as long as θⱼ²/var θⱼ is below that of Schwarz's criterion, log N, and for a term that
+    was selected below that of the extended criterion, log N + 2 log P: of P terms, the strongest one without a true
+    effect has about 2 log P. A term without which the fit is much worse (`WORSE`) stays: where a model lacks something,
+    its residual is large and slow, and hardly any term is certain.
+
+    Args:
+        fit: to all data.
+        refit: fits a structure to them, from a start; None where the model is not to be used.
+        dictionary: P, the number of terms that were selected from.
+        given: terms that were not selected.
+    """
+    products, most = {each.factors for each in given}, WORSE * fit.noise_variance
+    while len(fit.estimate) > 1 and np.isfinite(fit.covariance).all():
+        structure, theta = fit.model.structure, fit.estimate
+        selected = np.array([each.factors not in products for each in structure.regressors])
+        least = log(fit.samples) + selected * 2 * log(dictionary)
+        with np.errstate(divide="ignore"):
+            support = theta**2 / np.diag(fit.covariance) / least
+        weakest = int(np.argmin(support))
+        if not support[weakest] < 1:
+            break
+        kept = np.delete(np.arange(len(theta)), weakest)
+        try:
+            shorter = refit(with_terms(structure, kept.tolist()), of_the_rest(theta, fit.covariance, kept))
+        except EmsidError:
+            break
+        if shorter is None or shorter.noise_variance > most:
+            break
+        fit = shorter
+    return fit
 
 
 def of_the_rest(theta: Array, covariance: Array, kept: NDArray[np.intp]) -> Array:

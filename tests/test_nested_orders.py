@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,14 @@ from numpy.typing import NDArray
 from scipy.signal import cheby1, cheby2, lfilter
 
 import emsid
+from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.choice import nested_orders
+from emsid.models.blocks.search import choice as choices
+from emsid.models.blocks.search.choice import Task, nested_orders
 from emsid.models.blocks.search.orders import order_shares, total_orders
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN
+from emsid.models.blocks.search.refinement import UNKNOWN, Choice
+from emsid.models.blocks.search.topologies import DEFAULTS, HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN
+from emsid.models.blocks.static_maps import Saturation
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -65,6 +70,28 @@ def test_larger_orders_fit_no_worse(seed: int) -> None:
     assert max(errors[1:]) < 1.005 * errors[0]
 
 
+def limited_too(seed: int) -> Noisy:
+    """The same system with a low-pass input of the same generator."""
+    rng = np.random.default_rng(seed)
+    u = lfilter(*cheby1(4, 0.5, 0.35), rng.standard_normal(3000))
+    x = lfilter(*cheby1(3, 0.5, 0.12 + 0.1 * rng.uniform()), u / u.std())
+    y = lfilter(*cheby2(3, 40, 0.3 + 0.1 * rng.uniform()), np.clip(x / x.std(), -0.8, 0.8))
+    return with_noise(u / u.std(), y, 0.003, rng)
+
+
+@pytest.mark.parametrize("seed", [31001, 31004, pytest.param(31010, marks=pytest.mark.long)])
+def test_chosen_orders_end_at_the_minimum_of_the_true_ones(seed: int) -> None:
+    """A response of order five leads to (3, 3) by another pole, and to zeros in the wrong filter.
+
+    With these zeros more poles were found, (4, 4) or (5, 4), and 1.01 to 2.6 times the noise.
+    """
+    record, noise = limited_too(seed)
+    fit = emsid.fit(emsid.wiener_hammerstein(), record)
+    assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [3, 3]
+    assert isinstance(fit.model.blocks[1], Saturation)
+    assert np.sqrt(fit.noise_variance) < 1.01 * noise
+
+
 @pytest.mark.parametrize("seed", [9001, 9005, pytest.param(9009, marks=pytest.mark.long)])
 def test_the_true_orders_fit_as_well_as_chosen_ones(seed: int) -> None:
     record = smooth(seed)
@@ -88,3 +115,16 @@ def test_orders_that_are_chosen_keep_their_limits() -> None:
     assert order_shares(WIENER_HAMMERSTEIN, free, 5, (3, 3)) == [(2, 3), (3, 2)]
     assert order_shares(HAMMERSTEIN, free, 4, (None, 4)) == [(None, 4)]
     assert total_orders(WIENER_HAMMERSTEIN, None, (2, 6), (3, 3)) == [8]
+
+
+def test_exchanges_of_poles_and_zeros_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refinement with few knots may be lower than the minimum with those of the last fit, again and again."""
+    model = Cascade((Rational([0.5], [-0.5]), Saturation(), Rational([0.5], [-0.5])))
+    task = Task(WIENER_HAMMERSTEIN, [], [], (1, 1), DEFAULTS, model)
+    ends = iter([1.2, 1.0, 1.0])
+    monkeypatch.setattr(choices, "exchanged", lambda model, records: [model])
+    monkeypatch.setattr(Task, "part", [])
+    monkeypatch.setattr(Task, "refined", lambda task, plans, best: [replace(best, known=0.9)])
+    monkeypatch.setattr(choices, "_at_minimum", lambda task, each: replace(each, known=next(ends)))
+    kept = choices._lowest(task, [Choice(model, UNKNOWN, 1.5)], [], divided=True)
+    assert [each.known for each in kept] == [1.0, 1.2]

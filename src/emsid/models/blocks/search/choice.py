@@ -174,7 +174,7 @@ def improving(task: Task) -> Iterator[Choice]:
     settings = task.settings
     first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
     yield (small := simplest(_from_starts(task, first)))
-    small = _with_filters_exchanged(task, small)
+    small = small if task.short else _with_filters_exchanged(task, small)
     for best in _of_higher_orders(task, small):
         yield best
     for rate in higher:
@@ -223,11 +223,8 @@ def _with_filters_exchanged(task: Task, best: Choice) -> Choice:
     """The choice, or the same structure with poles and zeros divided otherwise between its filters, if it is better.
 
     A frequency response shows zeros beyond the band of the input only roughly, so no division of them may be close to
-    that of the system. Those of a fitted cascade are closer, even where its search ended at another minimum. A short
-    record is left as it is: it goes on with more starts, and little of it is unseen to decide between divisions.
+    that of the system. Those of a fitted cascade are closer, even where its search ended at another minimum.
     """
-    if task.short:
-        return best
     task.control.doing("poles and zeros exchanged between the filters")
     while True:
         plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]
@@ -297,7 +294,8 @@ def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
         choice = simplest([best, *task.refined(plans, best, partial(_may_replace, task, best))])
         if choice is best:
             return
-        best = _from_new_starts(task, choice)
+        # Zeros in the wrong filter look like poles that are missing.
+        best = _with_filters_exchanged(task, _from_new_starts(task, choice))
         yield best
 
 
@@ -390,11 +388,14 @@ def _lowest(task: Task, own: Sequence[Choice], smaller: Sequence[Choice], *, div
         compared = replace(task, rounds=())
         while True:
             plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]
-            found = [each for each in compared.refined(plans, best) if matters(each.known**2, best.known**2)]
-            if not found:
+            found = min(compared.refined(plans, best), key=lambda each: each.known, default=best)
+            if matters(found.known**2, best.known**2):
+                # It has other knots than the minimum that it leads to, which may not be lower.
+                found = _at_minimum(task, found)
+            if not matters(found.known**2, best.known**2):
                 break
             others.insert(0, best)
-            best = _at_minimum(task, min(found, key=lambda each: each.known))
+            best = found
     kept = [best]
     for each in others:
         if len(kept) < KEPT and matters(kept[-1].known ** 2, each.known**2):

@@ -33,6 +33,7 @@ from emsid.models.blocks.search.refinement import (
     searched,
     simplest,
     with_knots_at_bends,
+    with_steeper_maps,
 )
 from emsid.models.blocks.search.sources import exchanged, ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
@@ -244,10 +245,24 @@ def _of_best_family(task: Task, best: Choice) -> Choice:
     if others:
         task.control.doing("family of the static map")
     plans = [task.plan(best.model, family, task.typical(family)) for family in others]
-    found = task.refined(plans, best, partial(_bent, task))
+    found = [_with_steeper_jumps(task, each) for each in task.refined(plans, best, partial(_bent, task))]
     if POLYNOMIAL in others and not task.topology.outer:  # beside the others it never fits best
         found += task.refined([task.plan(best.model, POLYNOMIAL, 1)], best)
     return simplest([best, *found])
+
+
+def _with_steeper_jumps(task: Task, choice: Choice) -> Choice:
+    """The choice, or the same with smooth jumps that are half as wide, and half again, as long as they are better.
+
+    What a jump that is too smooth leaves looks like missing poles. The last fit narrows it further, see
+    `with_steeper_jumps`.
+    """
+    while (steeper := with_steeper_maps(choice.model)) is not None:
+        found = task.refined([Plan(steeper, choice.family, choice.size)], choice)
+        if not found or not better(found[0].unseen, choice.unseen):
+            break
+        choice = found[0]
+    return choice
 
 
 def _bent(task: Task, choice: Choice) -> bool:

@@ -302,15 +302,20 @@ def with_steeper_jumps(found: Found, **how: Unpack[Search]) -> Found:
         found: from `searched`.
         how: of further searches.
     """
-    while True:
-        blocks = [block.steeper() if isinstance(block, StaticMap) else block for block in found.model.blocks]
-        if all(new is old for new, old in zip(blocks, found.model.blocks, strict=True)):
-            return found
-        steeper = searched(replace(found.model, blocks=tuple(blocks)), found.records, **how)
+    while (start := with_steeper_maps(found.model)) is not None:
+        steeper = searched(start, found.records, **how)
         before, after = (2 * each.minimum.cost / each.minimum.samples for each in (found, steeper))
         if how.get("control", FREE).ending or not matters(after, before):
-            return found
+            break
         found = steeper
+    return found
+
+
+def with_steeper_maps(cascade: Cascade) -> Cascade | None:
+    """The cascade with smooth jumps that are half as wide; None if it has none."""
+    blocks = tuple(block.steeper() if isinstance(block, StaticMap) else block for block in cascade.blocks)
+    same = all(new is old for new, old in zip(blocks, cascade.blocks, strict=True))
+    return None if same else replace(cascade, blocks=blocks)
 
 
 def with_knots_at_bends(start: Cascade, records: Sequence[Record], control: Control) -> Cascade:

@@ -15,7 +15,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search import choice as choices
 from emsid.models.blocks.search.choice import Task, nested_orders
-from emsid.models.blocks.search.orders import order_shares, total_orders
+from emsid.models.blocks.search.orders import lone_filters, order_shares, total_orders
 from emsid.models.blocks.search.refinement import UNKNOWN, Choice
 from emsid.models.blocks.search.topologies import DEFAULTS, HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN
 from emsid.models.blocks.static_maps import Saturation
@@ -115,6 +115,29 @@ def test_orders_that_are_chosen_keep_their_limits() -> None:
     assert order_shares(WIENER_HAMMERSTEIN, free, 5, (3, 3)) == [(2, 3), (3, 2)]
     assert order_shares(HAMMERSTEIN, free, 4, (None, 4)) == [(None, 4)]
     assert total_orders(WIENER_HAMMERSTEIN, None, (2, 6), (3, 3)) == [8]
+
+
+@pytest.mark.parametrize("seed", [88009, 88032])
+def test_a_system_with_one_filter_is_found_among_those_with_two(seed: int) -> None:
+    """With at least one pole in either filter the errors are 25 and 45 times the noise."""
+    rng = np.random.default_rng(seed)
+    u = lfilter([1], [1, -rng.uniform(0, 0.8)], rng.standard_normal(2600))
+    u /= u.std()
+    limits = np.clip(u, -0.8, 0.8) if seed == 88009 else u - np.clip(u, -0.4, 0.4)
+    y = lfilter(*cheby1(rng.integers(1, 4), 1, rng.uniform(0.15, 0.4)), limits)
+    noise = 0.002 * float(y.std())
+    record = Record(u[100:], (y + noise * rng.standard_normal(2600))[100:], 0.01)
+    fit = emsid.fit(emsid.wiener_hammerstein(), record)
+    assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [0, 2]
+    assert np.sqrt(fit.noise_variance) < 1.02 * noise
+
+
+def test_one_of_two_filters_has_no_pole_where_its_order_is_open() -> None:
+    assert lone_filters(WIENER_HAMMERSTEIN, (None, None), 3) == [(0, 3), (3, 0)]
+    assert lone_filters(WIENER_HAMMERSTEIN, (None, 3), 3) == [(0, 3)]
+    assert lone_filters(WIENER_HAMMERSTEIN, (2, None), 3) == []
+    assert lone_filters(WIENER_HAMMERSTEIN, (None, None), 3, (2, 3)) == [(0, 3)]
+    assert lone_filters(HAMMERSTEIN, (None, None), 3) == lone_filters(WIENER, (None, None), 3) == []
 
 
 def test_exchanges_of_poles_and_zeros_end(monkeypatch: pytest.MonkeyPatch) -> None:

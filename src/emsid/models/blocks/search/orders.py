@@ -108,6 +108,21 @@ def order_shares(topology: Topology, orders: Orders, total: int, limits: Orders 
     return [pair for pair in pairs if allowed(pair)]
 
 
+def lone_filters(topology: Topology, orders: Orders, total: int, limits: Orders = (None, None)) -> list[Orders]:
+    """The pairs of orders of two filters of which one has a total order and the other, whose order is open, none.
+
+    So a Wiener–Hammerstein cascade includes Hammerstein and Wiener models.
+    """
+    if not (topology.first and topology.second):
+        return []
+    pairs: list[Orders] = [(0, total), (total, 0)]
+    return [
+        pair
+        for k, pair in enumerate(pairs)
+        if orders[k] is None and orders[1 - k] in (None, total) and total <= (limits[1 - k] or total)
+    ]
+
+
 def sign_recovery_orders(topology: Topology, orders: Orders) -> list[tuple[int, int | None]]:
     """Orders to try after a loss of the sign, which makes the frequency response useless."""
     first = SIGNLESS_FIRST if orders[0] is None else (orders[0],)

@@ -14,10 +14,17 @@ import numpy as np
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.frequency_response import FrequencyResponse
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import delayed
-from emsid.models.blocks.search.orders import measured_response, order_shares, sign_recovery_orders, total_orders
+from emsid.models.blocks.search.orders import (
+    lone_filters,
+    measured_response,
+    order_shares,
+    sign_recovery_orders,
+    total_orders,
+)
 from emsid.models.blocks.search.starts import (
     RANDOM_DRAWS,
     delay_exchanged,
@@ -54,7 +61,8 @@ def ordered_starts(
 ) -> Iterator[list[Cascade]]:
     """The cascades to refine, best first: those from the frequency response, and then, if need be, from other sources.
 
-    Of the first ones the best of every order precede the rest. The limits of orders are as in `total_orders`.
+    Of the first ones the best of every order precede the rest. The next have all poles in one filter. The limits of
+    orders are as in `total_orders`.
 
     Raises:
         Stopped: by ``control``.
@@ -85,6 +93,10 @@ def ordered_starts(
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
     yield (ahead := refined_first([candidate.cascade for candidate in found]))
+    if response is not None:
+        alone = _lone_filter_starts(topology, segments, orders, settings, template, response, totals, limits)
+        if alone:
+            yield alone
     if (found and found[0].error < enough * level) or template.oversampling > 1:
         return
     control.check()
@@ -98,6 +110,28 @@ def ordered_starts(
     found.sort(key=lambda candidate: candidate.error)
     others = [candidate.cascade for candidate in found[:REFINED_RANDOM]]
     yield [each for each in others if not any(each is start for start in ahead)]
+
+
+def _lone_filter_starts(
+    topology: Topology,
+    segments: Segments,
+    orders: Orders,
+    settings: CascadeSearch,
+    template: Cascade,
+    response: FrequencyResponse,
+    totals: Sequence[int],
+    limits: Orders,
+) -> list[Cascade]:
+    """Cascades with two filters of which one has order zero, as that of a Hammerstein or a Wiener model."""
+    pairs: list[Filters] = []
+    for total in totals:
+        for share in lone_filters(topology, orders, total, limits):
+            with suppress(ModelError):  # more coefficients than the response has points
+                pairs += linear_candidates(response, share, total, template.oversampling)
+    with suppress(ModelError):
+        found = scanned(pairs, segments, settings.families[0].trial, template, settings.threads)
+        return refined_first([candidate.cascade for candidate in found])
+    return []
 
 
 def _sign_recovery_starts(

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import emsid
 from cascade_searches import ABS, SPLINE, hammerstein, hammerstein_wiener, unexplained, wiener, wiener_hammerstein
 from emsid.estimation.fit import Ending, Fit
 from emsid.io import read
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.topologies import CascadeSearch
+from emsid.models.blocks.static_maps import EvenSpline
 from emsid.record import Record
 
 
@@ -48,6 +50,15 @@ def test_drives_whose_sensor_loses_the_sign(recordings: Path, channel: int, most
     first, second = Record(values[:, channel], values[:, channel + 2], 0.02).split(0.7)
     fit = wiener_hammerstein(first, None, CascadeSearch(static=ABS))
     assert unexplained(fit, second) < most
+
+
+@pytest.mark.long
+@pytest.mark.recordings
+def test_a_short_record_gets_no_knots_for_its_noise(recordings: Path) -> None:
+    """Twice the knots lower the squared error here, but not the variance of the noise."""
+    values = np.loadtxt(recordings / "coupled_drives" / "uniform_first400.csv", delimiter=",", skiprows=1)
+    fit = emsid.fit(emsid.wiener_hammerstein(), Record(values[:300, 1], values[:300, 3], 0.02))
+    assert [block.size for block in fit.model.blocks if isinstance(block, EvenSpline)] == [20]
 
 
 @pytest.mark.long

@@ -30,7 +30,7 @@ from emsid.models.blocks.fitting import FreeRun, Search, freedom
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER
 from emsid.models.blocks.search.refinement import Found, searched
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.selection.improvement import schwarz_gain
+from emsid.selection.improvement import matters, schwarz_gain
 
 LEAST_FALL = 0.1
 """Too few knots are said where more of them lower the error by this part."""
@@ -80,10 +80,16 @@ def with_enough_knots(found: Found, **how: Unpack[Search]) -> Found:
         larger = searched(start, found.records, **how)
         before, after = (2 * each.minimum.cost / each.minimum.samples for each in (found, larger))
         independent, more = effective_samples(larger.minimum.residuals), larger.determined - found.determined
-        if how.get("control", FREE).ending or not schwarz_gain(after, before, independent, more) > 0:
+        clear = schwarz_gain(after, before, independent, more) > 0
+        if how.get("control", FREE).ending or not clear or not _less_noise(larger, found):
             break
         found = larger
     return found
+
+
+def _less_noise(larger: Found, found: Found) -> bool:
+    """Whether the variance of the noise falls by a part that matters: of a short record knots explain some of it."""
+    return matters(larger.minimum.noise_variance, found.minimum.noise_variance)
 
 
 def _with_finer_map(found: Found) -> Cascade | None:

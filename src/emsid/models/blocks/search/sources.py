@@ -48,6 +48,9 @@ SAME = 1e-3
 # Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
 # a short record they take little time.
 LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
+# Filters without a pole are tried from this many samples on: of fewer, noise at a limit of the output looks like one of
+# the map behind a lone filter.
+LONE_SAMPLES = 1_000
 
 
 def ordered_starts(
@@ -93,7 +96,7 @@ def ordered_starts(
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
     yield (ahead := refined_first([candidate.cascade for candidate in found]))
-    if response is not None:
+    if response is not None and sum(len(y) for _, y in segments) >= LONE_SAMPLES:
         alone = _lone_filter_starts(topology, segments, orders, settings, template, response, totals, limits)
         if alone:
             yield alone

@@ -20,7 +20,6 @@ MAPS: dict[str, Map] = {
     "hyperbolic tangent": lambda x: np.tanh(1.5 * x),
     "dead zone": lambda x: x - np.clip(x, -0.4, 0.4),
     "saturation": lambda x: np.clip(x, -0.8, 0.8),
-    "hyperbolic sine": lambda x: np.sinh(1.2 * x),
 }
 
 
@@ -47,24 +46,16 @@ def ratio(model: emsid.Cascade, judge: Record, noise: float) -> float:
     return float(np.sqrt(1 + np.mean(error**2) / noise**2))
 
 
-@pytest.mark.parametrize(
-    ("name", "seed", "knots"), [("dead zone", 1, 157), ("saturation", 1, 79), ("saturation", 3, 157)]
-)
-def test_a_kink_gets_knots_until_noise_hides_it(name: str, seed: int, knots: int) -> None:
+@pytest.mark.parametrize(("name", "seed"), [("dead zone", 1), ("saturation", 1), ("saturation", 3)])
+def test_a_kink_gets_knots_until_noise_hides_it(name: str, seed: int) -> None:
     """With 40 knots the errors are 1.6 to 2.5 times the noise."""
     record, judge, noise = records(MAPS[name], seed, 0.001)
     fit = emsid.fit(emsid.wiener_hammerstein((2, 1), static="spline", delay=0), record)
     (spline,) = (block for block in fit.model.blocks if isinstance(block, CubicSpline))
-    assert spline.size == knots
-    assert np.sqrt(fit.noise_variance) < 1.12 * noise
-    assert ratio(fit.model, judge, noise) < 1.13
-
-
-def test_a_map_that_bends_up_to_the_edge_of_its_data_gets_more_knots() -> None:
-    """With 40 knots the fit has more than three times the noise: few of them are where the data are rare."""
-    record, _, noise = records(MAPS["hyperbolic sine"], 1, 0.001)
-    fit = emsid.fit(emsid.wiener_hammerstein((2, 1), static="spline", delay=0), record)
+    assert spline.size > 100
+    assert spline.findings(fit.model.signals(record.input[:, 0], fit.model.resting(0.0))[1]) == ()
     assert np.sqrt(fit.noise_variance) < 1.06 * noise
+    assert ratio(fit.model, judge, noise) < 1.08
 
 
 @pytest.mark.parametrize(("name", "noise"), [("hyperbolic tangent", 0.001), ("dead zone", 0.05), ("saturation", 0.05)])

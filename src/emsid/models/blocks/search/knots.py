@@ -6,9 +6,9 @@ first order more knots lower the squares of r to min ‖r + Fp‖². Schwarz's c
 parameters that the cascade has, both without penalties.
 
 The bends of any curve matter less the smaller they are, and a long record shows all of them. So the error has to fall
-by a part that matters. Where the number of knots is not given, those knots are added, as long as the fit keeps what the
-linearised residual promises: at little noise a kink, or a curve that bends up to the edge of its data, needs more knots
-than most maps do.
+by a part that matters. Where the number of knots is not given, those knots of a spline that have data around them are
+added, as long as Schwarz's criterion prefers the fit with them: at little noise a kink needs more knots than most maps
+do.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import FreeRun, Search, freedom
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER
 from emsid.models.blocks.search.refinement import Found, searched
-from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.blocks.static_maps import CubicSpline, StaticMap
+from emsid.models.blocks.static_maps.through_points import with_data
 from emsid.selection.improvement import matters, schwarz_gain
 
 LEAST_FALL = 0.1
@@ -70,7 +71,7 @@ def too_few_knots(minimum: Minimum, problem: FreeRun) -> tuple[Finding, ...]:
 
 
 def with_enough_knots(found: Found, **how: Unpack[Search]) -> Found:
-    """The fit, or one whose smooth maps have twice the knots, and twice again, while Schwarz's criterion prefers it.
+    """The fit, or one whose splines have about twice the knots, and twice again, while Schwarz's criterion prefers it.
 
     Args:
         found: from `searched`.
@@ -93,15 +94,29 @@ def _less_noise(larger: Found, found: Found) -> bool:
 
 
 def _with_finer_map(found: Found) -> Cascade | None:
-    """The cascade with more knots in the smooth map where they lower the error most; None if they do in no map."""
+    """The cascade with more knots in the spline where they lower the error most; None if they do in no map."""
     finer = (each for each in _finer(found.minimum, found.problem) if each.beyond_chance > ADDED_FALL)
     options = [each for each in finer if _has_room(each.cascade.blocks[each.block], found)]
-    return max(options, key=lambda each: each.saved).cascade if options else None
+    if not options:
+        return None
+    chosen = max(options, key=lambda each: each.saved)
+    start, k = _where_data_are(chosen, found), chosen.block
+    return start if len(start.blocks[k].parameters) > len(found.model.blocks[k].parameters) else None
+
+
+def _where_data_are(finer: Finer, found: Found) -> Cascade:
+    """The cascade with more knots, without those around which there are hardly any data."""
+    k, spline = finer.block, finer.cascade.blocks[finer.block]
+    assert isinstance(spline, CubicSpline)
+    runs = zip(found.problem.segments, found.problem.states(found.minimum.estimate), strict=True)
+    knots = with_data(spline.knots, np.concatenate([found.model.signals(u, states)[k] for (u, _), states in runs]))
+    blocks = finer.cascade.blocks
+    return replace(finer.cascade, blocks=(*blocks[:k], CubicSpline(knots, spline.value(knots)), *blocks[k + 1 :]))
 
 
 def _has_room(block: object, found: Found) -> bool:
-    """Whether a map is smooth, and has at most `MOST_KNOTS` knots, of which each has enough samples."""
-    if not isinstance(block, StaticMap) or block.roughness() is None:
+    """Whether a map is a spline of at most `MOST_KNOTS` knots, and has enough samples for each."""
+    if not isinstance(block, CubicSpline):
         return False
     return block.size <= min(MOST_KNOTS, found.minimum.samples / SAMPLES_PER_PARAMETER)
 

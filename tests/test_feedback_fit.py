@@ -13,7 +13,7 @@ from emsid import Record
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.problem import Infeasible
-from emsid.models.blocks.static_maps import STATIC_MAPS, PiecewiseLinear, Saturation, TwoSlopes, UserMap
+from emsid.models.blocks.static_maps import STATIC_MAPS, DeadZone, PiecewiseLinear, Saturation, TwoSlopes, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.fitting import Found, fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
@@ -253,3 +253,20 @@ def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkey
     assert (fit.ending, fit.samples < 900) == (Ending.INTERRUPTED, True)
     same = [float(np.nanmean(squared_errors(model, [record]))) for model in (begun.found.model, fit.model)]
     assert same[1] == pytest.approx(same[0], rel=1e-3)
+
+
+# --- sides that are not reached --------------------------------------------------------------------------------------
+
+
+def test_no_step_leads_to_a_slope_without_bound() -> None:
+    """The left side of a dead zone is not reached, so that its slope changes nothing, however large it becomes."""
+    matrix = np.array([[0.8, 0.5, -0.3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    model, u = FeedbackModel(matrix, (DeadZone(-3.0, 0.3),), dt=DT), np.abs(U)
+    problem = fitting.FreeRun(model, np.eye(len(model.parameters)), [(u, model.output(u, np.zeros(1)))], 0)
+    theta = np.zeros(len(model.parameters) + 1)
+    left = model.names.index("f.m_l")
+    theta[left] = 1e11
+    np.testing.assert_array_equal(problem.residuals(theta)[0], 0.0)
+    theta[left] = 1e13
+    with pytest.raises(Infeasible, match="boundless"):
+        problem.residuals(theta)

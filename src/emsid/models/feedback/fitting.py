@@ -44,6 +44,9 @@ Refusal = Callable[[FeedbackModel, Segments, Sequence[Array]], bool]
 STEPS, ROUNDS = 25, 6
 # The largest number of elements of initial states that are estimated with the model; of more, each is estimated alone.
 MOST_STATES = 60
+# What hardly any sample determines, such as the slope of a dead zone on a side that is not reached, may grow with every
+# step. No step leads to parameters of this size.
+BOUNDLESS = 1e12
 # Less than this fraction of the cost saved in a round ends the search.
 SAVED = 1e-3
 # In records of at most this many samples, a search that does not converge is begun again.
@@ -117,12 +120,15 @@ class FreeRun:
         """The model and its runs.
 
         Raises:
-            Infeasible: for maps outside their families, a run that diverges, or a model that is refused.
+            Infeasible: for maps outside their families, parameters without bound, a run that diverges, or a model that
+                is refused.
         """
 
         def run() -> tuple[FeedbackModel, list[LoopSignals]]:
             model = self.at(theta)
             model.check()
+            if not np.abs(model.parameters).max(initial=0.0) < BOUNDLESS:
+                raise Infeasible(f"parameters of {model.name} are boundless; scale the channels, or choose fewer maps")
             states = [self.state(theta, k) for k in range(len(self.segments))]
             runs = [model.trajectory(u, x) for (u, _), x in zip(self.segments, states, strict=True)]
             if self.refused is not None and self.refused(model, self.segments, states):

@@ -94,9 +94,14 @@ class Direction:
 
 
 def directions_for(
-    found: Found, segments: Segments, transient: int, rng: np.random.Generator, multiplied: bool = False
+    found: Found,
+    segments: Segments,
+    transient: int,
+    rng: np.random.Generator,
+    multiplied: bool = False,
+    kept: int = KEPT,
 ) -> list[Direction]:
-    """Directions that differ and in which a map explains most of the residual, at most `KEPT`, the best first.
+    """Directions that differ and in which a map explains most of the residual, the best first.
 
     Args:
         found: a model with its states, fitted to the segments.
@@ -104,6 +109,7 @@ def directions_for(
         transient: samples without error at the start of each.
         rng: for directions.
         multiplied: whether the map is multiplied by a signal.
+        kept: how many at most.
     """
     model = found.model
     same = whitened(model, visited(model, segments, found.states))
@@ -119,7 +125,7 @@ def directions_for(
     else:
         rows += [rng.standard_normal(len(size)) / size for _ in range(RANDOM)]
         tried = [part.explained(rows[0], True), *(part.explained(row, False) for row in rows)]
-    best = _apart(sorted((each for each in tried if each is not None), key=lambda each: each.error))
+    best = _apart(sorted((each for each in tried if each is not None), key=lambda each: each.error), kept)
     if len(segments) > 1 or len(y) > stop:
         whole = _Stretches.of(same.model, spread, segments, states, transient)
         again = [whole.explained(each.row, each.measured, each.factor) for each in best]
@@ -267,13 +273,13 @@ def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, Array]:
     return b, c, residual - np.tensordot(shape, b, (1, 0)) @ c
 
 
-def _apart(directions: Sequence[Direction]) -> list[Direction]:
-    """The first `KEPT` directions whose signals are not nearly the same."""
+def _apart(directions: Sequence[Direction], most: int) -> list[Direction]:
+    """The first directions whose signals are not nearly the same."""
     chosen: list[Direction] = []
     for each in directions:
         if not any(_alike(each, other) for other in chosen):
             chosen.append(each)
-        if len(chosen) == KEPT:
+        if len(chosen) == most:
             break
     return chosen
 

@@ -18,6 +18,7 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.threads import in_threads
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.search.directions import KEPT
 from emsid.models.feedback.search.magnitudes import MAGNITUDE
 from emsid.models.feedback.search.starts import share_of, with_one_map_more
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
@@ -32,6 +33,8 @@ PER_KNOT = 20
 CUBIC = 3
 # Steps of a start in every direction.
 STEPS = 10
+# Directions beside a sensor that loses the sign, which hides where what acts in the loop has its effect.
+MANY = 8
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 
 
@@ -123,17 +126,19 @@ def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) ->
             continue
         bench.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
         with suppress(EmsidError):
-            yield _begun(bench, found, family, size)
+            yield _begun(bench, found, family, size, kept=MANY if trial.family is MAGNITUDE else KEPT)
 
 
-def _begun(bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False) -> Start:
+def _begun(
+    bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False, kept: int = KEPT
+) -> Start:
     """The start in the best direction.
 
     Raises:
         ModelError: if all directions diverge.
     """
     model = found.model
-    segments, ways = bench.segments(model), bench.directions(found)
+    segments, ways = bench.segments(model), bench.directions(found, kept=kept)
     start = with_one_map_more(found, segments, model.edge, family, size, ways, STEPS, bench.control, hold_signals)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")

@@ -24,7 +24,7 @@ from emsid.models.extrapolation import FAR, HELD, LARGER, leaves_range
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.directions import Direction, directions_for
+from emsid.models.feedback.search.directions import KEPT, Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import RUNAWAY, squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
@@ -189,8 +189,8 @@ class Bench:
         rng: for directions.
         linear_models: those that were fitted, by order, steps and delay.
         folds: the errors on parts that are left out, by the identity of the trial.
-        ways: the directions in which a map more explains what a model misses, by its identity and whether the map is
-            multiplied by a signal.
+        ways: the directions in which a map more explains what a model misses, by its identity, whether the map is
+            multiplied by a signal, and how many are kept.
         extended: the trials with one map more, by the identity of the model without it, the family and the size of the
             map, and whether signals were held.
     """
@@ -202,7 +202,7 @@ class Bench:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
-    ways: dict[tuple[int, bool], tuple[Found, list[Direction]]] = field(default_factory=dict)
+    ways: dict[tuple[int, bool, int], tuple[Found, list[Direction]]] = field(default_factory=dict)
     extended: dict[tuple[int, str, int, bool], Trial] = field(default_factory=dict)
 
     @classmethod
@@ -256,17 +256,17 @@ class Bench:
             self.linear_models[order, steps, delay] = found
         return found
 
-    def directions(self, found: Found, multiplied: bool = False) -> list[Direction]:
+    def directions(self, found: Found, multiplied: bool = False, kept: int = KEPT) -> list[Direction]:
         """The directions of a map more, the best first.
 
         Raises:
             Stopped: by the control.
         """
-        key = id(found), multiplied
+        key = id(found), multiplied, kept
         if key not in self.ways:
             self.control.check()
             segments, edge = self.segments(found.model), found.model.edge
-            self.ways[key] = found, directions_for(found, segments, edge, self.rng, multiplied)
+            self.ways[key] = found, directions_for(found, segments, edge, self.rng, multiplied, kept)
         return self.ways[key][1]
 
     def more_than_noise(self, found: Found) -> bool:

@@ -12,7 +12,10 @@ import emsid
 from emsid import Record
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.nonlinear.restarts import Ends, Search
+from emsid.findings import Finding
 from emsid.models.blocks.static_maps import STATIC_MAPS, DeadZone, PiecewiseLinear, Saturation, TwoSlopes, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.fitting import Found, fit_feedback, searched
@@ -255,6 +258,41 @@ def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkey
     assert same[1] == pytest.approx(same[0], rel=1e-3)
 
 
+# --- searches that stall ---------------------------------------------------------------------------------------------
+
+
+def test_a_search_that_stalls_is_confirmed_by_others_with_their_spread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three others end at the same cost, apart by ±0.01 in one direction of the last search."""
+    record, trial = begun_trial(600)
+    begun, calls = fitting.begun_around, []
+    model = trial.found.model
+    usual = fit_feedback(model, record)
+
+    def stalled(minimum: Minimum, search: Search, own: int, control: Control) -> tuple[Minimum, Ends]:
+        assert begun(minimum, search, own, control) == (minimum, [])  # as it has converged
+        calls.append(own)
+        moves = 0.01 * np.eye(1, own)[0] * np.array([[1.0], [-1.0], [1.0]])
+        stall = replace(
+            minimum, ending=Ending.STALLED, findings=(Finding("search-stalled", "", {"steps": 1, "offset": 2.0}),)
+        )
+        return stall, [(minimum.cost, minimum.estimate[:own] + move) for move in moves]
+
+    monkeypatch.setattr(fitting, "begun_around", stalled)
+    fit = fit_feedback(model, record)
+    assert calls
+    assert fit.ending is Ending.CONVERGED
+    assert [each.code for each in fit.findings] == ["minimum-not-smooth"]
+    np.testing.assert_array_equal(fit.estimate, usual.estimate)
+    added = fit.covariance - usual.covariance
+    sizes = np.linalg.eigvalsh(added)
+    assert sizes[-1] > 1e-6
+    assert np.abs(sizes[:-1]).max() < 0.05 * sizes[-1]
+    monkeypatch.setattr(fitting, "BEGUN_AGAIN", 500)
+    calls.clear()
+    assert fit_feedback(model, record).ending is Ending.CONVERGED
+    assert not calls
+
+
 # --- sides that are not reached --------------------------------------------------------------------------------------
 
 
@@ -268,5 +306,5 @@ def test_no_step_leads_to_a_slope_without_bound() -> None:
     theta[left] = 1e11
     np.testing.assert_array_equal(problem.residuals(theta)[0], 0.0)
     theta[left] = 1e13
-    with pytest.raises(Infeasible, match="boundless"):
+    with pytest.raises(Infeasible, match="without bound"):
         problem.residuals(theta)

@@ -46,7 +46,7 @@ STEPS, ROUNDS = 25, 6
 MOST_STATES = 60
 # What hardly any sample determines, such as the slope of a dead zone on a side that is not reached, may grow with every
 # step. No step leads to parameters of this size.
-BOUNDLESS = 1e12
+LARGEST_PARAMETER = 1e12
 # Less than this fraction of the cost saved in a round ends the search.
 SAVED = 1e-3
 # In records of at most this many samples, a search that does not converge is begun again.
@@ -127,8 +127,10 @@ class FreeRun:
         def run() -> tuple[FeedbackModel, list[LoopSignals]]:
             model = self.at(theta)
             model.check()
-            if not np.abs(model.parameters).max(initial=0.0) < BOUNDLESS:
-                raise Infeasible(f"parameters of {model.name} are boundless; scale the channels, or choose fewer maps")
+            if not np.abs(model.parameters).max(initial=0.0) < LARGEST_PARAMETER:
+                raise Infeasible(
+                    f"parameters of {model.name} grow without bound; scale the channels, or choose fewer maps"
+                )
             states = [self.state(theta, k) for k in range(len(self.segments))]
             runs = [model.trajectory(u, x) for (u, _), x in zip(self.segments, states, strict=True)]
             if self.refused is not None and self.refused(model, self.segments, states):
@@ -308,8 +310,8 @@ def conclude(
     minimum = replace(_gauss_newton(problem, states, 0, tolerance, control, True), ending=last.minimum.ending)
     if ended:
         end = last.minimum
-        minimum = replace(minimum, findings=end.findings, iterations=end.iterations, costs=end.costs).judged()
-        minimum = confirmed(minimum, _in_form(others, model, spread, segments, last.states))
+        minimum = replace(minimum, findings=end.findings, iterations=end.iterations, costs=end.costs)
+        minimum = confirmed(minimum, _in_form(others, model, spread, segments, last.states)).judged()
     free = spread.shape[1]
     own = minimum.covariance[:free, :free]
     lost = np.isinf(np.diag(own))

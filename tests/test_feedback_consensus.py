@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,7 @@ from emsid import Record
 from emsid.models.blocks.static_maps import Polynomial
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.consensus import agreeing
-from emsid.models.feedback.search.trials import Trial
+from emsid.models.feedback.search.trials import Trial, error_of_use
 from emsid.models.one_channel import segments_longer_than
 from emsid.record import concatenate
 from feedback_models import X, begun_trial, loop
@@ -23,9 +24,12 @@ from model_examples import DT
 RECORD, BEGUN = begun_trial(400)
 
 
-def bench(*records: Record) -> Any:
-    """The data of these records."""
-    return SimpleNamespace(segments=lambda model: segments_longer_than(model.memory, model, records))
+def bench(*records: Record, useless: Sequence[Trial] = ()) -> Any:
+    """The data of these records, and models that are of no use from the initial states that a user knows."""
+    return SimpleNamespace(
+        segments=lambda model: segments_longer_than(model.memory, model, records),
+        is_of_use=lambda trial: trial not in useless,
+    )
 
 
 def trial(cubic: float, error: float) -> Trial:
@@ -50,6 +54,25 @@ def test_the_order_of_the_models_does_not_matter() -> None:
     trials = [trial(cubic, 1 + abs(cubic + 0.05)) for cubic in (-0.08, -0.05, -0.051, -0.049, -0.048)]
     found = {id(agreeing(bench(RECORD), order, trials[2])) for order in (trials, trials[::-1], trials[2:] + trials[:2])}
     assert len(found) == 1
+
+
+def test_models_of_no_use_take_no_part_if_there_are_others() -> None:
+    trials = [trial(each, 1.0) for each in (-0.05, -0.051, -0.049, -0.048)]
+    assert agreeing(bench(RECORD, useless=trials[:3]), trials, trials[0]) is trials[3]
+    assert agreeing(bench(RECORD, useless=trials), trials, trials[0]) is agreeing(bench(RECORD), trials, trials[0])
+
+
+def test_the_error_of_use_begins_at_states_that_the_first_samples_show() -> None:
+    matrix = np.diag([0.9, 0.99999, 0.0])
+    matrix[0, 2], matrix[2, :2] = 1.0, [0.05, 1e-4]
+    model, u = FeedbackModel(matrix, dt=DT), np.random.default_rng(5).normal(size=2000)
+    y = model.output(u, np.array([0.0, 1.0]))
+    noisy = y + 0.1 * np.random.default_rng(6).normal(size=len(u))
+    assert error_of_use(model, [(u, noisy)]) < 0.15
+    steep = FeedbackModel(np.array([[1.2, 0.5], [1.0, 0.0]]), dt=DT)
+    assert error_of_use(steep, [(u, noisy)]) == np.inf
+    away = replace(model, matrix=matrix * np.array([[1], [1], [1e3]]))
+    assert error_of_use(away, [(u, noisy)]) > 10
 
 
 def test_one_model_is_the_choice() -> None:

@@ -43,6 +43,8 @@ LEAST_WEIGHT = 1e-3
 def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
     """The model that agrees most with the others on larger inputs; the best one so far if there is no other.
 
+    Models that are of no use from the initial states that a user knows take no part.
+
     Args:
         bench: the data of a short record.
         trials: models that do not run away, among them the best one.
@@ -51,6 +53,7 @@ def agreeing(bench: Bench, trials: Sequence[Trial], best: Trial) -> Trial:
     gains = _gains(trials, best)
     weights = np.exp((gains - gains.max()) / (2 * TEMPER))
     probable = [(each, float(w)) for each, w in zip(trials, weights, strict=True) if w > LEAST_WEIGHT]
+    probable = [pair for pair in probable if bench.is_of_use(pair[0])] or probable
     least = max(each.found.model.memory for each, _ in probable)
     runs = [_beyond(bench, each, least) for each, _ in probable]
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from math import sqrt
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -23,9 +25,8 @@ from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.further_maps import usual_size
-from emsid.models.feedback.search.trials import SEARCHED, FeedbackSearch, Trial, runs_away
+from emsid.models.feedback.search.trials import OF_USE, SEARCHED, FeedbackSearch, Trial, error_of_use
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
-from emsid.models.start_states import starting
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 
@@ -236,7 +237,7 @@ def _in_part(trial: Trial, records: Sequence[Record], control: Control) -> Trial
 def _fitted(
     begun: Sequence[Trial], records: Sequence[Record], control: Control, iterations: int = ITERATIONS
 ) -> Fit[Any]:
-    """The last trial, fitted to all data; where that leads to a model that runs away, the model of the first one.
+    """The last trial, fitted to all data; the model of the first one if that is of no use, see `error_of_use`.
 
     Args:
         begun: the trial that is chosen, and of long records the same in a part of them.
@@ -248,20 +249,20 @@ def _fitted(
         ModelError: where the run of every model diverges.
         Stopped: by ``control``, in long records.
     """
-    fits: list[Fit[Any]] = []
+    fits: list[tuple[float, Fit[Any]]] = []
     ways = [(begun[-1], iterations), (begun[0], 0)] if iterations or len(begun) > 1 else [(begun[0], 0)]
     for k, (trial, most) in enumerate(ways, 1):
         try:
-            fits.append(_minimum(trial.found, records, control, most))
+            fit = _minimum(trial.found, records, control, most)
         except ModelError:
             if k == len(ways) and not fits:
                 raise
             continue
-        last = fits[-1].model
-        segments = segments_longer_than(last.memory, last, records)
-        if not runs_away(last, segments, [starting(last, u, y[: last.memory]) for u, y in segments]):
-            return fits[-1]
-    return fits[0]
+        error = error_of_use(fit.model, segments_longer_than(fit.model.memory, fit.model, records))
+        if error <= OF_USE * sqrt(fit.noise_variance):
+            return fit
+        fits.append((error, fit))
+    return min(fits, key=itemgetter(0))[1]
 
 
 def _minimum(begun: Found, records: Sequence[Record], control: Control, iterations: int) -> Fit[Any]:

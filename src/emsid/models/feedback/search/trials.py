@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import log
+from math import inf, log
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.uncertainty.coloured_residuals import autoregression, effective_samples
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.extrapolation import FAR, HELD, LARGER, leaves_range
@@ -28,6 +29,7 @@ from emsid.models.feedback.search.directions import KEPT, Direction, directions_
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import RUNAWAY, squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
+from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
@@ -60,6 +62,8 @@ PER_PARAMETER, REFITTED, SAVING = 10, 15, 1e-3
 FEWEST = 5
 
 
+# A model is of use if its free run from estimated initial states errs by at most this factor more than that of the fit.
+OF_USE = 1.5
 # The options of the command line whose name is another one.
 _OPTIONS = {"order": "orders", "size": "knots", "delay": "nk"}
 
@@ -328,6 +332,11 @@ class Bench:
             wins = gain > 0
         return wins if richer else not wins
 
+    def is_of_use(self, trial: Trial) -> bool:
+        """Whether a model errs little more from the states that the first samples show than from those of its fit."""
+        model = trial.found.model
+        return error_of_use(model, self.segments(model)) <= OF_USE * trial.found.error
+
     def may_be_better(self, trial: Trial, simple: Trial) -> bool:
         """Whether a richer model is better by Akaike's criterion for the number of independent errors.
 
@@ -386,6 +395,22 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
         if leaves_range(run.y[:: model.oversampling], low, high, RUNAWAY):
             return True
     return False
+
+
+def error_of_use(model: FeedbackModel, segments: Segments) -> float:
+    """The free-run error from the states that the first samples show; infinite for a model that runs away.
+
+    A fit knows the initial states, but a user does not. A model with slow states that hardly show in the output may fit
+    all data from the former, and miss them from the latter.
+    """
+    states = [starting(model, u, y[: model.memory]) for u, y in segments]
+    try:
+        if runs_away(model, segments, states):
+            return inf
+        errors = [model.output(u, x) - y for (u, y), x in zip(segments, states, strict=True)]
+    except Infeasible:
+        return inf
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def larger_runs(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> Iterator[LoopSignals]:

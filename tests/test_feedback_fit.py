@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -268,7 +269,7 @@ def test_a_search_that_stalls_is_confirmed_by_others_with_their_spread(monkeypat
     model = trial.found.model
     usual = fit_feedback(model, record)
 
-    def stalled(minimum: Minimum, search: Search, own: int, control: Control) -> tuple[Minimum, Ends]:
+    def stalled(minimum: Minimum, search: Search, own: int, control: Control, **_: Any) -> tuple[Minimum, Ends]:
         assert begun(minimum, search, own, control) == (minimum, [])  # as it has converged
         calls.append(own)
         moves = 0.01 * np.eye(1, own)[0] * np.array([[1.0], [-1.0], [1.0]])

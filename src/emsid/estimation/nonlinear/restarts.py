@@ -18,7 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Problem, trial_cost
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 
@@ -38,6 +40,8 @@ STEPS, SLOW = 25, 1e-3
 """The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
 FAR = 2.0
 """How many standard deviations away a search is begun again."""
+HIGH, HALVED = 4.0, 8
+"""The most that the cost at such a point may be over that of the end, and how often `nearer` halves the way to it."""
 
 
 class Search(Protocol):
@@ -68,6 +72,23 @@ def drawn(slopes: Array, residuals: Sequence[Array], rng: np.random.Generator, m
     moves = FAR * np.sqrt(square / effective_samples(residuals)) * (axes.T * draw) / sizes[:, None]
     beyond = np.max(np.abs(moves) / np.broadcast_to(most, sizes.shape)[:, None], axis=0)
     return np.asarray((moves / np.maximum(beyond, 1.0)).sum(axis=1))
+
+
+def nearer(problem: Problem, theta: Array, minimum: Minimum) -> Array:
+    """(p,) a point that a search begins at, or one on the way to it whose cost is not far above that of a minimum.
+
+    Where the run is not smooth, or a valley narrow, it may diverge at a draw from the covariance.
+
+    Args:
+        problem: of the search.
+        theta: (p,) the point.
+        minimum: where the search ended.
+    """
+    for _ in range(HALVED):
+        if trial_cost(problem, theta, SQUARES) <= HIGH * minimum.cost:
+            break
+        theta = 0.5 * (theta + minimum.estimate)
+    return theta
 
 
 Ends = Sequence[tuple[float, Array]]

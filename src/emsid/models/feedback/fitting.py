@@ -23,7 +23,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
-from emsid.estimation.nonlinear.restarts import Ends, begun_around, confirmed
+from emsid.estimation.nonlinear.restarts import TURNS, Ends, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, whitened
@@ -359,7 +359,10 @@ def _last_steps(
             given = {"max_iterations": iterations, "tolerance": tolerance, "control": control, "covariances": False}
             return _search(problem, theta, **(given | options))
 
-        minimum, ends = begun_around(minimum, search, spread.shape[1], control)
+        def around(theta: Array, **options: Any) -> Minimum:
+            return search(nearer(problem, theta, minimum), **options)
+
+        minimum, ends = begun_around(minimum, search, spread.shape[1], control, around=around, turns=TURNS)
     states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
     others = [(cost, problem.at(own)) for cost, own in ends]
     return Found(problem.at(minimum.estimate), states, minimum, True), others

@@ -37,10 +37,9 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem, trial_cost
-from emsid.estimation.nonlinear.restarts import TURNS, begun_again
+from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
+from emsid.estimation.nonlinear.restarts import TURNS, begun_again, nearer
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
@@ -59,8 +58,6 @@ STEPS = 15
 SAMPLES_PER_STATE = 8
 # Effort of every search with wide differences.
 WIDE: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.05, "least_saving": 1e-3, "covariances": False}
-# A search begins again at a cost of at most this many times that where it ended, nearer by a half at most so often.
-FAR, HALVED = 4.0, 8
 # The largest number of initial outputs that are estimated.
 MOST_STATES = 40
 
@@ -202,7 +199,7 @@ def fit_free_run(
         found = min(search(narrowed(first, WIDTHS)), found, key=lambda each: each.cost)
 
         def around(theta: Array, **others: Any) -> Minimum:
-            return search(narrowed(_nearer(problem, theta, found), WIDTHS[1:]), **others)
+            return search(narrowed(nearer(problem, theta, found), WIDTHS[1:]), **others)
 
         found = begun_again(found, search, len(structure), control, around=around, turns=TURNS)
     elif restarts:
@@ -231,15 +228,6 @@ def given_start(structure: Structure, start: ArrayLike) -> Array:
 def _jumps(structure: Structure) -> bool:
     """Whether the free run of a structure jumps: a sign of a past output is among its regressors."""
     return any(f.channel == 0 and f.transform is Transform.SIGN for r in structure.regressors for f in r.factors)
-
-
-def _nearer(problem: Problem, theta: Array, minimum: Minimum) -> Array:
-    """θ where its cost is at most `FAR` times that of the end of a search, or a point nearer to that end."""
-    for _ in range(HALVED):
-        if trial_cost(problem, theta, SQUARES) <= FAR * minimum.cost:
-            break
-        theta = 0.5 * (theta + minimum.estimate)
-    return theta
 
 
 def _explains_something(problem: FreeRunError, theta: Array) -> bool:

@@ -183,7 +183,8 @@ def with_sticking_steps_doubled(model: FeedbackModel, k: int, held: bool) -> Fee
     matrix = faster.matrix.copy()
     matrix[:n, n + 1 + k] = matrix[:n, :n] @ speed / (_slope(zone) * float(into[:n] @ speed))
     matrix[:n, : n + 1] -= _slope(zone) * np.outer(matrix[:n, n + 1 + k], into)
-    narrower = replace(zone, b_l=zone.b_l / 2, b_r=zone.b_r / 2)
+    still = float(model.map_offsets[k])  # z at standstill
+    narrower = replace(zone, b_l=0.5 * (zone.b_l + still), b_r=0.5 * (zone.b_r + still))
     return replace(faster, matrix=matrix, maps=(*model.maps[:k], narrower, *model.maps[k + 1 :]))
 
 

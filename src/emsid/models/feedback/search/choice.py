@@ -267,7 +267,7 @@ def _with_sticking(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
     trials = list(sticking(bench, best.found.model.delay, settings))
     for trial in trials:
         best = trial if bench.prefers(trial, best) else best
-    return trials if best is contest.best else [*trials, *finer(bench, [best], settings, in_any_case=True)]
+    return trials if best is contest.best else [*trials, *finer(bench, [best], settings, sticks=True)]
 
 
 def _settles(contest: Contest, stuck: Trial) -> bool:

@@ -18,8 +18,9 @@ from emsid.models.feedback.search.sticking import sticking_map, with_sticking_st
 from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, Steps, Trial, much_worse
 from emsid.selection.improvement import matters
 
-# Steps per sample that are tried: twice the rate, and more as long as that is no worse.
-TWICE, MOST_STEPS = 2, 8
+# Steps per sample that are tried: twice the rate, and more as long as that is no worse. The error of friction that sticks
+# falls with the steps, so all are tried up to the last number.
+TWICE, MOST_STEPS, MOST_STICKING = 2, 8, 16
 
 
 def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -37,16 +38,14 @@ def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tria
                 now, ways = each, (each.found.model.held,)
 
 
-def finer(
-    bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, in_any_case: bool = False
-) -> Iterator[Trial]:
-    """With twice the steps per sample, and twice again, as long as that does not raise the errors, or in any case."""
+def finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, sticks: bool = False) -> Iterator[Trial]:
+    """With twice the steps per sample, and twice again, as long as that does not raise the errors; all if it sticks."""
     if settings.oversampling is not None:
         return
     for trial in trials:
         now: Trial | None = trial
-        while now is not None and now.found.model.oversampling < MOST_STEPS:
-            now = _doubled(bench, now, settings, in_any_case)
+        while now is not None and now.found.model.oversampling < (MOST_STICKING if sticks else MOST_STEPS):
+            now = _doubled(bench, now, settings, sticks)
             if now is not None:
                 yield now
 
@@ -59,8 +58,8 @@ def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch, in_any_case: 
     for held in ways:
         bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
         with suppress(EmsidError):
-            if (sticks := sticking_map(model)) is not None:
-                start = with_sticking_steps_doubled(model, sticks, held)
+            if (at := sticking_map(model)) is not None:
+                start = with_sticking_steps_doubled(model, at, held)
             else:
                 start = with_steps_doubled(model, held)
             finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))

@@ -18,8 +18,8 @@ from emsid.models.feedback.search.sticking import sticking_map, with_sticking_st
 from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, Steps, Trial, much_worse
 from emsid.selection.improvement import matters
 
-# Steps per sample that are tried: twice the rate, and more as long as that is no worse. The error of friction that sticks
-# falls with the steps, so all are tried up to the last number.
+# Steps per sample that are tried: twice the rate, and more as long as that is no worse. The error of friction that
+# sticks falls with the steps, so all are tried up to the last number.
 TWICE, MOST_STEPS, MOST_STICKING = 2, 8, 16
 
 

@@ -14,7 +14,14 @@ from emsid import ModelError, Record
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
-from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, directions, whitened
+from emsid.models.feedback.coordinates import (
+    Visited,
+    coordinates,
+    coordinates_in_form,
+    directions,
+    in_coordinates,
+    whitened,
+)
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
@@ -184,6 +191,17 @@ def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[
     assert not spread[normal.fixed].any()
     np.testing.assert_allclose(normal.conditions @ spread, 0.0, atol=1e-6 * np.abs(normal.conditions).max())
     assert spread.shape[1] == coordinates(model, visited(model)).shape[1]
+
+
+@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline"])
+def test_a_change_is_expressed_in_coordinates_whatever_its_units(name: str) -> None:
+    """A change with another state and other units of the signals of the maps, which the coordinates do not have."""
+    model = multiplied(name)
+    seen = visited(model)
+    spread, redundant, rng = coordinates(model, seen), directions(model, seen), np.random.default_rng(6)
+    phi = rng.normal(size=spread.shape[1])
+    change = spread @ phi + redundant @ rng.normal(size=redundant.shape[1])
+    np.testing.assert_allclose(in_coordinates(model, seen, spread, change), phi, rtol=1e-6, atol=1e-6)
 
 
 def test_a_line_is_taken_from_a_map_at_seldom_reached_knots_too() -> None:

@@ -348,6 +348,23 @@ def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, con
     return np.asarray(spread, dtype=float)
 
 
+def in_coordinates(model: FeedbackModel, visited: Visited, spread: Array, change: Array) -> Array:
+    """(f,) φ: a change (p,) of the parameters is Cφ and redundant directions, such as another unit of a signal.
+
+    Args:
+        model: θ₀.
+        visited: its signals.
+        spread: (p, f) C.
+        change: to another model that differs little.
+    """
+    scale = weights(model, visited)
+    columns = np.column_stack([spread, directions(model, visited)]) * scale[:, None]
+    length = np.linalg.norm(columns, axis=0)
+    length[length == 0] = 1.0
+    found = np.linalg.lstsq(columns / length, scale * change, rcond=DEPENDENT)[0] / length
+    return np.asarray(found[: spread.shape[1]], dtype=float)
+
+
 def fixed_offsets(model: FeedbackModel) -> Mask:
     """(p,) the offsets z₀ of maps that absorb a shift."""
     fixed = np.zeros(len(model.parameters), dtype=bool)

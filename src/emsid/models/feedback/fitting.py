@@ -26,7 +26,7 @@ from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
 from emsid.estimation.nonlinear.restarts import TURNS, Ends, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.findings import Finding
-from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, whitened
+from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, in_coordinates, whitened
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
@@ -311,7 +311,7 @@ def conclude(
     if ended:
         end = last.minimum
         minimum = replace(minimum, findings=end.findings, iterations=end.iterations, costs=end.costs)
-        minimum = confirmed(minimum, _in_form(others, model, spread, segments, last.states)).judged()
+        minimum = confirmed(minimum, _in_form(others, model, seen, spread, segments, last.states)).judged()
     free = spread.shape[1]
     own = minimum.covariance[:free, :free]
     lost = np.isinf(np.diag(own))
@@ -369,15 +369,23 @@ def _last_steps(
 
 
 def _in_form(
-    others: Sequence[Other], model: FeedbackModel, spread: Array, segments: Segments, states: Sequence[Array]
+    others: Sequence[Other], model: FeedbackModel, seen: Visited, spread: Array, segments: Segments, states: list[Array]
 ) -> Ends:
-    """The costs of other models and their parameters (f,) in the coordinates of a fitted one, in the normal form."""
+    """The costs of other models, and their parameters (f,) in the coordinates of a fitted one in the normal form.
+
+    Args:
+        others: in the coordinates of the last steps.
+        model: the fitted one, in the normal form.
+        seen: its signals.
+        spread: (p, f) of its coordinates.
+        segments: (u, y) of each.
+        states: (n,) of each, in the coordinates of the last steps.
+    """
     ends = []
     for cost, other in others:
         with suppress(EmsidError):
             form = normal_form(other, visited(other, segments, states)).model
-            moved = np.linalg.lstsq(spread, form.parameters - model.parameters, rcond=None)[0]
-            ends.append((cost, np.asarray(moved, dtype=float)))
+            ends.append((cost, in_coordinates(model, seen, spread, form.parameters - model.parameters)))
     return ends
 
 

@@ -14,7 +14,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again, confirmed
+from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again, begun_around, confirmed
 from emsid.estimation.uncertainty.coloured_residuals import FEWEST, effective_samples
 
 Array = NDArray[np.float64]
@@ -97,11 +97,11 @@ def test_rounds_end_when_enough_searches_agree_and_searches_around_may_be_others
     def lost(theta: Array, **options: Any) -> Minimum:
         return elsewhere.search(np.array([-1.0, 3.0]), **{**options, "max_iterations": 0})
 
-    alone = begun_again(first, problem.search, 2, around=lost, turns=3)
+    alone = confirmed(*begun_around(first, problem.search, 2, around=lost, turns=3))
     assert elsewhere.searches == 3 * RESTARTS
     assert alone.ending is Ending.STALLED
     assert alone.findings[0].data["starts"] == 3 * RESTARTS + 1
     elsewhere.searches = 0
-    found = begun_again(first, problem.search, 2, around=elsewhere.search, turns=3)
+    found = confirmed(*begun_around(first, problem.search, 2, around=elsewhere.search, turns=3))
     assert found.ending is Ending.CONVERGED
     assert elsewhere.searches <= RESTARTS

@@ -68,6 +68,5 @@ def map_inputs(model: FeedbackModel | Cascade, record: Record) -> Array:
     if isinstance(model, FeedbackModel):
         return visited(model, record).z
     at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
-    runs = [(u, model.resting(float(u[0]))) for u in (segment.input[:, 0] for segment in record.segments)]
-    signals = [model.signals(u, states) for u, states in runs]
+    signals = [model.signals_from_rest(segment.input[:, 0]) for segment in record.segments]
     return np.column_stack([np.concatenate([each[k] for each in signals]) for k in at]) if at else np.zeros((0, 0))

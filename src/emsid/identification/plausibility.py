@@ -145,7 +145,7 @@ class Plausibility:
         at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
         pieces = [segment.input[:, 0] for segment in self.record.segments]
         with np.errstate(all="ignore"):
-            signals = [model.signals(u, model.resting(float(u[0]))) for u in pieces]
+            signals = [model.signals_from_rest(u) for u in pieces]
         for k in at:
             x = np.concatenate([each[k] for each in signals])
             x = x[np.isfinite(x)]

@@ -251,7 +251,7 @@ def static_map_band(fit: Fit[Any], record: Record, *, map: int = 0, level: float
             raise ModelError(f"{model.name} has no static map {map}; it has {len(found)}, counted from 0")
         k = found[map]
         u = [segment.input[:, 0] for segment in record.segments]
-        entering = np.concatenate([model.signals(each, model.resting(float(each[0])))[k] for each in u])
+        entering = np.concatenate([model.signals_from_rest(each)[k] for each in u])
         x = np.linspace(float(entering.min()), float(entering.max()), POINTS)
         value, error = static_band(fit, k, x).T
         return Band(x, value, error if fit.has_bands else np.full(len(x), np.nan), level)

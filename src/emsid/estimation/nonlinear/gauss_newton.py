@@ -293,7 +293,7 @@ class _Search:
             if saving <= ROUNDING * point.cost:
                 break
             self.control.check()
-            ends = [self.box.moved(point.theta, each) for each in self._bent(iterate, damped, step)]
+            ends = [self.box.moved(point.theta, each) for each in self._bent(iterate, damped, step, saving)]
             costs = [trial_cost(self.problem, each, self.loss) + point.penalty.cost(each) for each in ends]
             trial, theta = min(zip(costs, ends, strict=True), key=itemgetter(0))
             ratio = (point.penalised_cost - trial) / saving
@@ -303,11 +303,10 @@ class _Search:
             growth *= 2.0
         return None, damping
 
-    def _bent(self, iterate: _Iterate, damped: Information, step: Array) -> list[Array]:
-        """(n,) a damped step, and what follows the bend of the valley if the damping makes it much shorter."""
+    def _bent(self, iterate: _Iterate, damped: Information, step: Array, saving: float) -> list[Array]:
+        """(n,) a damped step, and what follows the bend of the valley if the damping lessens what it saves by much."""
         point = iterate.point
-        shorter = promised(point.information, step) < DAMPED * promised(point.information, iterate.remaining)
-        if not (self.accelerated and shorter):
+        if not (self.accelerated and saving < DAMPED * promised(point.information, iterate.remaining)):
             return [step]
         triangle, varied = damped.factor[:-1, :-1], self.box.varied
         bend = acceleration(

@@ -35,7 +35,7 @@ CLOSE = 0.5
 AGREEING = 3
 """How many searches must end in the same minimum as one that stalled, so that this counts as converged."""
 TURNS = 3
-"""The most rounds of restarts around the end of a search that has not converged; they end when none lowers the cost."""
+"""The most rounds of restarts around the end of a search that has not converged, as long as too few ends agree."""
 STEPS, SLOW = 25, 1e-3
 """The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
 FAR = 2.0
@@ -95,29 +95,13 @@ Ends = Sequence[tuple[float, Array]]
 """The cost and the leading parameters of searches."""
 
 
-def begun_again(
-    minimum: Minimum,
-    search: Search,
-    own: int,
-    control: Control = FREE,
-    *,
-    around: Search | None = None,
-    turns: int = 1,
-) -> Minimum:
+def begun_again(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> Minimum:
     """The end of a search that did not converge, or a better one of others that begin around it.
 
     If the best one does not converge either, others that end with the same cost make up for it, see `confirmed`. A
-    search that converged, or that was stopped, is returned as it is.
-
-    Args:
-        minimum: the end of the search.
-        search: a search from θ, with the options of `gauss_newton` that it is given.
-        own: the number of parameters, before initial states, that ends are compared in.
-        control: when to stop.
-        around: how the others search, if not like ``search``.
-        turns: the most rounds of others, each from the end of the one before, until enough of all end with one cost.
+    search that converged, or that was stopped, is returned as it is. The arguments are those of `begun_around`.
     """
-    return confirmed(*begun_around(minimum, search, own, control, around=around, turns=turns))
+    return confirmed(*begun_around(minimum, search, own, control))
 
 
 def begun_around(
@@ -131,7 +115,15 @@ def begun_around(
 ) -> tuple[Minimum, Ends]:
     """The best end of a search that did not converge and of others that begin around it, and the ends of the others.
 
-    The others are quick. From the best of them the search goes on in full. The arguments are those of `begun_again`.
+    The others are quick. From the best of them the search goes on in full.
+
+    Args:
+        minimum: the end of the search.
+        search: a search from θ, with the options of `gauss_newton` that it is given.
+        own: the number of parameters, before initial states, that ends are compared in.
+        control: when to stop.
+        around: how the others search, if not like ``search``.
+        turns: the most rounds of others, each from the end of the one before, until enough of all end with one cost.
     """
     search_around, rng = around or search, np.random.default_rng(0)
     ends: list[tuple[float, Array]] = []

@@ -202,6 +202,10 @@ class Cascade(OneChannelMethods):
             signals.append(x)
         return signals
 
+    def signals_from_rest(self, u: Array) -> list[Array]:
+        """`signals` over an input (N,) from rest at its first value."""
+        return self.signals(u, self.resting(float(u[0])))
+
     def output(self, u: Array, states: Array) -> Array:
         """(N,) the free run from an input (N,) and initial states (s,)."""
         return self.sampled(self.signals(u, states))

@@ -39,7 +39,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
-from emsid.estimation.nonlinear.restarts import TURNS, begun_again, nearer
+from emsid.estimation.nonlinear.restarts import TURNS, begun_again, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
@@ -201,7 +201,7 @@ def fit_free_run(
         def around(theta: Array, **others: Any) -> Minimum:
             return search(narrowed(nearer(problem, theta, found), WIDTHS[1:]), **others)
 
-        found = begun_again(found, search, len(structure), control, around=around, turns=TURNS)
+        found = confirmed(*begun_around(found, search, len(structure), control, around=around, turns=TURNS))
     elif restarts:
         found = begun_again(found, search, len(structure), control)
     shortest = min(map(len, segments))

@@ -268,7 +268,7 @@ def _with_steeper_jumps(task: Task, choice: Choice) -> Choice:
 def _bent(task: Task, choice: Choice) -> bool:
     """Whether the data that a choice was refined on show bends of its maps."""
     model = choice.model
-    runs = [model.signals(u, model.resting(float(u[0]))) for u, _ in as_arrays(task.part)]
+    runs = [model.signals_from_rest(u) for u, _ in as_arrays(task.part)]
     return all(
         block.bends_over(np.concatenate([signals[k] for signals in runs]))
         for k, block in enumerate(model.blocks)

@@ -110,7 +110,7 @@ def without_process_noise(
     if score < ndtri(1 - CHANCE):
         return Corrected()
     noise = estimated_noise(pieces, after_map(model), model.oversampling)
-    signal = float(np.std(np.concatenate([model.signals(u, model.resting(float(u[0])))[at] for u, _ in segments])))
+    signal = float(np.std(np.concatenate([model.signals_from_rest(u)[at] for u, _ in segments])))
     times = float(np.sqrt(averages))
     if noise.spread * times < SMALL * signal:
         return Corrected()

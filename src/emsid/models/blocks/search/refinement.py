@@ -347,7 +347,7 @@ def with_knots_at_bends(start: Cascade, records: Sequence[Record], control: Cont
 
 def _at_bends(cascade: Cascade, records: Sequence[Record]) -> Cascade | None:
     """The cascade with the knots of its maps where they bend; None if no map has such knots."""
-    runs = [cascade.signals(u, cascade.resting(float(u[0]))) for u, _ in as_arrays(records)]
+    runs = [cascade.signals_from_rest(u) for u, _ in as_arrays(records)]
     blocks = tuple(
         block.at_bends(np.concatenate([signals[k] for signals in runs])) if isinstance(block, StaticMap) else block
         for k, block in enumerate(cascade.blocks)

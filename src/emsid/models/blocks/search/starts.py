@@ -352,7 +352,7 @@ def started(
     at = [k for k, block in enumerate(candidate.blocks) if isinstance(block, StaticMap)][which]
     curve = candidate.blocks[at]
     assert isinstance(curve, StaticMap)
-    x = np.concatenate([candidate.signals(u, candidate.resting(float(u[0])))[at] for u, _ in segments])
+    x = np.concatenate([candidate.signals_from_rest(u)[at] for u, _ in segments])
     z = curve.value(x)
     new = start(x, z)
     level = float(np.mean(z - new.value(x)))

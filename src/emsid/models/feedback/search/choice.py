@@ -5,12 +5,13 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial and a dead zone, or else a spline;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
-2. with the best order and lower ones, two steps per sample, and more if these are better;
-3. other families of maps with few numbers, and friction that sticks (`sticking`);
-4. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
+2. friction that sticks (`sticking`); if it is far better than one map, steps 3, 4 and 6 are left out;
+3. with the best order and lower ones, two steps per sample, and more if these are no worse;
+4. other families of maps with few numbers;
+5. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
-5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
-6. maps that share a signal (`shared_signals`), in the best model; where no unseen data compare the models, in the best
+6. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
+7. signals that are shared (`shared_signals`), in the best model; where no unseen data compare the models, in the best
    few, and then the choice is the one that agrees most with the others beyond the record (`consensus`).
 
 If a linear model is as good as the best one with a map, the search ends after the first step with a map at this linear

@@ -177,7 +177,7 @@ def test_no_physical_model_is_proposed_where_one_was_tried_and_failed():
 
 @pytest.fixture(scope="module")
 def result():
-    return identify(drive(edge=EDGE), models=("arx", "friction-narx"))
+    return identify(drive(edge=EDGE), models=("arx", "friction-narx"), options=Options(na=1, nb=1, nk=1))
 
 
 def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(result):

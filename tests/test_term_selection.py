@@ -92,9 +92,11 @@ def test_nearly_dependent_terms_are_told_apart() -> None:
     found = emsid.select_terms(dictionary, record, 5)
     phi, y = dictionary.regression(record)
     order, gains = best_columns(phi / np.linalg.norm(phi, axis=0), y, 3)
-    assert found.structure.labels[:2] == tuple(dictionary.labels[k] for k in order[:2])
+    same = {"u3(t)": "u(t)"}  # u3 is u times a thousand: rounding decides which of them is taken
+    chosen = [[same.get(label, label) for label in labels] for labels in (found.structure.labels, dictionary.labels)]
+    assert chosen[0][:2] == [chosen[1][k] for k in order[:2]]
     assert found.error_reduction[1] == pytest.approx(gains[1], rel=1e-4)
-    assert len(found.structure) == 4  # u3 is u times a thousand
+    assert len(found.structure) == 4
     assert found.findings[0].code == "dictionary-rank-deficient"
 
 

@@ -39,7 +39,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
-from emsid.estimation.nonlinear.restarts import TURNS, begun_again, begun_around, confirmed, nearer
+from emsid.estimation.nonlinear.restarts import begun_again, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
@@ -58,6 +58,8 @@ STEPS = 15
 SAMPLES_PER_STATE = 8
 # Effort of every search with wide differences.
 WIDE: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.05, "least_saving": 1e-3, "covariances": False}
+# The most rounds of restarts of a search over signs, of which one in ten ends unconfirmed after three.
+TURNS = 12
 # The largest number of initial outputs that are estimated.
 MOST_STATES = 40
 

@@ -227,6 +227,14 @@ def test_a_map_without_effect_on_the_data_gets_no_huge_unit() -> None:
 # --- refusals and figures --------------------------------------------------------------------------------------------
 
 
+def test_signals_without_a_size_are_refused() -> None:
+    """What a map gives may be so large that its square is no number, although the output is small."""
+    model = loop()
+    seen = visited(model)
+    with pytest.raises(ModelError, match="diverges"):
+        whitened(model, replace(seen, w=1e200 * np.random.default_rng(0).standard_normal(seen.w.shape)))
+
+
 def test_what_is_no_feedback_model_is_refused() -> None:
     with pytest.raises(ModelError, match="w must not reach z"):
         FeedbackModel(np.ones((4, 4)), (Saturation(),))

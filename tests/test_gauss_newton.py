@@ -416,6 +416,12 @@ def test_a_search_with_few_unknowns_solves_a_linear_problem_in_one_step() -> Non
     assert found == pytest.approx(np.linalg.lstsq(matrix, target, rcond=None)[0], rel=1e-9)
 
 
+def test_a_search_with_few_unknowns_refuses_a_derivative_whose_square_with_a_damping_is_no_number() -> None:
+    problem = Curves(lambda theta: [1e145 * theta - 1.0], lambda theta: [np.full((1, 1), 1e145)])
+    with pytest.raises(ModelError, match="not finite"):
+        few_unknowns(problem, np.ones(1), max_iterations=5, tolerance=0.0)
+
+
 def test_a_search_with_few_unknowns_shortens_infeasible_steps_and_refuses_a_start_without_residual() -> None:
     def residual(theta: Array) -> list[Array]:
         if theta[0] <= 0:

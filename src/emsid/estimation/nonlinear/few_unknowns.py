@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 # The damping after an undamped trial that fails; a smaller one is as good as none.
 FIRST_DAMPING = 1e-3
-# The sum of the squares of smaller numbers is finite.
-SQUARABLE = 1e150
+# The sum of the squares of smaller numbers is finite, also with the largest damping.
+SQUARABLE = 1e140
 
 
 def few_unknowns(problem: Problem, start: Array, *, max_iterations: int, tolerance: float) -> tuple[Array, list[Array]]:

@@ -426,11 +426,12 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
     """The same model with states, z and w of unit size over its records, and uncorrelated states."""
     n = model.states
     transform = np.eye(n)
+    with np.errstate(over="ignore", invalid="ignore"):
+        covariance = np.atleast_2d(np.cov(visited.x.T)) if n else np.zeros((0, 0))
+        units_in, units_out = size_of(visited.z), size_of(visited.w)
+    if not all(np.isfinite(each).all() for each in (covariance, units_in, units_out)):
+        raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
     if n:
-        with np.errstate(over="ignore", invalid="ignore"):
-            covariance = np.atleast_2d(np.cov(visited.x.T))
-        if not np.isfinite(covariance).all():
-            raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
         size, axes = np.linalg.eigh(covariance)
         if size[-1] > 0:
             transform = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
@@ -440,8 +441,8 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
         model = with_factor_unit(model, i, float(g[i]))
     for i, each in enumerate(model.maps):
         if each.scaling is Scaling.FREE:
-            unit = float(size_of(visited.w[:, i])) / (float(g[i]) if i in model.multiplied else 1.0)
-            model = with_units(model, i, float(size_of(visited.z[:, i])), unit)
+            unit = float(units_out[i]) / (float(g[i]) if i in model.multiplied else 1.0)
+            model = with_units(model, i, float(units_in[i]), unit)
     return Same(model, transform, np.zeros(n))
 
 

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import coordinates, rows_of
@@ -76,6 +77,8 @@ def _with_one_more(bench: Bench, best: Trial, refused: Counter[Pair]) -> Trial |
         refused[pair] += 1
         with suppress(EmsidError):
             trial = bench.refined(model, states, best.family, best.size)
+            if trial.found.minimum.ending is Ending.OUT_OF_BUDGET and not bench.compared:  # the next pair begins here
+                trial = bench.refined(trial.found.model, trial.found.states, best.family, best.size)
             if not _lost(trial, best) and bench.prefers(trial, best):
                 return trial
             refused[pair] += not trial.found.minimum.ending.before_minimum

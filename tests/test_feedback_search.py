@@ -199,7 +199,7 @@ def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
     assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [CubicSpline]]
     assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
     fit = emsid.fit(emsid.feedback(order=4), record)
-    assert fit.noise_variance < 0.01**2
+    assert fit.noise_variance < 0.006**2  # 0.0077² with a limit in place of the friction
     assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
 
 
@@ -471,7 +471,7 @@ def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> No
         asked.append(families)
         yield from contest.entered([second] if families is choice.PLAIN.more else [])
 
-    monkeypatch.setattr(choice, "_other_families", others)
+    monkeypatch.setattr(choice, "other_families", others)
     monkeypatch.setattr(choice, "_more_maps", more)
 
     def tried() -> list[Trial]:

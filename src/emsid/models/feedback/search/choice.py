@@ -6,11 +6,12 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    most: a polynomial and a dead zone, or else a spline;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. friction that sticks (`sticking`); if it is far better than one map, steps 3, 4 and 6 are left out;
-3. with the best order and lower ones, two steps per sample, and more if these are no worse;
+3. with the best order and lower ones, two steps per sample, and more if these are no worse (`step_rates`);
 4. other families of maps with few numbers;
 5. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 6. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
+   before a sensor that loses the sign, a spline in place of the second map;
 7. signals that are shared (`shared_signals`), in the best model; where no unseen data compare the models, in the best
    few, and then the choice is the one that agrees most with the others beyond the record (`consensus`).
 
@@ -36,10 +37,11 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.consensus import agreeing, leading
-from emsid.models.feedback.search.further_maps import Maps, maps_more, usual_size, with_map_more
+from emsid.models.feedback.search.exchanged_maps import last_of_free_form, other_families
+from emsid.models.feedback.search.further_maps import Maps, maps_more, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
-from emsid.models.feedback.search.starts import with_family, with_product
+from emsid.models.feedback.search.starts import with_product
 from emsid.models.feedback.search.step_rates import at_twice_the_rate, faster, finer
 from emsid.models.feedback.search.sticking import sticking
 from emsid.models.feedback.search.trials import (
@@ -240,18 +242,19 @@ def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Tria
     bench = contest.bench
     if contest.best.family is MAGNITUDE:
         yield from _more_maps(contest, settings, PLAIN.more)
+        yield from contest.entered(_with_free_form(contest))
         return
     for each in (contest.best, *_runner_up(contest.tried, contest.best)):
         others = list(at_twice_the_rate(bench, each, settings))
         yield from contest.entered(others)
         yield from contest.entered(finer(bench, others, settings))
     single = contest.best
-    yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
+    yield from contest.entered(other_families(bench, single, settings, PLAIN.others))
     yield from contest.entered(stuck)
     yield from _more_maps(contest, settings, PLAIN.more)
     plain = contest.best
-    if not bench.leaves_noise(plain):
-        yield from contest.entered(_other_families(bench, single, settings, FREE_FORM.others))
+    if settings.static is None and not bench.leaves_noise(plain):
+        yield from contest.entered(other_families(bench, single, settings, FREE_FORM.others))
     if contest.best is not plain:
         yield from _more_maps(contest, settings, FREE_FORM.more)
 
@@ -313,7 +316,7 @@ def _to_extend(contest: Contest, best: Trial, maps: int) -> list[Trial]:
     first maps of a model stand for several of the true ones, and further maps only mend what they lack; which of them
     can become the true ones shows when these are complete.
     """
-    if best.family is MAGNITUDE:
+    if best.family is MAGNITUDE and maps == 1:
         return [best, *_runner_up(contest.tried, best)]
     most = _that_explain_most(contest, maps)
     if len(best.found.model.maps) != maps:
@@ -441,21 +444,11 @@ def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
             yield bench.refined(replace(best.found.model, delay=0), best.found.states, best.family, best.size)
 
 
-def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families: Maps) -> Iterator[Trial]:
-    """With maps of other families, or more knots or a higher degree of the given one, begun at the present map."""
-    others = [(family_of(name), size) for name, size in families]
-    if settings.static is not None:
-        now = usual_size(settings.static, settings.size)
-        larger = [size for size in settings.static.sizes if size > now]
-        given = settings.size or settings.static.smooth or families is not PLAIN.others
-        others = [] if given else [(settings.static, size) for size in larger[:1]]
-    for family, size in others:
-        if (family, size) == (best.family, best.size):
-            continue
-        bench.control.doing(f"map: {family.name}")
-        with suppress(EmsidError):
-            start, states = with_family(best.found, bench.shown, family, usual_size(family, size))
-            yield bench.refined(start, states, family, size)
+def _with_free_form(contest: Contest) -> Iterator[Trial]:
+    """With a spline in place of the last map of those with as many maps as the best model."""
+    maps = len(contest.best.found.model.maps)
+    if maps > 1 and not contest.bench.leaves_noise(contest.best):
+        yield from last_of_free_form(contest.bench, _to_extend(contest, contest.best, maps))
 
 
 def _products(contest: Contest, single: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

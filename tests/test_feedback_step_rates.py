@@ -11,9 +11,10 @@ from emsid import FeedbackModel, ModelError, Record
 from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import Polynomial
+from emsid.models.feedback.search.further_maps import with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
-from emsid.models.feedback.search.step_rates import finer
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch
+from emsid.models.feedback.search.step_rates import faster, finer
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps
 from feedback_models import Array
 from independent.nonlinear_systems import duffing
 
@@ -49,14 +50,19 @@ def test_a_negative_pole_has_no_model_with_twice_the_steps() -> None:
         with_steps_doubled(model, True)
 
 
-@pytest.mark.parametrize(("rate", "least"), [(4, 4), (1, 1)])
-def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: int) -> None:
-    truth = spring(rate)
-    records = []
+def measured(rate: int, noise: float) -> list[Record]:
+    """Two records of the spring, with noise as a part of the output's standard deviation."""
+    truth, records = spring(rate), []
     for seed in (1, 2):
         u = signal(seed, 4800)
         y = truth.output(u, np.zeros(2))
-        records.append(Record(u, y + 0.0003 * np.std(y) * np.random.default_rng(seed + 9).normal(size=len(y)), 0.1))
+        records.append(Record(u, y + noise * np.std(y) * np.random.default_rng(seed + 9).normal(size=len(y)), 0.1))
+    return records
+
+
+@pytest.mark.parametrize(("rate", "least"), [(4, 4), (1, 1)])
+def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: int) -> None:
+    records = measured(rate, 0.0003)
     bench = Bench.of(records, FeedbackSearch(), FREE)
     begun = bench.refined(spring(1), None, family_of("polynomial"), 3)
     found = [begun, *finer(bench, [begun], FeedbackSearch(held=True))]
@@ -65,6 +71,21 @@ def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: i
     assert list(finer(bench, [begun], FeedbackSearch(oversampling=1))) == []
     if rate == 1:
         assert len(found) == 1
+
+
+def test_more_steps_are_tried_with_a_lower_order() -> None:
+    """A higher order makes up for missing steps; with two steps the lower order is not yet better."""
+    bench = Bench.of(measured(8, 0.0001), FeedbackSearch(), FREE)
+    high = bench.refined(with_map(bench, 3), None, family_of("polynomial"), 3)
+    tried = [each for each in faster(bench, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
+    assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]
+    assert tried[-1].found.error < 0.9 * tried[0].found.error
+    assert bench.prefers(tried[-1], high)
+
+
+def with_map(bench: Bench, order: int) -> FeedbackModel:
+    """A model of this order with a cubic map and one step per sample."""
+    return with_map_more(bench, bench.linear(order, Steps(1, True), 0), family_of("polynomial"), 3).found.model
 
 
 def test_a_strong_spring_is_right_on_a_sweep_that_no_fit_has_seen() -> None:

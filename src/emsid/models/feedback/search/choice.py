@@ -42,7 +42,7 @@ from emsid.models.feedback.search.further_maps import Maps, maps_more, with_map_
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
 from emsid.models.feedback.search.starts import with_product
-from emsid.models.feedback.search.step_rates import at_twice_the_rate, faster, finer
+from emsid.models.feedback.search.step_rates import MOST_IN_THE_END, at_twice_the_rate, faster, finer
 from emsid.models.feedback.search.sticking import sticking
 from emsid.models.feedback.search.trials import (
     LONGEST,
@@ -150,7 +150,7 @@ def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[
             now = trial
             yield trial
         before = now
-        for trial in finer(bench, [now], settings):
+        for trial in finer(bench, [now], settings, MOST_IN_THE_END):
             now = trial
             yield trial
 
@@ -271,7 +271,7 @@ def _with_sticking(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
     trials = list(sticking(bench, best.found.model.delay, settings))
     for trial in trials:
         best = trial if bench.prefers(trial, best) else best
-    return trials if best is contest.best else [*trials, *finer(bench, [best], settings, sticks=True)]
+    return trials if best is contest.best else [*trials, *finer(bench, [best], settings, MOST_IN_THE_END, True)]
 
 
 def _settles(contest: Contest, stuck: Trial) -> bool:

@@ -147,8 +147,8 @@ def feedback(
             a larger one if that is better.
         maps: the number of maps, 1 to 6; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
-        oversampling: steps of the model per sample of the record; None tries 1 and 2, and 4 and 8 where these are
-            better.
+        oversampling: steps of the model per sample of the record; None tries 1 and 2, and up to 16 where more
+            are better.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
 
     Raises:

@@ -2,8 +2,9 @@
 
 A model with one step per sample makes up for what happens between samples by a higher order, which holds for inputs
 like those of its record only: of a hardening spring it is wrong on a sweep through the resonance. With more steps, a
-lower order suffices. Two steps are tried with the order of the best model and lower ones, and then, from the fitted
-model, twice as many again, as long as that does not raise the errors: more steps cost no parameters.
+lower order suffices. Two steps are tried with the order of the best model and lower ones, and then, from the best model
+and that of the lowest order which comes near, twice as many again, as long as that does not raise the errors: more
+steps cost no parameters.
 """
 
 from __future__ import annotations
@@ -18,33 +19,42 @@ from emsid.models.feedback.search.sticking import sticking_map, with_sticking_st
 from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, Steps, Trial, much_worse
 from emsid.selection.improvement import matters
 
-# Steps per sample that are tried: twice the rate, and more as long as that is no worse. The error of friction that
-# sticks falls with the steps, so all are tried up to the last number.
-TWICE, MOST_STEPS, MOST_STICKING = 2, 8, 16
+# Steps per sample that are tried: twice the rate, more as long as that is no worse, and twice as many in the chosen
+# model. The error of friction that sticks falls with the steps, so all of its numbers are tried.
+TWICE, MOST_STEPS, MOST_IN_THE_END = 2, 8, 16
 
 
 def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With two steps per sample, for this order and lower ones."""
+    """With two steps per sample, for this order and lower ones; and with more, for the lowest that comes near."""
     if settings.oversampling is not None:
         return
     top, now, ways = best.found.model.states, None, settings.ways
+    lowest: Trial | None = None
     for order in (top, *(each for each in reversed(ORDERS) if each < top and settings.order is None)):
         tried = [each for held in ways if (each := _of_steps(bench, best, order, Steps(TWICE, held)))]
         if now is not None and tried and much_worse(tried[0], now):
-            return
+            break
         yield from tried
         for each in tried:  # a lower order may do, where the higher one made up for the steps
             if now is None or bench.prefers(each, now):
-                now, ways = each, (each.found.model.held,)
+                now = each
+        if now is not None and len(tried) == len(ways):  # where one diverges, it may not with a lower order
+            ways = (now.found.model.held,)
+        if order < top:
+            lowest = min(tried, key=lambda each: each.found.error, default=lowest)
+    if lowest is not None:
+        yield from finer(bench, [lowest], settings)
 
 
-def finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, sticks: bool = False) -> Iterator[Trial]:
+def finer(
+    bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, most: int = MOST_STEPS, sticks: bool = False
+) -> Iterator[Trial]:
     """With twice the steps per sample, and twice again, as long as that does not raise the errors; all if it sticks."""
     if settings.oversampling is not None:
         return
     for trial in trials:
         now: Trial | None = trial
-        while now is not None and now.found.model.oversampling < (MOST_STICKING if sticks else MOST_STEPS):
+        while now is not None and now.found.model.oversampling < most:
             now = _doubled(bench, now, settings, sticks)
             if now is not None:
                 yield now
@@ -52,7 +62,9 @@ def finer(bench: Bench, trials: Iterable[Trial], settings: FeedbackSearch, stick
 
 def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch, in_any_case: bool) -> Trial | None:
     """With twice the steps per sample; None if that raises the errors, unless it is wanted in any case."""
-    model = trial.found.model
+    model, key = trial.found.model, (id(trial), in_any_case)
+    if key in bench.doubled:
+        return bench.doubled[key][1]
     ways = settings.ways if model.oversampling == 1 else (model.held,)
     finer = list[Trial]()
     for held in ways:
@@ -64,7 +76,9 @@ def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch, in_any_case: 
                 start = with_steps_doubled(model, held)
             finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
     kept = finer if in_any_case else [each for each in finer if _is_no_worse(each, trial)]
-    return min(kept, key=lambda each: each.errors.mean, default=None)
+    best = min(kept, key=lambda each: each.errors.mean, default=None)
+    bench.doubled[key] = trial, best
+    return best
 
 
 def _is_no_worse(finer: Trial, trial: Trial) -> bool:

@@ -197,6 +197,8 @@ class Bench:
             multiplied by a signal, and how many are kept.
         extended: the trials with one map more, by the identity of the model without it, the family and the size of the
             map, and whether signals were held.
+        doubled: the trials with twice the steps per sample, or None where they are worse, by the identity of the trial
+            before and whether they are wanted in any case.
     """
 
     shown: Sequence[Record]
@@ -208,6 +210,7 @@ class Bench:
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
     ways: dict[tuple[int, bool, int], tuple[Found, list[Direction]]] = field(default_factory=dict)
     extended: dict[tuple[int, str, int, bool], Trial] = field(default_factory=dict)
+    doubled: dict[tuple[int, bool], tuple[Trial, Trial | None]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:

@@ -288,6 +288,6 @@ def map_beyond_range(f: Finding, argument: Spelling) -> str:
     which = "its static map" if d["map"] is None else f"its static map {d['map']}"
     return (
         f"{f.subject}: the input of {which} goes from {d['low']:.4g} to {d['high']:.4g} in the free run on "
-        f"{data_name(f)}, and from {d['fitted_low']:.4g} to {d['fitted_high']:.4g} in the data of the fit; for "
-        f"{100 * d['share']:.2g} % of the samples the model extrapolates there"
+        f"{data_name(f)}, and from {d['fitted_low']:.4g} to {d['fitted_high']:.4g} in the data of the fit; outside "
+        f"this range, for {100 * d['share']:.2g} % of the samples, the model extrapolates"
     )

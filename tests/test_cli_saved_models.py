@@ -190,6 +190,40 @@ def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(resul
     assert "--start" not in run("simulate", "--out", out)[1]
 
 
+def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
+    """Names on the command line are without units; the other file has its voltage in millivolts."""
+    rows = table(tmp_path / "log.csv", samples=300).read_text().splitlines()[1:]
+    log, milli, out = tmp_path / "volts.csv", tmp_path / "milli.csv", tmp_path / "out"
+    log.write_text("\n".join(["voltage [V],speed (rad/s)", *rows]))
+    cells = [row.split(",") for row in rows]
+    milli.write_text("\n".join(["voltage [mV],speed (rad/s)", *(f"{1000 * float(u)!r},{y}" for u, y in cells)]))
+    words = ("identify", log, "-u", "voltage", "-y", "speed", "--dt", "10ms", "--offset", "voltage [V]=1")
+    assert run(*words, "--models", "arx", "--out", out)[0] == 0
+    data = json.loads((out / "result.json").read_text())
+    assert {each["unit"] for each in data["regions"]} == {"rad/s"}
+    assert [each["unit"] for each in data["characteristics"] if each["name"] == "gain"] == ["rad/(s*V)"]
+    page = (out / "report.html").read_text()
+    assert "Speed [rad/s]" in page
+    assert "[rad/s] [rad/s]" not in page
+    assert "(rad/s) [rad/s]" not in page
+
+    def simulated(*words):
+        status, printed, _ = run("simulate", out / "arx.json", *words, "--out", tmp_path / "y.csv", "--json")
+        record = emsid.read(tmp_path / "y.csv", input="voltage", output="speed", time="t")
+        assert (status, record.output_units) == (0, ("rad/s",))
+        return record, [each["code"] for each in json.loads(printed)["findings"]]
+
+    volts, found = simulated(log)
+    assert (volts.input_units, found) == (("V",), [])
+    np.testing.assert_allclose(volts.input[:, 0], [float(u) + 1 for u, _ in cells])  # the offset is remembered
+    words = ("simulate", out / "arx.json", milli, "--out", tmp_path / "y.csv")
+    assert "offset is given for 'voltage [V]', which is neither input nor output" in run(*words)[2]
+    assert simulated(milli, "--offset", "voltage=1000")[1] == ["channels-differ"]
+    converted, found = simulated(milli, "--unit", "voltage=mV", "--offset", "voltage=1000")
+    assert found == []
+    np.testing.assert_allclose(converted.output, volts.output, atol=1e-9)
+
+
 def without(path, name):
     """A copy of a table without a column."""
     frame = pl.read_csv(path).drop(name)

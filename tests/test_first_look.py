@@ -74,6 +74,24 @@ def test_what_is_given_is_not_guessed(write: Write) -> None:
         describe(path, input="u", output="speed")
 
 
+def test_columns_may_be_given_without_their_units(write: Write) -> None:
+    path = write({"t [s]": T, "a [V]": U, "b (rpm)": Y, "b2": -Y})
+    look = describe(path, input="a", output="b", time="t", scale={"b": -1.0}, mask="abs(b) > 1e6")
+    assert (look.roles.input, look.roles.output) == ("a [V]", "b (rpm)")
+    assert {name: look.reading[name] for name in ("input", "output", "time", "scale", "units")} == {
+        "input": "a [V]",
+        "output": "b (rpm)",
+        "time": "t [s]",
+        "scale": {"b (rpm)": -1.0},
+        "units": {"a [V]": "V", "b (rpm)": "rpm"},
+    }
+    assert look.record is not None
+    assert look.record.output_units == ("rad/s",)
+    two = write({"t": T, "u": U, "y (rpm)": Y, "y [rad/s]": Y}, "two.csv")
+    with pytest.raises(DataError, match=r"two\.csv: several columns are called 'y'"):
+        describe(two, input="u", output="y")
+
+
 def test_names_and_influence_find_the_pair(write: Write) -> None:
     reference = np.roll(Y, -3)
     look = describe(write({"t": T, "ref": reference, "i [A]": U - 0.1 * Y, "Vm": U, "w [deg/s]": Y, "temp": 20 + T}))

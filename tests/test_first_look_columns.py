@@ -21,6 +21,7 @@ from first_look_records import N, U, Write, Y
         ("mVel", ColumnQuantity.SPEED, ""),
         ("w [deg/s]", ColumnQuantity.SPEED, "deg/s"),
         ("i [A]", ColumnQuantity.CURRENT, "A"),
+        ("y(n)", ColumnQuantity.OUTPUT, ""),
         ("Drehzahl [U/min]", ColumnQuantity.SPEED, "rpm"),
         ("Drehzahl / (1/min)", ColumnQuantity.SPEED, "rpm"),
         ("Motorspannung", ColumnQuantity.VOLTAGE, ""),

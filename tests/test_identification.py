@@ -486,6 +486,13 @@ def test_no_motor_is_tried_where_a_channel_without_a_unit_is_called_that_of_a_pr
     assert usual_for(record) == (*USUAL, *plants)
 
 
+def test_a_unit_in_the_name_of_a_level_makes_no_motion_of_it():
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, "u [V]", "level [m]", "V", "m")
+    assert usual_for(record) == USUAL
+    given = replace(record, output_names=("level",))
+    assert usual_for(given) != USUAL
+
+
 @pytest.mark.parametrize(
     ("name", "plant", "unit"),
     [("torque_estimate", "rigid-motor", "N*m"), ("current", "rigid-motor", "A"), ("force", "linear-axis", "N")],

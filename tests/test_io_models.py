@@ -285,6 +285,12 @@ def test_a_model_file_tells_what_the_model_was_identified_from(tmp_path):
         ),
         Finding("sample-time-differs", "b.csv", {"identified_with": 0.01, "dt": 0.02}),
     ]
+    assert origin(path).differences(replace(record, input_names=("voltage [V]",), input_units="")) == []
+    assert origin(path).differences(replace(record, output=np.empty((300, 0)), output_names=(), output_units=())) == []
+    milli = replace(record, input_names=("voltage [mV]",), input_units="")
+    assert [each.data["channels"] for each in origin(path).differences(milli)] == [
+        [{"name": "voltage [mV]", "unit": ""}]
+    ]
     path.write_text(path.read_text().replace('"voltage"', '"current"'))
     with pytest.raises(FormatError, match="altered since it was saved"):
         load(path)

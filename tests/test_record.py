@@ -223,6 +223,19 @@ def test_channels_by_name() -> None:
         ramp().channel("speed")
 
 
+def test_a_unit_in_the_name_of_a_channel_may_be_left_out() -> None:
+    names = ("speed (rpm)", "speed [rad/s]")
+    record = ramp(3, input_names=("u [V]",), output_names=names, input_units=("V",), output_units=("", "rad/s"))
+    np.testing.assert_array_equal(record.channel("u"), [0, 1, 2])
+    np.testing.assert_array_equal(record.channel("speed [rpm]"), [0, 2, 4])
+    scaled = record.scale("u", 2.0).convert({"u": "mV"})
+    assert (scaled.input_names, scaled.input_units, scaled.input[1, 0]) == (("u [V]",), ("mV",), 2000.0)
+    with pytest.raises(DataError, match=r"several channels are called 'speed': speed \(rpm\), speed \[rad/s\]"):
+        record.channel("speed")
+    with pytest.raises(DataError, match=r"no channel 'u \[A\]'"):
+        record.channel("u [A]")
+
+
 def test_detrending_subtracts_one_polynomial_from_all_segments() -> None:
     t = np.arange(50) * 0.1
     record = Record(3 + 2 * t, 1 - t + 0.5 * t**2, 0.1, breaks=(20,))
@@ -287,6 +300,18 @@ def test_concatenation_makes_segments() -> None:
 def test_records_with_different_channels_cannot_be_joined(other: Record, message: str) -> None:
     with pytest.raises(DataError, match=message):
         check_same_channels(ramp(), other)
+
+
+def test_records_whose_names_write_the_same_unit_in_other_ways_can_be_joined() -> None:
+    def record(name: str, unit: str) -> Record:
+        return ramp(4, input_names=(name,), input_units=(unit,))
+
+    whole = concatenate([record("u [V]", "V"), record("u (V)", "V"), record("u", "V"), record("u [mV]", "V")])
+    assert (whole.input_names, whole.input_units, len(whole)) == (("u [V]",), ("V",), 16)
+    with pytest.raises(DataError, match=r"input names \('u \[mV\]',\) and record \('u \[V\]',\); they must agree"):
+        concatenate([record("u [V]", "V"), record("u [mV]", "")])
+    with pytest.raises(DataError, match="input names"):  # both scaled, so that no unit is known
+        concatenate([record("u [V]", ""), record("u [mV]", "")])
 
 
 @given(

@@ -75,17 +75,70 @@ def known_unit(text: str) -> str:
 
 
 BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
+_DERIVATIVE = re.compile(r"d\((.+)\)")
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
     """The name of a column without a unit in brackets at its end, and the unit; empty where there is none.
 
+    The derivative of a column has its unit per second. A single letter is a unit only as it is spelt: *N* is newton,
+    but *n* in ``y(n)`` counts samples.
+
     >>> name_and_unit("Motor_Speed(RPM)"), name_and_unit("f(x)"), name_and_unit("[V]")
     (('Motor_Speed', 'rpm'), ('f(x)', ''), ('[V]', ''))
+    >>> name_and_unit("d(angle [rad])"), name_and_unit("y(n)"), name_and_unit("speed [2]")
+    (('d(angle)', 'rad/s'), ('y(n)', ''), ('speed [2]', ''))
     """
+    derivative = _DERIVATIVE.fullmatch(name)
+    if derivative is not None:
+        bare, unit = _without_brackets(derivative[1])
+        return f"d({bare})", unit and f"{unit}/s"
+    return _without_brackets(name)
+
+
+def _without_brackets(name: str) -> tuple[str, str]:
+    """The name of a column without a known unit in brackets at its end, and the unit."""
     found = BRACKETED.search(name)
-    unit = known_unit(found[1]) if found else ""
-    return (name[: found.start()], unit) if found and unit and found.start() else (name, "")
+    unit = unit_in_name(found[1]) if found else ""
+    bare = name[: found.start()].rstrip(" /") if found else ""  # as in "speed / (rad/s)"
+    return (bare, unit) if bare and unit else (name, "")
+
+
+def unit_in_name(text: str) -> str:
+    """A unit that is part of a name, as `known_unit`, but a single letter only as it is spelt.
+
+    >>> unit_in_name("RPM"), unit_in_name("V"), unit_in_name("n")
+    ('rpm', 'V', '')
+    """
+    unit = known_unit(text)
+    return "" if len(text) == 1 and text.isalpha() and text != unit else unit
+
+
+def channel_and_unit(name: str, unit: str) -> tuple[str, str]:
+    """The name of a channel without a unit, and its unit, or else the one in its name: the same for the same channel.
+
+    >>> channel_and_unit("u [V]", "V"), channel_and_unit("u", "V"), channel_and_unit("u [mV]", "")
+    (('u', 'V'), ('u', 'V'), ('u', 'mV'))
+    """
+    bare, in_name = name_and_unit(name)
+    return bare, unit or in_name
+
+
+def called(name: str, units: Mapping[str, str]) -> tuple[str, ...]:
+    """The names that are meant by one: itself, or else those that differ from it only by their unit in brackets.
+
+    >>> called("speed", {"speed [rpm]": "", "Speed": ""}), called("speed (V)", {"speed [rpm]": "", "speed": ""})
+    (('speed [rpm]',), ())
+
+    Args:
+        name: as it is given, with or without a unit.
+        units: the unit of each name; where it is empty, the one in brackets counts.
+    """
+    if name in units:
+        return (name,)
+    wanted, unit = name_and_unit(name)
+    found = ((each, *name_and_unit(each), units[each]) for each in units)
+    return tuple(each for each, bare, own, stated in found if bare == wanted and unit in ("", stated or own))
 
 
 def readable_unit(unit: str) -> str:

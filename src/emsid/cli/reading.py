@@ -75,17 +75,27 @@ class Reader:
     def after(self, remembered: Mapping[str, Any] | None) -> "Reader":
         """A reader that takes arguments that are not given from a model file.
 
-        Gains, offsets and units are merged column by column. A sample time replaces a time column, and vice versa. An
-        empty text removes an argument of the file.
+        Gains, offsets and units are merged column by column, whether a column is named with its unit or without it. A
+        sample time replaces a time column, and vice versa. An empty text removes an argument of the file.
         """
+        from emsid.units import called
+
         before = dict(remembered or {})
         if "dt" in self.given and "time" not in self.given:
             before = {name: value for name, value in before.items() if name not in ("time", "time_unit", "resample")}
         elif "time" in self.given:
             before = {name: value for name, value in before.items() if name not in ("dt", "time_unit")}
+
+        def with_others(name: str, given: dict[str, Any]) -> dict[str, Any]:
+            kept = {
+                column: value
+                for column, value in before.get(name, {}).items()
+                if not any(called(each, {column: ""}) or called(column, {each: ""}) for each in given)
+            }
+            return {**kept, **given}
+
         merged = {
-            name: {**before.get(name, {}), **value} if isinstance(value, dict) else value
-            for name, value in self.given.items()
+            name: with_others(name, value) if isinstance(value, dict) else value for name, value in self.given.items()
         }
         return Reader({name: value for name, value in (before | merged).items() if value not in ("", [])}, {})
 

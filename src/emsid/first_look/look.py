@@ -31,10 +31,10 @@ from emsid.first_look.roles import Roles, find_direction, find_roles, is_differe
 from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
 from emsid.io.clocks import on_one_clock
-from emsid.io.columns import Columns, as_numbers
+from emsid.io.columns import Columns, as_numbers, errors_of
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
-from emsid.io.reading import ParsedFile, parsed_file, read, read_columns
+from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
 from emsid.io.sampling import SECONDS
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
@@ -148,6 +148,8 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     """
     parsed = parsed_file(path)
     file = parsed.path
+    with errors_of(file):
+        reading = with_names_of(parsed.columns, reading)
     given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
     named = [name for names in given.values() for name in names]
     raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from emsid.io.sampling import CLOCK_NAMES
-from emsid.units import BRACKETED, known_unit
+from emsid.units import BRACKETED, known_unit, unit_in_name
 
 
 class ColumnQuantity(StrEnum):
@@ -192,13 +192,17 @@ def _words(bare: str) -> list[str]:
 
 
 def without_unit(name: str) -> tuple[str, str]:
-    """A name without its unit, and the unit; empty where it has none that is known."""
+    """A name without its unit, and the unit; empty where it has none that is known.
+
+    Any brackets at the end are left out, and so are units that are not in brackets. `emsid.read` takes a unit from
+    brackets only (`emsid.units.name_and_unit`), because ``Encoder_A`` may be a name.
+    """
     bracketed = BRACKETED.search(name)
     if bracketed:
-        return name[: bracketed.start()], known_unit(bracketed[1])
+        return name[: bracketed.start()], unit_in_name(bracketed[1])
     after = _OPEN.search(name)
-    if after and known_unit(after[1]) and (len(after[1]) > 1 or known_unit(after[1]) == after[1]):
-        return name[: after.start()], known_unit(after[1])
+    if after and unit_in_name(after[1]):
+        return name[: after.start()], unit_in_name(after[1])
     suffix = _SUFFIX.search(name)
     if suffix:
         return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1], suffix[1]))

@@ -53,6 +53,7 @@ from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
+from emsid.units import name_and_unit
 
 LEAST_SAVING = 1e-4
 """A fit of a cascade that only compares ends where four steps together lower its cost by less than this part: at this
@@ -366,12 +367,13 @@ def _may_be_of(plant: Plant, record: Record) -> bool:
 
 
 def _is_of_a_process(record: Record) -> bool:
-    """Whether the name of the output, or else of the input, says so; a unit says more than a name."""
+    """Whether the name of the output, or else of the input, says so; a unit from elsewhere says more than a name."""
     (output, *_), (unit, *_) = record.output_names, record.output_units
-    if not unit and is_of_a_process(output):
+    if unit in ("", name_and_unit(output)[1]) and is_of_a_process(output):
         return True
+    (given, *_), (input_unit, *_) = record.input_names, record.input_units
     moves = meaning(output, unit).quantity in (ColumnQuantity.SPEED, ColumnQuantity.POSITION)
-    return not moves and not record.input_units[0] and is_of_a_process(record.input_names[0])
+    return not moves and input_unit in ("", name_and_unit(given)[1]) and is_of_a_process(given)
 
 
 UNITS_OF_NAMES = {ColumnQuantity.CURRENT: "A", ColumnQuantity.TORQUE: "N*m", ColumnQuantity.FORCE: "N"}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import some
+from emsid.errors import DataError, listed, some
+from emsid.units import SI, called, known_unit, name_and_unit
 
 if TYPE_CHECKING:
     import polars as pl
@@ -99,6 +102,25 @@ class Columns:
     damaged: tuple[DamagedRow, ...] = ()
     clocks: Mapping[str, str] = field(default_factory=dict)
 
+    def unit(self, name: str) -> str:
+        """The unit that the file gives for a column: in `units`, else in its name; empty where none is known."""
+        given = self.units.get(name, "")
+        return (given if given in SI else known_unit(given)) if given else name_and_unit(name)[1]
+
+    def called(self, name: str) -> str:
+        """The column that a name means, with or without its unit in brackets; the name itself where there is none.
+
+        Raises:
+            DataError: where several columns differ only by their units.
+        """
+        if name in self.series or name in self.others:
+            return name
+        found = called(name, {each: self.unit(each) for each in self.series})
+        if len(found) > 1:
+            names = listed([*map(repr, found)])
+            raise DataError(f"several columns are called {name!r}: {names}; give the name with its unit")
+        return found[0] if found else name
+
     def number(self, row: int) -> int:
         """The number under which the user finds row ``row`` (counted from 0)."""
         return row + 1 if self.lines is None else self.lines[row]
@@ -150,6 +172,16 @@ def as_numbers(series: pl.Series) -> NDArray[np.float64]:
         per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]
         series = (physical - physical.min()).cast(pl.Float64) / per_second
     return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)
+
+
+@contextmanager
+def errors_of(file: Path) -> Iterator[None]:
+    """Begin the message of an error about the data with the file."""
+    try:
+        yield
+    except DataError as problem:
+        message = str(problem).removeprefix(f"{file.name}: ")
+        raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:

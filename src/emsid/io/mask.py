@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError, some
+from emsid.errors import DataError, listed, some
 from emsid.io.columns import nearest
+from emsid.units import called
 
 if TYPE_CHECKING:
     import polars as pl
@@ -82,7 +83,8 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
     """(N,) true where the condition ``mask`` is true, or cannot be evaluated because a value is missing.
 
     Args:
-        mask: a condition; a name with other characters than letters, digits and ``_`` needs double quotes.
+        mask: a condition; a name with other characters than letters, digits and ``_`` needs double quotes. A unit in
+            brackets may be left out of a name.
         columns: every column of the file by name, equally long.
 
     Raises:
@@ -140,8 +142,7 @@ def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[s
         elif token["text"]:
             parts.append(f"(v{values.setdefault(text, len(values))})")
         elif token["name"] or (word and key not in _PYTHON):
-            name = word or text[1:-1]
-            _check_column(mask, name, columns)
+            name = _column(mask, word or text[1:-1], columns)
             parts.append(f"v{values.setdefault(chr(34) + name, len(values))}")
         elif token["number"]:
             parts.append(text.lstrip("0") or "0" if text.isdigit() else text)
@@ -165,12 +166,20 @@ def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[s
     return " ".join(parts), list(values)
 
 
-def _check_column(mask: str, name: str, columns: Mapping[str, pl.Series]) -> None:
-    if name not in columns:
+def _column(mask: str, name: str, columns: Mapping[str, pl.Series]) -> str:
+    """The column that a mask names, with or without its unit in brackets."""
+    found = called(name, dict.fromkeys(columns, ""))
+    if not found:
         raise DataError(
             f"the mask {_shown(mask)} uses {name!r}, which is no column{nearest(name, columns)}; there are "
             f"{some(columns)}"
         )
+    if len(found) > 1:
+        raise DataError(
+            f"the mask {_shown(mask)} uses {name!r}, which is the name of several columns: {listed(found)}; give it "
+            "with its unit, in double quotes"
+        )
+    return found[0]
 
 
 def _check_size(mask: str, depth: int, tokens: int, operators: int) -> None:

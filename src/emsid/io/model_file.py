@@ -36,6 +36,7 @@ from emsid.findings import Finding
 from emsid.io.files import atomic_write, read_bytes
 from emsid.io.limits import check_limits
 from emsid.record.overlap import fingerprint, has_fingerprint
+from emsid.units import channel_and_unit
 
 if TYPE_CHECKING:
     from emsid.models.model import Model
@@ -86,12 +87,16 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         return has_fingerprint(record, self.fingerprint)
 
     def differences(self, record: Record) -> list[Finding]:
-        """The differences between a record and the record that the model was identified from."""
+        """The differences between a record and the record that the model was identified from.
+
+        Outputs are not compared where the record has none. Channels are the same if names and units are, wherever the
+        unit is written.
+        """
         other, found = Origin.of(record), []
-        for what in ("inputs", "outputs"):
-            mine, theirs = _channels(getattr(self, what)), _channels(getattr(other, what))
-            if mine != theirs:
-                data = {"what": what, "identified_with": mine, "channels": theirs}
+        for what in ("inputs", *(("outputs",) if record.output_names else ())):
+            mine, theirs = getattr(self, what), getattr(other, what)
+            if [channel_and_unit(*each) for each in mine] != [channel_and_unit(*each) for each in theirs]:
+                data = {"what": what, "identified_with": _channels(mine), "channels": _channels(theirs)}
                 found.append(Finding("channels-differ", record.name, data))
         if abs(other.dt - self.dt) > SAME_DT * self.dt:
             times = {"identified_with": self.dt, "dt": other.dt}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from emsid.errors import DataError, some
 from emsid.findings import Finding
-from emsid.io.columns import Columns, nearest
+from emsid.io.columns import Columns, errors_of, nearest
 
 if TYPE_CHECKING:
     import polars as pl
@@ -75,7 +75,7 @@ def with_other_files(
             if own in own_names.values() or (own in series and others is not columns):
                 own = name
             own_names[name], series[own] = own, others.series[column].alias(own)
-            units[own] = others.units.get(column, "")
+            units[own] = others.unit(column)
             if times is not None:
                 apart[own] = (f"{time} of {file.name}", times)
         if name in own_names:
@@ -159,8 +159,10 @@ def _own_name(columns: Columns, column: str, file: Path) -> str:
 
 def _column(columns: Columns, wanted: str, file: Path) -> str:
     """A column by its name, or by its number, counted from 1."""
-    if wanted in columns.series:
-        return wanted
+    with errors_of(file):
+        called = columns.called(wanted)
+    if called in columns.series:
+        return called
     if wanted.isdigit() and 1 <= int(wanted) <= len(columns.series):
         return list(columns.series)[int(wanted) - 1]
     raise DataError(

@@ -4,6 +4,10 @@ The steps have a fixed order. Columns with a ``wrap`` are made continuous, and t
 ``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column takes the sign of its ``direction``
 and becomes ``scale·x + offset``. Masked samples are removed; the others are checked and divided into segments.
 Derivatives are computed within each segment. Units are converted to SI.
+
+A column may be named without the unit in brackets of its header; its channel has the name of the column. A unit that is
+given decides; else the channel has the unit that the file gives, if that is an SI unit. Numbers in another unit of the
+file remain as they are, without a unit, until that unit is given.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
-from emsid.io.columns import Columns, nearest
+from emsid.io.columns import Columns, errors_of, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import gunzipped, read_bytes
 from emsid.io.frames import columns_of_frame
@@ -31,7 +35,7 @@ from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
-from emsid.io.other_files import about_clocks, with_other_files
+from emsid.io.other_files import about_clocks, column_of, with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
@@ -67,6 +71,8 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 }
 """The reader for each suffix: from the content of a file to its columns."""
 
+_BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
+"""The arguments of `read` that are given by column."""
 _DERIVATIVE = re.compile(r"d\((?P<column>.+)\)")
 
 
@@ -172,7 +178,8 @@ def read(
             Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS,
             MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); a file that is parsed already; or a pandas or Polars
             frame, or a dictionary of arrays.
-        input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
+        input: the column, or columns, that drive the system. A unit in brackets may be left out, here and in all
+            other arguments: ``speed`` is the column ``speed [rad/s]``. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.
         output: the column, or columns, that answer; likewise.
@@ -193,8 +200,9 @@ def read(
         direction: by column without sign, such as the duty of a bridge, the column that says its direction: the sign is
             negative where that is not above 0 (0 and 1, or −1 and 1).
         scale, offset: by column; ``scale·x + offset`` replaces x.
-        units: by column, the unit it is in after that; the channel is then converted to SI. A derivative has
-            the unit of its column per second, if not given under its own name.
+        units: by column, the unit it is in after that; the channel is then converted to SI. By default an SI unit that
+            the file gives, in a row of units or in brackets in the name of the column, unless ``scale`` changes it. A
+            derivative has the unit of its column per second, if not given under its own name.
         counts_per_revolution, supply_voltage, pwm_full_scale: define the units ``count`` and ``pwm``.
         resample: resample an irregular time axis to a regular one (zero-order hold of inputs, linear interpolation of
             outputs). A gap of 10 sample times or more ends a segment.
@@ -213,25 +221,24 @@ def read(
     """
     parsed = parsed_file(path)
     file = parsed.path
-    names = [*_as_tuple(input), *_as_tuple(output)]
-    columns, rename = with_other_files(parsed.columns, file, names, time, read_columns)
-    inputs, outputs = ([rename.get(name, name) for name in _as_tuple(side)] for side in (input, output))
-    try:
+    named: dict[str, Any] = {"input": input, "output": output, "time": time, "wrap": wrap, "shift": shift}
+    named |= {"direction": direction, "scale": scale, "offset": offset, "units": units}
+    with errors_of(file):
+        named = with_names_of(parsed.columns, named)
+    sides = [_as_tuple(named[side]) for side in ("input", "output")]
+    columns, rename = with_other_files(parsed.columns, file, [*sides[0], *sides[1]], named["time"], read_columns)
+    inputs, outputs = ([rename.get(name, name) for name in side] for side in sides)
+    with errors_of(file):
         record = _record(
             columns,
             name=file.name,
             inputs=inputs,
             outputs=outputs,
-            clock=SampleTime(dt, time, time_unit, resample),
+            clock=SampleTime(dt, named["time"], time_unit, resample),
             rows=rows or slice(None),
             mask=mask,
             skip_bad_rows=skip_bad_rows,
-            wrap=wrap or {},
-            shift=shift or {},
-            direction=direction or {},
-            scale=scale or {},
-            offset=offset or {},
-            units=units or {},
+            **with_names_of(columns, {option: named[option] for option in _BY_COLUMN}),  # also those of other files
             derivative_window=derivative_window,
             meanings={
                 "counts_per_revolution": counts_per_revolution,
@@ -242,9 +249,36 @@ def read(
         clocks = () if parsed.columns.clocks else about_clocks(columns, (*inputs, *outputs), file.name)
         record = replace(record, findings=(*clocks, *record.findings))
         return _detrended(_filtered(record, filter, decimate), detrend)
-    except DataError as problem:
-        message = str(problem).removeprefix(f"{file.name}: ")
-        raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
+
+
+def with_names_of(columns: Columns, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `read` in which every column has its name in the file, also where it was given without its unit.
+
+    Of an option that is given twice for a column, once with its unit and once without it, the last value is taken.
+
+    Args:
+        columns: of the file.
+        reading: the arguments.
+
+    Raises:
+        DataError: where several columns differ only by their units.
+    """
+
+    def channel(name: str) -> str:
+        column = column_of(name, columns.series)
+        return columns.called(name) if column == name else f"d({columns.called(column)})"
+
+    named = dict(reading)
+    for side in [each for each in ("input", "output") if reading.get(each)]:
+        names = [channel(each) for each in _as_tuple(reading[side])]
+        named[side] = names[0] if isinstance(reading[side], str) else names
+    if reading.get("time"):
+        named["time"] = columns.called(reading["time"])
+    for option in set(_BY_COLUMN) & set(reading):
+        named[option] = {channel(name): value for name, value in (reading[option] or {}).items()}
+    if named.get("direction"):
+        named["direction"] = {name: columns.called(sign) for name, sign in named["direction"].items()}
+    return named
 
 
 def _filtered(record: Record, cutoff: float | None, factor: int) -> Record:
@@ -288,7 +322,7 @@ def _record(
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
     used = [s.column for s in signals]
-    by_column = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
+    by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
     _check_options({**by_column, "units": units}, signals)
     columns = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(columns, clock, used, {*used[: len(inputs)], *direction.values()})
@@ -308,8 +342,8 @@ def _record(
                 dt=1.0,
                 input_names=tuple(inputs),
                 output_names=tuple(outputs),
-                input_units=tuple(_unit(s, units, columns.units) for s in signals[: len(inputs)]),
-                output_units=tuple(_unit(s, units, columns.units) for s in signals[len(inputs) :]),
+                input_units=tuple(_unit(s, units, scale, columns) for s in signals[: len(inputs)]),
+                output_units=tuple(_unit(s, units, scale, columns) for s in signals[len(inputs) :]),
                 name=name,
                 findings=selection.findings,
                 conversions={s.name: (scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals},
@@ -408,9 +442,13 @@ def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else tuple(names)
 
 
-def _unit(signal: _Signal, units: Mapping[str, str], in_file: Mapping[str, str]) -> str:
-    """The unit given for a channel, else the one under the name of its column where that is an SI unit."""
-    if not signal.is_derivative or signal.name in units:
-        return units.get(signal.name) or (in_file.get(signal.column, "") if in_file.get(signal.column) in SI else "")
-    unit = units.get(signal.column, "")
-    return unit and f"{unit}/s"
+def _unit(signal: _Signal, units: Mapping[str, str], scale: Mapping[str, float], columns: Columns) -> str:
+    """The unit given for a channel, else the one that the file gives for its column, if that is an SI unit.
+
+    A scale other than −1 may change the unit, so that the one in the file is no longer known to be right.
+    """
+    if units.get(signal.name):
+        return units[signal.name]
+    in_file = columns.unit(signal.column) if abs(scale.get(signal.column, 1.0)) == 1 else ""
+    unit = units.get(signal.column) or (in_file if in_file in SI else "")
+    return f"{unit}/s" if unit and signal.is_derivative else unit

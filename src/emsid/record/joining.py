@@ -10,6 +10,7 @@ import numpy as np
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.record.record import Record
+from emsid.units import channel_and_unit
 
 
 def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
@@ -73,17 +74,28 @@ def _of_all(pieces: Sequence[Record]) -> tuple[Finding, ...]:
 
 
 def check_same_channels(first: Record, other: Record) -> None:
-    """Refuse two records with different sample times, channels or units, which one model cannot describe."""
+    """Refuse two records with different sample times, channels or units, which one model cannot describe.
+
+    Names may differ in how they write the unit of the channel.
+    """
     if not np.isclose(first.dt, other.dt, rtol=1e-6, atol=0.0):
         raise DataError(
             f"{other.name} is sampled every {other.dt:g} s and {first.name} every {first.dt:g} s; resample one of them"
         )
     for what in ("input_names", "output_names", "input_units", "output_units"):
-        if getattr(first, what) != getattr(other, what):
+        side, _, facts = what.partition("_")
+        alike = facts == "names" and _channels(first, side) == _channels(other, side)
+        if not alike and getattr(first, what) != getattr(other, what):
             raise DataError(
                 f"{other.name} has {what.replace('_', ' ')} {getattr(other, what)} and {first.name} "
                 f"{getattr(first, what)}; they must agree"
             )
+
+
+def _channels(record: Record, side: str) -> list[tuple[str, str]]:
+    """The channels of a side with their units, without the units in their names."""
+    names, units = getattr(record, f"{side}_names"), getattr(record, f"{side}_units")
+    return [channel_and_unit(name, unit) for name, unit in zip(names, units, strict=True)]
 
 
 def segments(records: Record | Iterable[Record]) -> Iterator[Record]:

@@ -27,7 +27,7 @@ from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, 
 from emsid.record.frames import numbers, seconds
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import TimeAxis, time_axis
-from emsid.units import name_and_unit, readable_unit
+from emsid.units import called, name_and_unit, readable_unit
 
 Array = NDArray[np.float64]
 
@@ -291,17 +291,26 @@ class Record(Presented):
         )
 
     def channel(self, name: str) -> Array:
-        """(N,) the samples of one channel by name.
+        """(N,) the samples of one channel by name; a unit in brackets may be left out.
 
         Raises:
-            DataError: where there is no such channel.
+            DataError: where there is no such channel, or several.
         """
+        own = self._own_name(name)
         for names, values in ((self.input_names, self.input), (self.output_names, self.output)):
-            if name in names:
-                return values[:, names.index(name)]
-        raise DataError(
-            f"{self.name}: no channel {name!r}; there are {', '.join(self.input_names + self.output_names)}"
-        )
+            if own in names:
+                return values[:, names.index(own)]
+        raise AssertionError(own)
+
+    def _own_name(self, name: str) -> str:
+        """The name of the channel that is called so, with or without its unit."""
+        units = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
+        found = called(name, units)
+        if len(found) > 1:
+            raise DataError(f"{self.name}: several channels are called {name!r}: {', '.join(found)}; give the unit too")
+        if not found:
+            raise DataError(f"{self.name}: no channel {name!r}; there are {', '.join(units)}")
+        return found[0]
 
     def detrend(self, order: int = 0) -> Record:
         """The record minus a polynomial in time of this order, fitted to every channel over the whole record.
@@ -402,7 +411,7 @@ class Record(Presented):
 
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
         """Channel ``name`` replaced by gain·x + offset, with its new unit."""
-        self.channel(name)
+        name = self._own_name(name)
         changes: dict[str, Any] = {}
         for side in ("input", "output"):
             names: tuple[str, ...] = getattr(self, f"{side}_names")
@@ -422,7 +431,7 @@ class Record(Presented):
 
         The sample closest to the result is returned if it differs by rounding only, so that values can be compared.
         """
-        gain, offset = self.conversions.get(name, (1.0, 0.0))
+        gain, offset = self.conversions.get(self._own_name(name), (1.0, 0.0))
         value, samples = gain * number + offset, self.channel(name)
         closest = float(samples[np.argmin(np.abs(samples - value))])
         return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
@@ -440,8 +449,8 @@ class Record(Presented):
         present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
         wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
         result = self
-        for name, target in wanted.items():
-            self.channel(name)
+        for given, target in wanted.items():
+            name = self._own_name(given)
             gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
             result = result.scale(name, gain, offset, unit)
         return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from emsid.findings import Finding
-from emsid.units import with_unit
+from emsid.units import in_unit, with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.durations import duration, sample_time
 
@@ -53,7 +53,7 @@ def record_shifted(f: Finding, argument: Spelling) -> str:
 def channels_differ(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: what (inputs or outputs), identified_with, channels (name, unit)."""
     mine, theirs = (
-        ", ".join(with_unit(each["name"], f"[{each['unit']}]" if each["unit"] else "") for each in f.data[side])
+        ", ".join(in_unit(each["name"], each["unit"]) for each in f.data[side])
         for side in ("identified_with", "channels")
     )
     return f"the model was identified with the {f.data['what']} {mine}; {f.subject} has {theirs}"

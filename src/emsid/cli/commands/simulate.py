@@ -1,5 +1,6 @@
 """``emsid simulate``."""
 
+import re
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -8,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Json, quantity
+from emsid.cli.options import Json, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
+    from emsid.findings import Finding
     from emsid.record import Record
 
 STEP = 0.005
@@ -70,7 +72,9 @@ def simulate(
     from emsid.excitation import crest_factor
     from emsid.io import write_record
     from emsid.units import with_unit
+    from emsid.wording import sentence
 
+    found: list[Finding] = []
     if model is None:
         others = [name for name in reader.typed if name != "--dt"]
         if others := [*others, *(["--start"] if start is not Start.REST else [])]:
@@ -79,7 +83,7 @@ def simulate(
     elif file is None:
         raise DataError(f"{model}: name the file with the inputs to run the model on: simulate MODEL INPUT")
     else:
-        record, begun = _of_model(model, file, reader, start)
+        record, begun, found = _of_model(model, file, reader, start)
     time = write_record(record, out)
     crest, outputs = float(crest_factor(record)), zip(record.output_names, record.output_units, strict=True)
     largest = [(name, float(abs(record.channel(name)).max()), unit) for name, unit in outputs]
@@ -87,21 +91,24 @@ def simulate(
         channels = [time, *record.input_names, *record.output_names]
         tops = [{"name": name, "largest": top, "unit": unit} for name, top, unit in largest]
         document = {"file": str(out), "samples": len(record), "dt": record.dt, "columns": channels}
-        document |= {"start": start.value} if model is not None else {}
+        if model is not None:
+            document |= {"start": start.value, "findings": [each.to_data() for each in found]}
         say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
         return
     shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
     say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}", *([begun] if model is not None else []))
+    say(*(f"- {sentence(each, option)}" for each in found))
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 
-def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Record, str]":
-    """The free run of a saved model over the inputs in a file, and where it begins, in words.
+def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Record, str, list[Finding]]":
+    """The free run of a saved model over the inputs in a file, where it begins, in words, and what differs in the file.
 
     The file is read as the model file remembers and as is given; its outputs are read only to estimate the start.
     """
     from emsid.io import load, origin, read, read_options
     from emsid.models.verbs import simulate as run
+    from emsid.units import name_and_unit
 
     model, source = load(path), origin(path)
     reading = reader.after(read_options(path)).given
@@ -109,17 +116,20 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
     outputs = reading["output"] if start is Start.ESTIMATED else ()
     columns = [*reading["input"], *outputs]
-    known = {name.removeprefix("d(").removesuffix(")") for name in columns} | set(columns)
+    known = {name_and_unit(each)[0] for name in columns for each in (name, re.sub(r"^d\((.+)\)$", r"\1", name))}
     options: dict[str, Any] = {
-        name: {column: each for column, each in value.items() if column in known} if isinstance(value, dict) else value
+        name: {column: each for column, each in value.items() if name_and_unit(column)[0] in known}
+        if isinstance(value, dict)
+        else value
         for name, value in reading.items()
     }
-    driven = run(model, read(file, **(options | {"output": outputs})))
+    record = read(file, **(options | {"output": outputs}))
+    driven = run(model, record)
     names, units = zip(*source.outputs, strict=True)
     begun = f"begins at rest; if {file.name} has outputs, --start estimated takes the initial state from them"
     if start is Start.ESTIMATED:
         begun = f"begins in the state that the first outputs in {file.name} show; these are repeated in the result"
-    return replace(driven, output_names=names, output_units=units), f"{model.name} {begun}"
+    return replace(driven, output_names=names, output_units=units), f"{model.name} {begun}", source.differences(record)
 
 
 def _of_motor(

@@ -75,7 +75,7 @@ def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: i
 
 def test_more_steps_are_tried_with_a_lower_order() -> None:
     """A higher order makes up for missing steps; with two steps the lower order is not yet better."""
-    bench = Bench.of(measured(8, 0.0001), FeedbackSearch(), FREE)
+    bench = Bench.of(measured(8, 0.0001)[:1], FeedbackSearch(), FREE)
     high = bench.refined(with_map(bench, 3), None, family_of("polynomial"), 3)
     tried = [each for each in faster(bench, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
     assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]

@@ -42,7 +42,7 @@ class Solution:
         residual_sum_of_squares: ‖y − Φθ‖².
         rank: numerical rank of Φ.
         condition: 2-norm condition number of Φ with its columns scaled to unit length; infinite with a column of zeros.
-        aliases: for every dependent column, the column itself, followed by the columns it is a combination of.
+        aliases: for every dependent column, in order, the column itself and the columns that it is a combination of.
     """
 
     estimate: Array
@@ -184,9 +184,8 @@ class Information:
         covariance[left, left] = np.inf
 
         weights = np.abs(inverse @ rest)
-        aliases = tuple(
-            (int(column), *(int(k) for k in np.sort(kept[weights[:, j] > 1e-6]))) for j, column in enumerate(left)
-        )
+        in_order = np.argsort(left)  # the pivots' order may hang on rounding
+        aliases = tuple((int(left[j]), *(int(k) for k in np.sort(kept[weights[:, j] > 1e-6]))) for j in in_order)
         singular = svdvals(unit) if n else np.ones(1)
         return Solution(
             estimate=estimate,

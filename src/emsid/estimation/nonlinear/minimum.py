@@ -108,10 +108,9 @@ def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
         solution: of the information of the parameters.
         labels: a name for each parameter; a shared name is listed once.
     """
-    aliases = sorted(solution.aliases)  # which of two columns is dependent may hang on rounding
-    groups = [list(dict.fromkeys(labels[k] for k in group)) for group in aliases]
-    without_effect = [labels[group[0]] for group in aliases if len(group) == 1]
-    inseparable = [group for group, members in zip(groups, aliases, strict=True) if len(members) > 1]
+    groups = [list(dict.fromkeys(labels[k] for k in group)) for group in solution.aliases]
+    without_effect = [labels[group[0]] for group in solution.aliases if len(group) == 1]
+    inseparable = [group for group, members in zip(groups, solution.aliases, strict=True) if len(members) > 1]
     return Finding(
         "parameters-undetermined",
         data={

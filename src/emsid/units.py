@@ -7,7 +7,7 @@ revolution, one sample is the sample time, full PWM is the supply voltage.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import cache
 from math import inf, pi
 from typing import TYPE_CHECKING, NamedTuple
@@ -75,7 +75,6 @@ def known_unit(text: str) -> str:
 
 
 BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
-_DERIVATIVE = re.compile(r"d\((.+)\)")
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
@@ -89,11 +88,15 @@ def name_and_unit(name: str) -> tuple[str, str]:
     >>> name_and_unit("d(angle [rad])"), name_and_unit("y(n)"), name_and_unit("speed [2]")
     (('d(angle)', 'rad/s'), ('y(n)', ''), ('speed [2]', ''))
     """
-    derivative = _DERIVATIVE.fullmatch(name)
-    if derivative is not None:
-        bare, unit = _without_brackets(derivative[1])
-        return f"d({bare})", unit and f"{unit}/s"
-    return _without_brackets(name)
+    column = column_of(name)
+    bare, unit = _without_brackets(column)
+    return (bare, unit) if column == name else (f"d({bare})", unit and f"{unit}/s")
+
+
+def column_of(name: str, known: Container[str] = ()) -> str:
+    """The column that a channel is, or is the derivative of: that of ``d(x)`` is ``x``, unless it is known itself."""
+    inner = re.fullmatch(r"d\((.+)\)", name)
+    return inner[1] if inner and name not in known else name
 
 
 def _without_brackets(name: str) -> tuple[str, str]:

@@ -5,8 +5,7 @@ Files with other times are columns with clocks of their own; the time column of 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 from emsid.errors import DataError, some
 from emsid.findings import Finding
 from emsid.io.columns import Columns, errors_of, nearest
+from emsid.units import column_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -144,12 +144,6 @@ def about_clocks(columns: Columns, names: Sequence[str], record: str) -> list[Fi
     begins, ends = ([float(each[k]) for each in times] for k in (0, -1))
     share = (min(ends) - max(begins)) / (max(ends) - min(begins))
     return [Finding("clocks-of-files", record, {"columns": channels, "share": share})]
-
-
-def column_of(name: str, known: Container[str] = ()) -> str:
-    """The column that a channel is, or is the derivative of: that of ``d(x)`` is ``x``, unless it is known itself."""
-    inner = re.fullmatch(r"d\((.+)\)", name)
-    return inner[1] if inner and name not in known else name
 
 
 def _own_name(columns: Columns, column: str, file: Path) -> str:

@@ -13,7 +13,6 @@ file remain as they are, without a unit, until that unit is given.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,7 +34,7 @@ from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
-from emsid.io.other_files import about_clocks, column_of, with_other_files
+from emsid.io.other_files import about_clocks, with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
@@ -47,7 +46,7 @@ from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
 from emsid.record import Record, concatenate
-from emsid.units import SI
+from emsid.units import SI, column_of
 
 Array = NDArray[np.float64]
 
@@ -73,7 +72,6 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 
 _BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
 """The arguments of `read` that are given by column."""
-_DERIVATIVE = re.compile(r"d\((?P<column>.+)\)")
 
 
 @dataclass(frozen=True)
@@ -386,11 +384,9 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
             raise DataError(f"column {name!r} is named twice among inputs and outputs; every channel is one column")
     signals = []
     for name in names:
-        inner = _DERIVATIVE.fullmatch(name)
-        is_derivative = inner is not None and name not in columns.series
-        column = inner["column"] if inner is not None and is_derivative else name
+        column = column_of(name, columns.series)
         check_column(column, columns)
-        signals.append(_Signal(name, column, is_derivative))
+        signals.append(_Signal(name, column, column != name))
     return signals
 
 

@@ -297,10 +297,9 @@ class Record(Presented):
             DataError: where there is no such channel, or several.
         """
         own = self._own_name(name)
-        for names, values in ((self.input_names, self.input), (self.output_names, self.output)):
-            if own in names:
-                return values[:, names.index(own)]
-        raise AssertionError(own)
+        if own in self.input_names:
+            return self.input[:, self.input_names.index(own)]
+        return self.output[:, self.output_names.index(own)]
 
     def _own_name(self, name: str) -> str:
         """The name of the channel that is called so, with or without its unit."""

@@ -1,6 +1,5 @@
 """``emsid simulate``."""
 
-import re
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -108,7 +107,7 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
     """
     from emsid.io import load, origin, read, read_options
     from emsid.models.verbs import simulate as run
-    from emsid.units import name_and_unit
+    from emsid.units import column_of, name_and_unit
 
     model, source = load(path), origin(path)
     reading = reader.after(read_options(path)).given
@@ -116,7 +115,7 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
     outputs = reading["output"] if start is Start.ESTIMATED else ()
     columns = [*reading["input"], *outputs]
-    known = {name_and_unit(each)[0] for name in columns for each in (name, re.sub(r"^d\((.+)\)$", r"\1", name))}
+    known = {name_and_unit(each)[0] for name in columns for each in (name, column_of(name))}
     options: dict[str, Any] = {
         name: {column: each for column, each in value.items() if name_and_unit(column)[0] in known}
         if isinstance(value, dict)

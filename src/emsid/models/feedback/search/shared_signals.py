@@ -77,7 +77,8 @@ def _with_one_more(bench: Bench, best: Trial, refused: Counter[Pair]) -> Trial |
         refused[pair] += 1
         with suppress(EmsidError):
             trial = bench.refined(model, states, best.family, best.size)
-            if trial.found.minimum.ending is Ending.OUT_OF_BUDGET and not bench.compared:  # the next pair begins here
+            unfinished = trial.found.minimum.ending is Ending.OUT_OF_BUDGET and not bench.compared
+            if unfinished:  # the next pair would begin far from the minimum
                 trial = bench.refined(trial.found.model, trial.found.states, best.family, best.size)
             if not _lost(trial, best) and bench.prefers(trial, best):
                 return trial

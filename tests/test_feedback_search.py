@@ -16,8 +16,7 @@ from emsid import Record
 from emsid.estimation.nonlinear.control import FREE
 from emsid.identification.curves import curves
 from emsid.models.blocks.search.map_families import family_of
-from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.blocks.static_maps import Abs, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
@@ -25,13 +24,12 @@ from emsid.models.feedback.search import choice, estimation, further_maps, trial
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.further_maps import maps_more, with_map_more
-from emsid.models.feedback.search.magnitudes import of_magnitudes
 from emsid.models.feedback.search.starts import started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from feedback_models import Array, U, X, begun_trial, loop, sticking
-from model_examples import DT, MAPS
+from model_examples import DT
 
 
 def scaled_trial(size: float, maps: int = 1) -> Trial:
@@ -176,42 +174,6 @@ def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> Non
     tried = list(chosen([record], FeedbackSearch(), FREE))
     assert [(len(each.found.model.maps), each.found.model.states) for each in tried] == [(1, 2)]
     assert len(set(fitted)) == len(fitted) > 6
-
-
-def magnitudes(samples: int = 200, seed: int = 3) -> Record:
-    """Two masses on a spring, a motor whose friction levels off, and a sensor that shows the size of the speed only."""
-    rng = np.random.default_rng(seed)
-    u, x, y = np.repeat(rng.uniform(-1.2, 1.8, samples // 10), 10), np.zeros(3), np.empty(samples)
-    for t in range(samples):
-        y[t] = abs(x[2]) + 0.005 * rng.standard_normal()
-        for _ in range(10):
-            change = [4.0 * u[t] - 6.0 * x[0] / (0.8 + abs(x[0])), x[0] - x[2], 400.0 * x[1] - 6.0 * x[2]]
-            x = x + 0.002 * np.array(change)
-    return Record(u, y, 0.02)
-
-
-def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
-    record = magnitudes()
-    assert may_be_magnitudes([record])
-    assert not may_be_magnitudes([replace(record, input=record.input + 2.0)])
-    assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
-    found = of_magnitudes([record], 4, FREE)
-    assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [CubicSpline]]
-    assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
-    fit = emsid.fit(emsid.feedback(order=4), record)
-    assert fit.noise_variance < 0.006**2  # 0.0077² with a limit in place of the friction
-    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
-
-
-def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
-    """A spline rounds the corner of |z|; the fit begins at the recovered signs, as either fits the start."""
-    rng = np.random.default_rng(14)
-    matrix = np.array([[1.6, 1.0, 0.1, 0.0], [-0.7, 0.0, 0.1, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    truth, u = FeedbackModel(matrix, (MAPS["abs"],)), np.repeat(rng.normal(size=40), 5)
-    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
-    (found, knots), _ = of_magnitudes([record], 2, FREE)
-    assert knots == 0
-    assert found.error < 0.0105
 
 
 # --- maps ------------------------------------------------------------------------------------------------------------

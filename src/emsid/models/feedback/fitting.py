@@ -68,6 +68,7 @@ class FreeRun:
         transient: samples at the start of every segment that are left out of the residual.
         check: called again and again while the derivative by a long segment is computed; what it raises ends that.
         refused: a step does not lead to a model that this refuses, if it is given.
+        counted: (N,) which samples of every segment count; None: all after the transient.
     """
 
     model: FeedbackModel
@@ -76,6 +77,7 @@ class FreeRun:
     transient: int
     check: Callable[[], None] = FREE.check
     refused: Refusal | None = None
+    counted: Sequence[NDArray[np.bool_]] | None = None
     _last: LastRun[tuple[FeedbackModel, list[LoopSignals]]] = field(default_factory=LastRun, init=False, repr=False)
 
     def at(self, theta: Array) -> FeedbackModel:
@@ -112,9 +114,13 @@ class FreeRun:
         """Model minus measurement, per segment."""
         model, runs = self._run(theta)
         return [
-            (run.y[:: model.oversampling] - y)[self.transient :]
-            for run, (_, y) in zip(runs, self.segments, strict=True)
+            (run.y[:: model.oversampling] - y)[self._seen(k)]
+            for k, (run, (_, y)) in enumerate(zip(runs, self.segments, strict=True))
         ]
+
+    def _seen(self, k: int) -> slice | NDArray[np.bool_]:
+        """The samples of a segment that count."""
+        return slice(self.transient, None) if self.counted is None else self.counted[k]
 
     def _run(self, theta: Array) -> tuple[FeedbackModel, list[LoopSignals]]:
         """The model and its runs.
@@ -146,7 +152,7 @@ class FreeRun:
             Infeasible: for a derivative that is too large, and as `residuals` does.
         """
         (model, runs), free, found = self._run(theta), self.spread.shape[1], []
-        count, skipped = len(model.parameters), self.transient
+        count = len(model.parameters)
         for k, ((u, y), passed) in enumerate(zip(self.segments, runs, strict=True)):
             derivative, own = np.zeros((len(theta), len(y))), free + k * model.states
             for samples, rows in model.gradients(u, passed):
@@ -155,10 +161,12 @@ class FreeRun:
                 with np.errstate(all="ignore"):
                     np.matmul(self.spread.T, rows[:, :count].T, out=derivative[:free, samples])
                 derivative[own : own + model.states, samples] = rows[:, count:].T
-            largest = max(derivative[:, skipped:].max(), -derivative[:, skipped:].min())
+            seen = self._seen(k)
+            fitted = derivative[:, seen]
+            largest = max(fitted.max(), -fitted.min())
             if not largest < self.steepest:  # also if not a number
                 raise Infeasible(f"the derivative of {model.name} is too large")
-            found.append(((passed.y[:: model.oversampling] - y)[skipped:], derivative[:, skipped:].T))
+            found.append(((passed.y[:: model.oversampling] - y)[seen], fitted.T))
         return found
 
 
@@ -243,12 +251,14 @@ def searched(
     states: Sequence[Array] | None = None,
     hold_signals: bool = False,
     refused: Refusal | None = None,
+    counted: Sequence[NDArray[np.bool_]] | None = None,
 ) -> Found:
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
     The initial states begin as given, or as the first samples show them. With ``hold_signals`` the z and g of maps
     that are multiplied remain the signals that they are, but for their offsets. The search keeps to models that are not
-    refused, unless it begins at one that is.
+    refused, unless it begins at one that is. Where samples (N,) of every segment are marked as ``counted``, only these
+    are fitted, in place of all after the transient; the run goes on through the others.
 
     Raises:
         Stopped: by ``control``, within a long segment.
@@ -263,7 +273,7 @@ def searched(
         held = _signals_of_products(same.model) if hold_signals else None
         spread = coordinates(same.model, visited(same.model, segments, states), held)
         limit = None if refused is None or refused(same.model, segments, states) else refused
-        problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
+        problem = FreeRun(same.model, spread, segments, transient, control.check, limit, counted)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)

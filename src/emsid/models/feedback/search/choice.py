@@ -11,7 +11,6 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 5. further maps, one after the other, beside those of the best model and of those with the least prediction errors;
    where a second one leaves more than noise, also a map that is multiplied by a signal, beside the linear model;
 6. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it;
-   before a sensor that loses the sign, a spline in place of the second map;
 7. signals that are shared (`shared_signals`), in the best model; where no unseen data compare the models, in the best
    few, and then the choice is the one that agrees most with the others beyond the record (`consensus`).
 
@@ -37,7 +36,7 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.consensus import agreeing, leading
-from emsid.models.feedback.search.exchanged_maps import last_of_free_form, other_families
+from emsid.models.feedback.search.exchanged_maps import other_families
 from emsid.models.feedback.search.further_maps import Maps, maps_more, with_map_more
 from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.shared_signals import with_shared_signals
@@ -102,11 +101,10 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     """
     bench = Bench.of(records, settings, control)
     straight, tried = _first_map(bench, settings)
-    tried += _of_magnitudes(bench, settings)
-    best: Trial | None = None
-    for trial in tried:
-        if best is None or bench.prefers(trial, best):
-            best = trial
+    sensors, best = list(_of_magnitudes(bench, settings)), _preferred(bench, tried)
+    before_sensor, tried = _preferred(bench, sensors), [*tried, *sensors]
+    if before_sensor is not None and (best is None or not much_worse(before_sensor, best)):
+        best = before_sensor  # other maps may follow a short record better, but hold for its signs only
     if best is None or not bench.prefers(best, straight):
         beside = _beside_linear(straight, tried)
         best = _better_than_linear(Contest(bench, tried, straight), beside, best or beside, settings)
@@ -115,7 +113,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             return
         best = best or beside
     yield best
-    contest, of_sensor = Contest(bench, tried, best), best.family is MAGNITUDE
+    contest, of_sensor = Contest(bench, tried, best), best.loses_sign
     if not of_sensor:
         yield from contest.entered(_sooner(bench, contest.best, settings))
     stuck = [] if of_sensor else _with_sticking(contest, settings)
@@ -129,17 +127,27 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
                 yield from contest.entered(faster(bench, each, settings))
         yield from _other_maps(contest, settings, stuck)
     yield from contest.entered(_sooner(bench, contest.best, settings))
-    if not of_sensor:
-        yield from contest.entered(finer(bench, [contest.best], settings))
+    yield from contest.entered(finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
     best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
     yield best
+    if of_sensor:  # whose signals are not shared; larger runs of different signs do not tell which model is right
+        return
     if bench.compared:
-        yield from () if of_sensor else _completed(bench, best, settings)
+        yield from _completed(bench, best, settings)
     else:
         several = [each for each in eligible if each is best or bench.determines(each)]
-        smaller = {} if of_sensor else _smaller(bench, leading(several, best, SIMPLIFIED))
+        smaller = _smaller(bench, leading(several, best, SIMPLIFIED))
         yield agreeing(bench, [smaller.get(each, each) for each in several], smaller.get(best, best))
+
+
+def _preferred(bench: Bench, trials: Sequence[Trial]) -> Trial | None:
+    """The best of several trials; none of none."""
+    best: Trial | None = None
+    for trial in trials:
+        if best is None or bench.prefers(trial, best):
+            best = trial
+    return best
 
 
 def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -161,9 +169,17 @@ def _smaller(bench: Bench, trials: Sequence[Trial]) -> dict[Trial, Trial]:
 
 
 def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
-    """The trials that do not run away, of the number of maps that is asked for; the best one if there are none."""
-    known = [each for each in contest.tried if np.isfinite(each.errors.mean)]
+    """The trials that do not run away, of the number of maps that is asked for; the best one if there are none.
+
+    If the best one has a sensor that loses the sign, they have too.
+    """
+    known = [each for each in _alike(contest) if np.isfinite(each.errors.mean)]
     return [each for each in known if settings.maps in (None, len(each.found.model.maps))] or [contest.best]
+
+
+def _alike(contest: Contest) -> list[Trial]:
+    """The trials with a sensor that loses the sign if the best one has it, or else all."""
+    return [each for each in contest.tried if each.loses_sign or not contest.best.loses_sign]
 
 
 def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:
@@ -240,9 +256,8 @@ def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Tria
     right maps, but with many parameters, and then err in other combinations of states.
     """
     bench = contest.bench
-    if contest.best.family is MAGNITUDE:
+    if contest.best.loses_sign:
         yield from _more_maps(contest, settings, PLAIN.more)
-        yield from contest.entered(_with_free_form(contest))
         return
     for each in (contest.best, *_runner_up(contest.tried, contest.best)):
         others = list(at_twice_the_rate(bench, each, settings))
@@ -284,14 +299,14 @@ def _settles(contest: Contest, stuck: Trial) -> bool:
 
 def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: int = 2) -> Iterator[Trial]:
     """With further maps, from this number on, until none explains more or the best model leaves noise only."""
-    most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
+    most = 2 if contest.best.loses_sign else MOST_MAPS
     for number in range(least, min(settings.maps or most, most) + 1):
         before, fewer = contest.best, _that_explain_most(contest, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         extended = _to_extend(contest, before, number - 1)
         yield from contest.entered(maps_more(contest.bench, extended, settings, maps))
-        if number == 2 and maps is PLAIN.more and before.family is not MAGNITUDE:
+        if number == 2 and maps is PLAIN.more and not before.loses_sign:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
         more = _that_explain_most(contest, number)
@@ -302,7 +317,7 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: in
 
 def _that_explain_most(contest: Contest, maps: int) -> list[Trial]:
     """The models with this number of maps that do not run away and have the least final prediction errors."""
-    equal = [each for each in contest.tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
+    equal = [each for each in _alike(contest) if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
     short = not contest.bench.compared or (equal and equal[0].errors.samples.sum() <= SHORT)
     several = EXTENDED if short else 1
     return sorted(equal, key=lambda each: each.prediction_error)[:several]
@@ -316,8 +331,6 @@ def _to_extend(contest: Contest, best: Trial, maps: int) -> list[Trial]:
     first maps of a model stand for several of the true ones, and further maps only mend what they lack; which of them
     can become the true ones shows when these are complete.
     """
-    if best.family is MAGNITUDE and maps == 1:
-        return [best, *_runner_up(contest.tried, best)]
     most = _that_explain_most(contest, maps)
     if len(best.found.model.maps) != maps:
         return most
@@ -325,17 +338,10 @@ def _to_extend(contest: Contest, best: Trial, maps: int) -> list[Trial]:
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
-    """The best model with a map of another family than that of the best of all, if its error is not far larger.
-
-    Of a sensor that loses the sign, |z| and a spline count as two families.
-    """
-    others = [each for each in tried if each.family is not best.family or _other_sensor(each, best)]
+    """The best model with a map of another family than that of the best of all, if its error is not far larger."""
+    others = [each for each in tried if each.family is not best.family]
     near = [each for each in others if np.isfinite(each.errors.mean) and not much_worse(each, best)]
     return sorted(near, key=lambda each: each.errors.mean)[:1]
-
-
-def _other_sensor(trial: Trial, best: Trial) -> bool:
-    return trial.family is MAGNITUDE and len(trial.found.model.maps) == 1 and trial.size != best.size
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
@@ -442,13 +448,6 @@ def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
         bench.control.doing("no delay")
         with suppress(EmsidError):
             yield bench.refined(replace(best.found.model, delay=0), best.found.states, best.family, best.size)
-
-
-def _with_free_form(contest: Contest) -> Iterator[Trial]:
-    """With a spline in place of the last map of those with as many maps as the best model."""
-    maps = len(contest.best.found.model.maps)
-    if maps > 1 and not contest.bench.leaves_noise(contest.best):
-        yield from last_of_free_form(contest.bench, _to_extend(contest, contest.best, maps))
 
 
 def _products(contest: Contest, single: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 from emsid.errors import EmsidError
@@ -10,9 +10,6 @@ from emsid.models.blocks.search.map_families import family_of
 from emsid.models.feedback.search.further_maps import Maps, usual_size
 from emsid.models.feedback.search.starts import with_family
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
-
-SPLINE, KNOTS = family_of("spline"), 6
-"""The family of a map of free form, and how many knots a short record determines beside another map."""
 
 
 def other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families: Maps) -> Iterator[Trial]:
@@ -29,16 +26,3 @@ def other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families
         with suppress(EmsidError):
             start, states = with_family(best.found, bench.shown, family, usual_size(family, size))
             yield bench.refined(start, states, family, size)
-
-
-def last_of_free_form(bench: Bench, trials: Iterable[Trial]) -> Iterator[Trial]:
-    """With a spline in place of the last map of each model: friction levels off more smoothly than a limit does.
-
-    A limit finds its place in the loop where a spline would make the model diverge.
-    """
-    for trial in trials:
-        maps = len(trial.found.model.maps)
-        bench.control.doing(f"map {maps}: {SPLINE.name}")
-        with suppress(EmsidError):
-            start, states = with_family(trial.found, bench.shown, SPLINE, KNOTS, [maps - 1])
-            yield bench.refined(start, states, trial.family, trial.size)

@@ -19,7 +19,6 @@ from emsid.estimation.threads import in_threads
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.directions import KEPT
-from emsid.models.feedback.search.magnitudes import MAGNITUDE
 from emsid.models.feedback.search.starts import share_of, with_one_map_more
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
 from emsid.selection.improvement import matters
@@ -33,8 +32,9 @@ PER_KNOT = 20
 CUBIC = 3
 # Steps of a start in every direction.
 STEPS = 10
-# Directions beside a sensor that loses the sign, which hides where what acts in the loop has its effect.
-MANY = 8
+# The map beside a sensor that loses the sign, such as friction, and the number of its directions: the sensor hides
+# where what acts in the loop has its effect.
+BESIDE_SENSOR, MANY = (family_of("spline"), 8), 8
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 
 
@@ -117,8 +117,8 @@ def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) ->
     if settings.maps is None and not bench.more_than_noise(found):
         return
     names = [(family_of(name), size) for name, size in maps]
-    if trial.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
-        names = [(family_of("saturation"), 0)]
+    if trial.loses_sign:  # what acts in the loop is no sensor
+        names = [BESIDE_SENSOR]
     elif settings.static is not None:
         names = [(trial.family, trial.size)]
     for family, size in ((family, usual_size(family, size)) for family, size in names):
@@ -126,7 +126,7 @@ def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) ->
             continue
         bench.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
         with suppress(EmsidError):
-            yield _begun(bench, found, family, size, kept=MANY if trial.family is MAGNITUDE else KEPT)
+            yield _begun(bench, found, family, size, kept=MANY if trial.loses_sign else KEPT)
 
 
 def _begun(

@@ -2,9 +2,8 @@
 
 Such an output is no linear function of the input, so neither a linear model nor a direction found from one is a start.
 Sign recovery (`emsid.models.blocks.search.sign_recovery`) gives the filter before the sensor; with the sensor's curve
-and a filter behind it this is a Wiener–Hammerstein model, which is a feedback model too. There the curve
-acts on all states as well, so that what it shows of friction in the loop is fitted. A spline rounds the corner of |z|,
-so that is tried too.
+and a filter behind it this is a Wiener–Hammerstein model, which is a feedback model too. The curve is |z|, or an even
+spline, which rounds the corner of |z| only where data show it; behind it the sensor may have a lag.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.search.cross_validation import as_arrays
-from emsid.models.blocks.search.map_families import family_of
+from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.starts import sign_recovery_candidates, started
 from emsid.models.blocks.search.trials import scanned
-from emsid.models.blocks.static_maps import Abs, CubicSpline, StaticMap
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import in_observer_form
@@ -34,9 +33,9 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-MAGNITUDE = family_of("abs")
-KINDS = ((0, 0), (6, 1))
-"""Knots of the sensor's curve, without any |z|, and the order of the filter behind it."""
+MAGNITUDE, SPLINE = family_of("abs"), family_of("even-spline")
+SENSORS = ((MAGNITUDE, 0, 0), (SPLINE, 8, 0), (SPLINE, 8, 1))
+"""Family and number of knots of the sensor's curve, and the order of the filter behind it."""
 TRIED, STEPS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
 
@@ -50,14 +49,14 @@ def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> l
         control: when to stop.
 
     Returns:
-        For each of `KINDS`, the best model and the number of its knots.
+        For each of `SENSORS`, the best model and the number of its knots.
 
     Raises:
         ModelError: where no start leads to a model.
     """
     segments, dt = as_arrays(records), records[0].dt
     found = []
-    for knots, behind in KINDS:
+    for family, knots, behind in SENSORS:
         candidates = []
         orders = (states - behind, behind)
         for pair, level in sign_recovery_candidates(segments, orders, np.random.default_rng(0), control):
@@ -67,7 +66,7 @@ def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> l
         refined = list[Found]()
         for candidate in sorted(candidates, key=lambda each: each.error)[:TRIED]:
             with suppress(EmsidError):
-                begun = started(candidate.cascade, partial(_curve, knots), segments)
+                begun = started(candidate.cascade, partial(_curve, family, knots), segments)
                 refined.append(_refined(begun, records, control))
         if refined:
             found.append((min(refined, key=lambda each: each.error), knots))
@@ -76,9 +75,8 @@ def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> l
     return found
 
 
-def _curve(knots: int, x: Array, z: Array) -> StaticMap:
-    """|x|, or a spline, which need not be even: it stands for what acts in the loop too."""
-    return CubicSpline.started(x, z, knots) if knots else Abs()
+def _curve(family: Family, knots: int, x: Array, z: Array) -> StaticMap:
+    return family.start(x, z, knots)
 
 
 def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Found:

@@ -279,7 +279,7 @@ def with_map(
 
 
 def with_family(
-    found: Found, records: Sequence[Record], family: Family, size: int, exchanged: Sequence[int] | None = None
+    found: Found, records: Sequence[Record], family: Family, size: int
 ) -> tuple[FeedbackModel, list[Array]]:
     """The model with maps of another family or size, each the closest to the present one, and its states.
 
@@ -287,11 +287,10 @@ def with_family(
         found: the model with its states.
         records: that it was fitted to.
         family, size: of the new maps.
-        exchanged: the maps that are exchanged, from 0; None: all.
     """
     model, states = found.model, found.states
     seen = visited(model, segments_longer_than(model.memory, model, records), states)
-    for i in range(len(model.maps)) if exchanged is None else exchanged:
+    for i in range(len(model.maps)):
         values = model.maps[i].value(seen.z[:, i])
         map_, slope, level = started_beside_line(family, seen.z[:, i], values, size, i in model.multiplied)
         new = replace(model, maps=(*model.maps[:i], map_, *model.maps[i + 1 :]))

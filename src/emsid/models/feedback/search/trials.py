@@ -33,7 +33,7 @@ from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import FOLDS, folded, validation_splits
+from emsid.record.holding_back import FOLDS, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 Array = NDArray[np.float64]
@@ -161,6 +161,12 @@ class Trial:
     errors: StretchErrors
     family: Family
     size: int
+
+    @property
+    def loses_sign(self) -> bool:
+        """Whether the first map is that of a sensor which loses the sign."""
+        maps = self.found.model.maps
+        return bool(maps) and maps[0].loses_sign
 
     @property
     def parameters(self) -> int:
@@ -361,19 +367,44 @@ class Bench:
         return gain > 0 and self.prefers(trial, simple)
 
     def left_out(self, trial: Trial) -> StretchErrors:
-        """The errors of a model on the parts of a short record, each of which is left out of a fit once."""
+        """The errors of a model on the parts of a short record, each of which is left out of a fit once.
+
+        The run goes on through the part: a model that begins anew in it would be judged by how well its first samples
+        show its state, and those of a sensor that loses the sign fit states of either sign.
+        """
         key = id(trial)
         if key not in self.folds:
-            model, parts = trial.found.model, list[StretchErrors]()
-            for train, unseen in folded(self.shown)[1]:
+            found, edge = trial.found, trial.found.model.edge
+            segments, control = self.segments(found.model), self.control.quietly()
+            states = found.states if len(found.states) == len(segments) else None
+            known, parts = max(found.model.memory, edge), list[StretchErrors]()
+            for out in stretches_in_turn([len(y) for _, y in segments], known):
                 squares = np.full(1, np.inf)
                 with suppress(EmsidError):
-                    segments = segments_longer_than(model.memory, model, train)
-                    again = searched(model, segments, model.edge, REFITTED, 0.2, self.control.quietly(), SAVING)
-                    squares = squared_errors(again.model, unseen)
+                    counted = [~each & (np.arange(len(each)) >= edge) for each in out]
+                    now = searched(found.model, segments, edge, REFITTED, 0.2, control, SAVING, states, counted=counted)
+                    ended = zip(segments, now.states, out, strict=True)
+                    errors = np.concatenate([(now.model.output(u, x) - y)[gone] for (u, y), x, gone in ended])
+                    with np.errstate(over="ignore"):
+                        squares = errors**2
                 parts.append(StretchErrors.of(squares, STRETCHES // FOLDS))
             self.folds[key] = trial, StretchErrors.joined(parts)
         return self.folds[key][1]
+
+
+def stretches_in_turn(lengths: Sequence[int], known: int) -> Iterator[list[NDArray[np.bool_]]]:
+    """For each of `FOLDS` folds, which samples of every segment are in every so many-th of `STRETCHES` equal stretches.
+
+    So no fold lacks all of the largest values, which a record may reach only once.
+
+    Args:
+        lengths: of the segments.
+        known: samples at the start of each that are in no fold, as they show the initial state.
+    """
+    free = np.concatenate([np.arange(length) >= known for length in lengths])
+    stretch = (np.cumsum(free) - 1) * STRETCHES // np.sum(free)
+    for fold in range(FOLDS):
+        yield np.split(free & (stretch % FOLDS == fold), np.cumsum(lengths)[:-1])
 
 
 def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:

@@ -1,0 +1,131 @@
+"""Feedback models before a sensor that loses the sign, and the parts of a short record that choose between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid import Record
+from emsid.estimation.nonlinear.control import FREE
+from emsid.models.blocks.search.map_families import family_of
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
+from emsid.models.blocks.static_maps import Abs, CubicSpline, EvenSpline
+from emsid.models.feedback.fitting import searched
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.magnitudes import of_magnitudes
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, stretches_in_turn
+from emsid.models.one_channel import segments_longer_than
+from emsid.record.holding_back import FOLDS
+from feedback_models import Array, X
+from model_examples import DT, MAPS
+
+NOISE = 0.005
+
+
+def magnitudes(samples: int = 200, seed: int = 3, bend: float = 0.0, lag: float = 0.0) -> Record:
+    """Two masses on a spring, a motor whose friction levels off, and a sensor that shows the size of the speed only.
+
+    Args:
+        samples: how many.
+        seed: of input and noise.
+        bend: how much more than in proportion the sensor shows, per unit of speed.
+        lag: time constant of the sensor, in seconds; 0 for none.
+    """
+    rng = np.random.default_rng(seed)
+    u, x, y = np.repeat(rng.uniform(-1.2, 1.8, samples // 10), 10), np.zeros(4), np.empty(samples)
+    for t in range(samples):
+        y[t] = (x[3] if lag else shown(x[2], bend)) + NOISE * rng.standard_normal()
+        for _ in range(10):
+            change = [4.0 * u[t] - 6.0 * x[0] / (0.8 + abs(x[0])), x[0] - x[2], 400.0 * x[1] - 6.0 * x[2], 0.0]
+            change[3] = (shown(x[2], bend) - x[3]) / lag if lag else 0.0
+            x = x + 0.002 * np.array(change)
+    return Record(u, y, 0.02)
+
+
+def shown(speed: float, bend: float) -> float:
+    """What the sensor shows of a speed that lasts."""
+    return abs(speed) * (1 + bend * abs(speed))
+
+
+def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
+    record = magnitudes()
+    assert may_be_magnitudes([record])
+    assert not may_be_magnitudes([replace(record, input=record.input + 2.0)])
+    assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
+    found = of_magnitudes([record], 4, FREE)
+    assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [EvenSpline], [EvenSpline]]
+    assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
+    fit = emsid.fit(emsid.feedback(order=4), record)
+    assert fit.noise_variance < 0.006**2  # 0.0077² with a limit in place of the friction
+    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
+
+
+def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
+    """A spline rounds the corner of |z|; the fit begins at the recovered signs, as either fits the start."""
+    rng = np.random.default_rng(14)
+    matrix = np.array([[1.6, 1.0, 0.1, 0.0], [-0.7, 0.0, 0.1, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    truth, u = FeedbackModel(matrix, (MAPS["abs"],)), np.repeat(rng.normal(size=40), 5)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    (found, knots), *_ = of_magnitudes([record], 2, FREE)
+    assert knots == 0
+    assert found.error < 0.0105
+
+
+def test_a_sensor_may_be_curved_and_slow() -> None:
+    """Little more than the noise is left; with a free curve and a limit it was 4 times it, and 12 times elsewhere."""
+    fit = emsid.fit(emsid.feedback(order=4), magnitudes(300, 32, bend=0.8, lag=0.03))
+    assert [type(each) for each in fit.model.maps] == [EvenSpline, CubicSpline]
+    assert fit.noise_variance < (1.2 * NOISE) ** 2
+    other = magnitudes(300, 150, bend=0.8, lag=0.03)
+    assert emsid.compare([fit], other).best.row.simulation_rmse < 3.0 * NOISE
+
+
+# --- samples that are left out ---------------------------------------------------------------------------------------
+
+
+def begun(record: Record) -> tuple[FeedbackModel, list[tuple[Array, Array]]]:
+    """A feedback model of a record of magnitudes, and its segments."""
+    model = of_magnitudes([record], 3, FREE)[1][0].model
+    return model, segments_longer_than(model.memory, model, [record])
+
+
+def test_samples_that_do_not_count_have_no_influence() -> None:
+    model, [(u, y)] = begun(magnitudes())
+    counted = np.ones(len(y), dtype=bool)
+    counted[90:110] = False
+    wrong = np.where(counted, y, 100.0)
+    first, second, of_all = (
+        searched(model, [(u, each)], 0, 10, 0.1, counted=None if mask is None else [mask])
+        for each, mask in ((y, counted), (wrong, counted), (y, None))
+    )
+    np.testing.assert_array_equal(first.model.parameters, second.model.parameters)
+    assert first.minimum.samples == of_all.minimum.samples - 20
+    assert not np.allclose(first.model.parameters, of_all.model.parameters, rtol=1e-6)
+
+
+def test_the_run_goes_on_through_samples_that_are_left_out() -> None:
+    """A model that is right has the same error there as elsewhere, without a start of its own."""
+    rng, u = np.random.default_rng(3), np.repeat(np.random.default_rng(2).normal(size=60), 5)
+    matrix = np.array([[1.6, 1.0, 0.1, 0.0], [-0.7, 0.0, 0.1, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    truth = FeedbackModel(matrix, (MAPS["abs"],))
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    bench = Bench.of([record], FeedbackSearch(order=2), FREE)
+    trial = bench.refined(truth, None, family_of("abs"), 0)
+    errors = bench.left_out(trial)
+    assert errors.mean == pytest.approx(0.01**2, rel=0.35)
+    assert np.all(errors.means < 3 * 0.01**2)
+
+
+@pytest.mark.parametrize("lengths", [[300], [120, 90, 60], [41]])
+def test_every_sample_after_the_first_ones_is_left_out_once(lengths: list[int]) -> None:
+    known = 40
+    folds = list(stretches_in_turn(lengths, known))
+    assert len(folds) == FOLDS
+    for k, length in enumerate(lengths):
+        times = np.sum([fold[k] for fold in folds], axis=0)
+        np.testing.assert_array_equal(times, np.arange(length) >= known)
+    sizes = [sum(np.count_nonzero(each) for each in fold) for fold in folds]
+    assert max(sizes) - min(sizes) <= FOLDS

@@ -52,7 +52,7 @@ class Widened:
         """The residuals with the mean derivatives; exact ones in directions without a residual on either side."""
         blocks = list(self.problem.linearised(theta))
         residual = np.concatenate([r for r, _ in blocks])
-        _, sizes, axes = np.linalg.svd(np.concatenate([j for _, j in blocks]), full_matrices=False)
+        _, sizes, axes = np.linalg.svd(np.linalg.qr(np.concatenate([j for _, j in blocks]), mode="r"))
         reach = self.width * float(np.sqrt(residual @ residual / effective_samples([r for r, _ in blocks])))
         found = [jacobian.copy() for _, jacobian in blocks]
         for size, axis in zip(sizes, axes, strict=True):

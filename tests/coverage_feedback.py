@@ -95,8 +95,8 @@ def in_the_form_of(truth: FeedbackModel, fitted: Fitted) -> FeedbackModel:
         apart = (_changed(begin, goal, changes).parameters - goal.parameters) / scale
         return np.asarray(apart - axes @ (axes.T @ apart))
 
-    first = np.full(6 * len(truth.maps) + truth.states**2, 1e-9)
-    found = least_squares(rest, first, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    first = np.full(6 * len(truth.maps) + truth.states**2, 0.01)  # as long as the first step may be
+    found = least_squares(rest, first, xtol=1e-15, ftol=1e-15, gtol=1e-9)
     assert np.abs(found.fun).max() < 1e-8
     return _changed(begin, goal, found.x)
 

@@ -83,6 +83,11 @@ def test_a_sensor_may_be_curved_and_slow() -> None:
     assert emsid.compare([fit], other).best.row.simulation_rmse < 3.0 * NOISE
 
 
+def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
+    fit = emsid.fit(emsid.feedback(order=3, static="even-spline", maps=2), magnitudes())
+    assert [type(each) for each in fit.model.maps] == [EvenSpline, EvenSpline]
+
+
 # --- samples that are left out ---------------------------------------------------------------------------------------
 
 

@@ -113,7 +113,8 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             return
         best = best or beside
     yield best
-    contest, of_sensor = Contest(bench, tried, best), best.loses_sign
+    of_sensor = best.loses_sign and settings.static is None
+    contest = Contest(bench, tried, best, of_sensor)
     if not of_sensor:
         yield from contest.entered(_sooner(bench, contest.best, settings))
     stuck = [] if of_sensor else _with_sticking(contest, settings)
@@ -169,17 +170,9 @@ def _smaller(bench: Bench, trials: Sequence[Trial]) -> dict[Trial, Trial]:
 
 
 def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
-    """The trials that do not run away, of the number of maps that is asked for; the best one if there are none.
-
-    If the best one has a sensor that loses the sign, they have too.
-    """
-    known = [each for each in _alike(contest) if np.isfinite(each.errors.mean)]
+    """The trials that do not run away, of the number of maps that is asked for; the best one if there are none."""
+    known = contest.continued
     return [each for each in known if settings.maps in (None, len(each.found.model.maps))] or [contest.best]
-
-
-def _alike(contest: Contest) -> list[Trial]:
-    """The trials with a sensor that loses the sign if the best one has it, or else all."""
-    return [each for each in contest.tried if each.loses_sign or not contest.best.loses_sign]
 
 
 def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:
@@ -232,11 +225,19 @@ class Contest:
         bench: that compares them.
         tried: all of them.
         best: of them.
+        of_sensor: whether only those with a sensor that loses the sign are continued and chosen.
     """
 
     bench: Bench
     tried: list[Trial]
     best: Trial
+    of_sensor: bool = False
+
+    @property
+    def continued(self) -> list[Trial]:
+        """The trials that may be continued and chosen, if they do not run away."""
+        alike = [each for each in self.tried if each.loses_sign or not self.of_sensor]
+        return [each for each in alike if np.isfinite(each.errors.mean)]
 
     def entered(self, trials: Iterable[Trial]) -> Iterator[Trial]:
         """Those of further trials that replace the best one, one after the other."""
@@ -256,7 +257,7 @@ def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Tria
     right maps, but with many parameters, and then err in other combinations of states.
     """
     bench = contest.bench
-    if contest.best.loses_sign:
+    if contest.of_sensor:
         yield from _more_maps(contest, settings, PLAIN.more)
         return
     for each in (contest.best, *_runner_up(contest.tried, contest.best)):
@@ -299,14 +300,14 @@ def _settles(contest: Contest, stuck: Trial) -> bool:
 
 def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: int = 2) -> Iterator[Trial]:
     """With further maps, from this number on, until none explains more or the best model leaves noise only."""
-    most = 2 if contest.best.loses_sign else MOST_MAPS
+    most = 2 if contest.of_sensor else MOST_MAPS
     for number in range(least, min(settings.maps or most, most) + 1):
         before, fewer = contest.best, _that_explain_most(contest, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         extended = _to_extend(contest, before, number - 1)
         yield from contest.entered(maps_more(contest.bench, extended, settings, maps))
-        if number == 2 and maps is PLAIN.more and not before.loses_sign:
+        if number == 2 and maps is PLAIN.more and not contest.of_sensor:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
         more = _that_explain_most(contest, number)
@@ -317,7 +318,7 @@ def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: in
 
 def _that_explain_most(contest: Contest, maps: int) -> list[Trial]:
     """The models with this number of maps that do not run away and have the least final prediction errors."""
-    equal = [each for each in _alike(contest) if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
+    equal = [each for each in contest.continued if len(each.found.model.maps) == maps]
     short = not contest.bench.compared or (equal and equal[0].errors.samples.sum() <= SHORT)
     several = EXTENDED if short else 1
     return sorted(equal, key=lambda each: each.prediction_error)[:several]

@@ -117,10 +117,10 @@ def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) ->
     if settings.maps is None and not bench.more_than_noise(found):
         return
     names = [(family_of(name), size) for name, size in maps]
-    if trial.loses_sign:  # what acts in the loop is no sensor
-        names = [BESIDE_SENSOR]
-    elif settings.static is not None:
+    if settings.static is not None:
         names = [(trial.family, trial.size)]
+    elif trial.loses_sign:  # what acts in the loop is no sensor
+        names = [BESIDE_SENSOR]
     for family, size in ((family, usual_size(family, size)) for family, size in names):
         if settings.maps is None and samples < PER_KNOT * size:
             continue

@@ -105,7 +105,7 @@ def test_a_users_own_map_is_fitted() -> None:
         lambda x, p: p[0] * x**3, lambda x, p: 3 * p[0] * x**2, lambda x, p: x[None] ** 3, np.array([0.2]), ("c",)
     )
     truth = FeedbackModel(np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (cubic,))
-    u = np.random.default_rng(2).normal(size=300)
+    u = np.random.default_rng(2).normal(size=100)
     begin = replace(truth, maps=(cubic.with_parameters(np.array([0.1])),))
     fit = fit_feedback(begin, Record(u, truth.output(u, np.zeros(1)), DT), max_iterations=8)
     assert np.sqrt(fit.noise_variance) < 1e-6

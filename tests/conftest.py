@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-# One thread for linear algebra in each test process and in those it starts: several test processes share the cores,
-# and threads that wait for each other cost a fifth more. NumPy reads this when it is loaded.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+# One thread for linear algebra and for tables in each test process and in those it starts: several test processes
+# share the cores, and threads that wait for each other cost a fifth more. NumPy and Polars read this when loaded.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POLARS_MAX_THREADS"):
     os.environ.setdefault(_variable, "1")
 # No collection of garbage while modules are loaded; see `pytest_collection_finish`.
 gc.disable()

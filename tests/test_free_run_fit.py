@@ -175,10 +175,10 @@ def test_the_intervals_of_a_friction_model_contain_the_truth() -> None:
 
 
 def test_friction_models_of_simulated_motors_have_intervals() -> None:
-    """Also where the model lacks something of the motor and the residual is coloured; by exact derivatives 7 stall."""
+    """Also where the model lacks something of the motor and the residual is coloured; by exact derivatives 4 stall."""
     free_run = REGRESSIONS["friction-narx-free-run"]
-    fits = [free_run(motor(seed, 1000).fitted, emsid.Options()) for seed in range(20)]
-    assert sum(fit.ending is Ending.STALLED for fit in fits) <= 2
+    fits = [free_run(motor(seed, 1000).fitted, emsid.Options()) for seed in range(10)]
+    assert sum(fit.ending is Ending.STALLED for fit in fits) <= 1
 
 
 def test_a_search_that_stalls_far_from_its_minimum_has_no_intervals() -> None:

@@ -15,7 +15,7 @@ study: $(VENV)/installed
 
 # Tests of one file mostly stay in one process, where they share what their fixtures have fitted.
 test: $(VENV)/compiled
-	$(BIN)/pytest -n 3 --dist worksteal
+	$(BIN)/pytest -n 4 --dist worksteal
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .
@@ -61,7 +61,7 @@ $(VENV)/tested-with: $(VENV)/installed
 	$(INSTALL) -e '.[dev]'
 	@touch $@
 
-# Compile the kernels once, so that the three test processes do not all compile them.
+# Compile the kernels once, so that the test processes do not all compile them.
 $(VENV)/compiled: $(VENV)/tested-with tests/compile_kernels.py $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
 	$(BIN)/python tests/compile_kernels.py
 	@touch $@

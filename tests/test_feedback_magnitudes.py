@@ -84,8 +84,15 @@ def test_a_sensor_may_be_curved_and_slow() -> None:
 
 
 def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
-    fit = emsid.fit(emsid.feedback(order=3, static="even-spline", maps=2), magnitudes())
+    search = emsid.feedback(order=2, static="even-spline", maps=2, delay=0, oversampling=1)
+    fit = emsid.fit(search, magnitudes())
     assert [type(each) for each in fit.model.maps] == [EvenSpline, EvenSpline]
+
+
+@pytest.mark.parametrize("maps", [1, 3])
+def test_a_given_number_of_maps_counts_the_sensor(maps: int) -> None:
+    fit = emsid.fit(emsid.feedback(order=3, maps=maps, oversampling=1), magnitudes())
+    assert [type(each) for each in fit.model.maps] == [Abs, CubicSpline, CubicSpline][:maps]
 
 
 # --- samples that are left out ---------------------------------------------------------------------------------------
@@ -97,17 +104,17 @@ def begun(record: Record) -> tuple[FeedbackModel, list[tuple[Array, Array]]]:
     return model, segments_longer_than(model.memory, model, [record])
 
 
-def test_samples_that_do_not_count_have_no_influence() -> None:
+def test_samples_that_are_left_out_have_no_influence() -> None:
     model, [(u, y)] = begun(magnitudes())
-    counted = np.ones(len(y), dtype=bool)
-    counted[90:110] = False
-    wrong = np.where(counted, y, 100.0)
+    out = np.zeros(len(y), dtype=bool)
+    out[90:110] = True
+    wrong = np.where(out, 100.0, y)
     first, second, of_all = (
-        searched(model, [(u, each)], 0, 10, 0.1, counted=None if mask is None else [mask])
-        for each, mask in ((y, counted), (wrong, counted), (y, None))
+        searched(model, [(u, each)], 5, 10, 0.1, left_out=None if mask is None else [mask])
+        for each, mask in ((y, out), (wrong, out), (y, None))
     )
     np.testing.assert_array_equal(first.model.parameters, second.model.parameters)
-    assert first.minimum.samples == of_all.minimum.samples - 20
+    assert first.minimum.samples == of_all.minimum.samples - 20 == len(y) - 25
     assert not np.allclose(first.model.parameters, of_all.model.parameters, rtol=1e-6)
 
 

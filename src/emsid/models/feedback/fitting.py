@@ -68,7 +68,7 @@ class FreeRun:
         transient: samples at the start of every segment that are left out of the residual.
         check: called again and again while the derivative by a long segment is computed; what it raises ends that.
         refused: a step does not lead to a model that this refuses, if it is given.
-        counted: (N,) which samples of every segment count; None: all after the transient.
+        left_out: (N,) which other samples of every segment are not in the residual; None: all are.
     """
 
     model: FeedbackModel
@@ -77,7 +77,7 @@ class FreeRun:
     transient: int
     check: Callable[[], None] = FREE.check
     refused: Refusal | None = None
-    counted: Sequence[NDArray[np.bool_]] | None = None
+    left_out: Sequence[NDArray[np.bool_]] | None = None
     _last: LastRun[tuple[FeedbackModel, list[LoopSignals]]] = field(default_factory=LastRun, init=False, repr=False)
 
     def at(self, theta: Array) -> FeedbackModel:
@@ -119,8 +119,11 @@ class FreeRun:
         ]
 
     def _seen(self, k: int) -> slice | NDArray[np.bool_]:
-        """The samples of a segment that count."""
-        return slice(self.transient, None) if self.counted is None else self.counted[k]
+        """The samples of a segment that are in the residual."""
+        if self.left_out is None:
+            return slice(self.transient, None)
+        gone = self.left_out[k]
+        return ~gone & (np.arange(len(gone)) >= self.transient)
 
     def _run(self, theta: Array) -> tuple[FeedbackModel, list[LoopSignals]]:
         """The model and its runs.
@@ -251,20 +254,20 @@ def searched(
     states: Sequence[Array] | None = None,
     hold_signals: bool = False,
     refused: Refusal | None = None,
-    counted: Sequence[NDArray[np.bool_]] | None = None,
+    left_out: Sequence[NDArray[np.bool_]] | None = None,
 ) -> Found:
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
-    The initial states begin as given, or as the first samples show them. With ``hold_signals`` the z and g of maps
-    that are multiplied remain the signals that they are, but for their offsets. The search keeps to models that are not
-    refused, unless it begins at one that is. Where samples (N,) of every segment are marked as ``counted``, only these
-    are fitted, in place of all after the transient; the run goes on through the others.
+    The initial states begin as given, if there is one for every segment, or else as the first samples show them. With
+    ``hold_signals`` the z and g of maps that are multiplied remain the signals that they are, but for their offsets.
+    The search keeps to models that are not refused, unless it begins at one that is. The run goes on through samples
+    (N,) of every segment that are ``left_out``, but these are not fitted.
 
     Raises:
         Stopped: by ``control``, within a long segment.
     """
     model, cost, left = start, np.inf, max_iterations
-    if states is None:
+    if states is None or len(states) != len(segments):
         states = [starting(model, u, y[: model.memory]) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
@@ -273,7 +276,7 @@ def searched(
         held = _signals_of_products(same.model) if hold_signals else None
         spread = coordinates(same.model, visited(same.model, segments, states), held)
         limit = None if refused is None or refused(same.model, segments, states) else refused
-        problem = FreeRun(same.model, spread, segments, transient, control.check, limit, counted)
+        problem = FreeRun(same.model, spread, segments, transient, control.check, limit, left_out)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)

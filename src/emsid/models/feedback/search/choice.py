@@ -4,7 +4,8 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial and a dead zone, or else a spline;
-   for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
+   for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`); if its
+   error is not far larger, the search ends with such models: with a second map, and with more steps per sample;
 2. friction that sticks (`sticking`); if it is far better than one map, steps 3, 4 and 6 are left out;
 3. with the best order and lower ones, two steps per sample, and more if these are no worse (`step_rates`);
 4. other families of maps with few numbers;
@@ -33,12 +34,11 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
-from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.consensus import agreeing, leading
 from emsid.models.feedback.search.exchanged_maps import other_families
 from emsid.models.feedback.search.further_maps import Maps, maps_more, with_map_more
-from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
+from emsid.models.feedback.search.magnitudes import with_sensor
 from emsid.models.feedback.search.shared_signals import with_shared_signals
 from emsid.models.feedback.search.starts import with_product
 from emsid.models.feedback.search.step_rates import MOST_IN_THE_END, at_twice_the_rate, faster, finer
@@ -59,8 +59,8 @@ from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
-# Orders that are tried before a sensor that loses the sign; the order of the linear models that show a delay.
-OF_MAGNITUDES, OF_DELAY = (2, 3, 4), 2
+# The order of the linear models that show a delay.
+OF_DELAY = 2
 # The number of models with equally many maps that a further one is added to, where they are compared over all data of a
 # short record, or over at most this number of samples of unseen data; over more samples it is one model, as many
 # independent errors distinguish models and every search takes long.
@@ -90,6 +90,8 @@ PLAIN = Palette(
 )
 # The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction.
 MULTIPLIED, BESIDE_PRODUCT = family_of("two-slopes"), (family_of("dead-zone"), family_of("saturation"))
+# The map beside a sensor that loses the sign, such as friction.
+BESIDE_SENSOR: Maps = (("spline", 8),)
 FREE_FORM = Palette((("spline", 0), ("monotone-spline", 0)), (("polynomial", 3), ("spline", 0), ("dead-zone", 0)))
 
 
@@ -101,10 +103,11 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     """
     bench = Bench.of(records, settings, control)
     straight, tried = _first_map(bench, settings)
-    sensors, best = list(_of_magnitudes(bench, settings)), _preferred(bench, tried)
-    before_sensor, tried = _preferred(bench, sensors), [*tried, *sensors]
-    if before_sensor is not None and (best is None or not much_worse(before_sensor, best)):
-        best = before_sensor  # other maps may follow a short record better, but hold for its signs only
+    best, sensors = _preferred(bench, tried), list(with_sensor(bench, settings))
+    sensor = _preferred(bench, sensors)
+    if sensor is not None and (best is None or (bench.prefers(sensor, straight) and not much_worse(sensor, best))):
+        yield from _before_sensor(Contest(bench, sensors, sensor), settings)
+        return
     if best is None or not bench.prefers(best, straight):
         beside = _beside_linear(straight, tried)
         best = _better_than_linear(Contest(bench, tried, straight), beside, best or beside, settings)
@@ -113,27 +116,22 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             return
         best = best or beside
     yield best
-    of_sensor = best.loses_sign and settings.static is None
-    contest = Contest(bench, tried, best, of_sensor)
-    if not of_sensor:
-        yield from contest.entered(_sooner(bench, contest.best, settings))
-    stuck = [] if of_sensor else _with_sticking(contest, settings)
+    contest = Contest(bench, tried, best)
+    yield from contest.entered(_sooner(bench, contest.best, settings))
+    stuck = _with_sticking(contest, settings)
     if any(_settles(contest, each) for each in stuck):
         yield from contest.entered(stuck)
         yield from _more_maps(contest, settings, PLAIN.more, len(contest.best.found.model.maps) + 1)
     else:
-        if not of_sensor:
-            others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
-            for each in (contest.best, *others):
-                yield from contest.entered(faster(bench, each, settings))
+        others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
+        for each in (contest.best, *others):
+            yield from contest.entered(faster(bench, each, settings))
         yield from _other_maps(contest, settings, stuck)
     yield from contest.entered(_sooner(bench, contest.best, settings))
     yield from contest.entered(finer(bench, [contest.best], settings))
     eligible = _eligible(contest, settings)
-    best = contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
+    best = _best_of(contest, eligible)
     yield best
-    if of_sensor:  # whose signals are not shared; larger runs of different signs do not tell which model is right
-        return
     if bench.compared:
         yield from _completed(bench, best, settings)
     else:
@@ -149,6 +147,18 @@ def _preferred(bench: Bench, trials: Sequence[Trial]) -> Trial | None:
         if best is None or bench.prefers(trial, best):
             best = trial
     return best
+
+
+def _before_sensor(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
+    """From models before a sensor that loses the sign, each better than the one before.
+
+    Other maps may follow a short record better, but hold for its signs only. No signals are shared, as larger runs of
+    different signs do not tell which model is right.
+    """
+    yield contest.best
+    yield from _more_maps(contest, settings, BESIDE_SENSOR, most=2)
+    yield from contest.entered(finer(contest.bench, [contest.best], settings))
+    yield _best_of(contest, _eligible(contest, settings))
 
 
 def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -173,6 +183,11 @@ def _eligible(contest: Contest, settings: FeedbackSearch) -> list[Trial]:
     """The trials that do not run away, of the number of maps that is asked for; the best one if there are none."""
     known = contest.continued
     return [each for each in known if settings.maps in (None, len(each.found.model.maps))] or [contest.best]
+
+
+def _best_of(contest: Contest, eligible: Sequence[Trial]) -> Trial:
+    """The best trial of a search if it is eligible, or else the one with the smallest error."""
+    return contest.best if contest.best in eligible else min(eligible, key=lambda each: each.errors.mean)
 
 
 def _beside_linear(straight: Trial, tried: Sequence[Trial]) -> Trial:
@@ -225,19 +240,16 @@ class Contest:
         bench: that compares them.
         tried: all of them.
         best: of them.
-        of_sensor: whether only those with a sensor that loses the sign are continued and chosen.
     """
 
     bench: Bench
     tried: list[Trial]
     best: Trial
-    of_sensor: bool = False
 
     @property
     def continued(self) -> list[Trial]:
         """The trials that may be continued and chosen, if they do not run away."""
-        alike = [each for each in self.tried if each.loses_sign or not self.of_sensor]
-        return [each for each in alike if np.isfinite(each.errors.mean)]
+        return [each for each in self.tried if np.isfinite(each.errors.mean)]
 
     def entered(self, trials: Iterable[Trial]) -> Iterator[Trial]:
         """Those of further trials that replace the best one, one after the other."""
@@ -257,9 +269,6 @@ def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Tria
     right maps, but with many parameters, and then err in other combinations of states.
     """
     bench = contest.bench
-    if contest.of_sensor:
-        yield from _more_maps(contest, settings, PLAIN.more)
-        return
     for each in (contest.best, *_runner_up(contest.tried, contest.best)):
         others = list(at_twice_the_rate(bench, each, settings))
         yield from contest.entered(others)
@@ -298,16 +307,25 @@ def _settles(contest: Contest, stuck: Trial) -> bool:
     return contest.bench.compared and much_worse(contest.best, stuck) and contest.bench.prefers(stuck, contest.best)
 
 
-def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps, least: int = 2) -> Iterator[Trial]:
-    """With further maps, from this number on, until none explains more or the best model leaves noise only."""
-    most = 2 if contest.of_sensor else MOST_MAPS
-    for number in range(least, min(settings.maps or most, most) + 1):
+def _more_maps(
+    contest: Contest, settings: FeedbackSearch, maps: Maps, least: int = 2, most: int = MOST_MAPS
+) -> Iterator[Trial]:
+    """With further maps, from this number on, until none explains more or the best model leaves noise only.
+
+    Args:
+        contest: the trials so far.
+        settings: where they give a number of maps, that is the largest one.
+        maps: families and sizes that are tried.
+        least: number of maps with those that are added.
+        most: number of maps if none is given.
+    """
+    for number in range(least, (settings.maps or most) + 1):
         before, fewer = contest.best, _that_explain_most(contest, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         extended = _to_extend(contest, before, number - 1)
         yield from contest.entered(maps_more(contest.bench, extended, settings, maps))
-        if number == 2 and maps is PLAIN.more and not contest.of_sensor:
+        if number == 2 and maps is PLAIN.more:
             products = _products(contest, before, settings)  # others than the best are not extended
             yield from contest.entered(each for each in products if contest.bench.prefers(each, contest.best))
         more = _that_explain_most(contest, number)
@@ -387,17 +405,6 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Tria
     if straight is None:
         raise problem
     return straight, bent
-
-
-def _of_magnitudes(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
-    """Models of one step per sample whose output loses the sign, where that of the records may have."""
-    if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_magnitudes(bench.shown):
-        return
-    for order in OF_MAGNITUDES if settings.order is None else (settings.order,):
-        bench.control.doing(f"magnitudes of order {order}")
-        with suppress(EmsidError):
-            for found, knots in of_magnitudes(bench.shown, order, bench.control):
-                yield bench.judged(found, MAGNITUDE, knots)
 
 
 def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:

@@ -267,12 +267,11 @@ def _fitted(
 
 def _minimum(begun: Found, records: Sequence[Record], control: Control, iterations: int) -> Fit[Any]:
     """The fit that begins at a model, and at its initial states if they are those of all segments."""
-    model, states = begun.model, begun.states
+    model = begun.model
     segments = segments_longer_than(model.memory, model, records)
     if _are_long(records) and iterations:
         return _in_few_steps(model, begun.settled, segments, control)
-    known = states if len(states) == len(segments) else None
-    here = searched(model, segments, model.edge, iterations, 0.05, control, states=known)
+    here = searched(model, segments, model.edge, iterations, 0.05, control, states=begun.states)
     return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * STEPS))
 
 

@@ -32,9 +32,8 @@ PER_KNOT = 20
 CUBIC = 3
 # Steps of a start in every direction.
 STEPS = 10
-# The map beside a sensor that loses the sign, such as friction, and the number of its directions: the sensor hides
-# where what acts in the loop has its effect.
-BESIDE_SENSOR, MANY = (family_of("spline"), 8), 8
+# The number of directions beside a sensor that loses the sign, which hides where what acts in the loop has its effect.
+MANY = 8
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 
 
@@ -119,8 +118,6 @@ def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) ->
     names = [(family_of(name), size) for name, size in maps]
     if settings.static is not None:
         names = [(trial.family, trial.size)]
-    elif trial.loses_sign:  # what acts in the loop is no sensor
-        names = [BESIDE_SENSOR]
     for family, size in ((family, usual_size(family, size)) for family, size in names):
         if settings.maps is None and samples < PER_KNOT * size:
             continue
@@ -160,7 +157,5 @@ def _refined(bench: Bench, start: Start, hold_signals: bool = False) -> Trial:
     """
     key = id(start.without), start.family.name, start.size, hold_signals
     if key not in bench.extended:  # its directions keep the model without the map
-        found, model = start.found, start.found.model
-        states = found.states if len(found.states) == len(bench.segments(model)) else None
-        bench.extended[key] = bench.refined(model, states, start.family, start.size)
+        bench.extended[key] = bench.refined(start.found.model, start.found.states, start.family, start.size)
     return bench.extended[key]

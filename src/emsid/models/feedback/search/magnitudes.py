@@ -8,7 +8,7 @@ spline, which rounds the corner of |z| only where data show it; behind it the se
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -22,13 +22,15 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.blocks.search.starts import sign_recovery_candidates, started
 from emsid.models.blocks.search.trials import scanned
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import in_observer_form
-from emsid.models.one_channel import segments_longer_than
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
+from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -36,8 +38,21 @@ Array = NDArray[np.float64]
 MAGNITUDE, SPLINE = family_of("abs"), family_of("even-spline")
 SENSORS = ((MAGNITUDE, 0, 0), (SPLINE, 8, 0), (SPLINE, 8, 1))
 """Family and number of knots of the sensor's curve, and the order of the filter behind it."""
+ORDERS = (2, 3, 4)
+"""Orders that are tried if none is given."""
 TRIED, STEPS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
+
+
+def with_sensor(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
+    """Models of one step per sample whose output loses the sign, where that of the records may have."""
+    if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_magnitudes(bench.shown):
+        return
+    for order in ORDERS if settings.order is None else (settings.order,):
+        bench.control.doing(f"magnitudes of order {order}")
+        with suppress(EmsidError):
+            for found, knots in of_magnitudes(bench.shown, order, bench.control):
+                yield bench.judged(found, MAGNITUDE, knots)
 
 
 def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> list[tuple[Found, int]]:
@@ -54,25 +69,35 @@ def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> l
     Raises:
         ModelError: where no start leads to a model.
     """
-    segments, dt = as_arrays(records), records[0].dt
-    found = []
+    segments, found = as_arrays(records), []
+    starts = {behind: _starts(segments, (states - behind, behind), records[0].dt, control) for _, _, behind in SENSORS}
     for family, knots, behind in SENSORS:
-        candidates = []
-        orders = (states - behind, behind)
-        for pair, level in sign_recovery_candidates(segments, orders, np.random.default_rng(0), control):
-            template = Cascade((Rational(np.ones(1)),), input_offset=level, dt=dt)
-            with suppress(ModelError):
-                candidates += scanned([pair], segments, MAGNITUDE.trial, template, 1)
         refined = list[Found]()
-        for candidate in sorted(candidates, key=lambda each: each.error)[:TRIED]:
+        for start in starts[behind]:
             with suppress(EmsidError):
-                begun = started(candidate.cascade, partial(_curve, family, knots), segments)
-                refined.append(_refined(begun, records, control))
+                refined.append(_refined(started(start, partial(_curve, family, knots), segments), records, control))
         if refined:
             found.append((min(refined, key=lambda each: each.error), knots))
     if not found:
         raise ModelError(f"feedback: no model of order {states} whose output loses the sign")
     return found
+
+
+def _starts(segments: Segments, orders: tuple[int, int], dt: float, control: Control) -> list[Cascade]:
+    """The best starts, by the error with |z| between the filters.
+
+    Args:
+        segments: (u, y) of each.
+        orders: of the filter before the sensor and of that behind it.
+        dt: in seconds.
+        control: when to stop.
+    """
+    candidates = []
+    for pair, level in sign_recovery_candidates(segments, orders, np.random.default_rng(0), control):
+        template = Cascade((Rational(np.ones(1)),), input_offset=level, dt=dt)
+        with suppress(ModelError):
+            candidates += scanned([pair], segments, MAGNITUDE.trial, template, 1)
+    return [each.cascade for each in sorted(candidates, key=lambda each: each.error)[:TRIED]]
 
 
 def _curve(family: Family, knots: int, x: Array, z: Array) -> StaticMap:
@@ -91,7 +116,7 @@ def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Fou
     model, moved = as_feedback(cascade)
     segments = segments_longer_than(model.memory, model, records)
     states = [x + moved for x in problem.states(minimum.estimate)]
-    return searched(model, segments, 0, STEPS, 0.1, control, states=states if len(states) == len(segments) else None)
+    return searched(model, segments, 0, STEPS, 0.1, control, states=states)
 
 
 def as_feedback(cascade: Cascade) -> tuple[FeedbackModel, Array]:

@@ -375,14 +375,13 @@ class Bench:
         key = id(trial)
         if key not in self.folds:
             found, edge = trial.found, trial.found.model.edge
-            segments, control = self.segments(found.model), self.control.quietly()
-            states = found.states if len(found.states) == len(segments) else None
-            known, parts = max(found.model.memory, edge), list[StretchErrors]()
-            for out in stretches_in_turn([len(y) for _, y in segments], known):
+            segments, control, parts = self.segments(found.model), self.control.quietly(), list[StretchErrors]()
+            for out in stretches_in_turn([len(y) for _, y in segments], found.model.memory):
                 squares = np.full(1, np.inf)
                 with suppress(EmsidError):
-                    counted = [~each & (np.arange(len(each)) >= edge) for each in out]
-                    now = searched(found.model, segments, edge, REFITTED, 0.2, control, SAVING, states, counted=counted)
+                    now = searched(
+                        found.model, segments, edge, REFITTED, 0.2, control, SAVING, found.states, left_out=out
+                    )
                     ended = zip(segments, now.states, out, strict=True)
                     errors = np.concatenate([(now.model.output(u, x) - y)[gone] for (u, y), x, gone in ended])
                     with np.errstate(over="ignore"):
@@ -393,13 +392,16 @@ class Bench:
 
 
 def stretches_in_turn(lengths: Sequence[int], known: int) -> Iterator[list[NDArray[np.bool_]]]:
-    """For each of `FOLDS` folds, which samples of every segment are in every so many-th of `STRETCHES` equal stretches.
+    """The samples that each of `FOLDS` folds leaves out: every `FOLDS`-th of `STRETCHES` equal stretches.
 
-    So no fold lacks all of the largest values, which a record may reach only once.
+    A fold that leaves out one whole quarter of a short record may leave out all of its largest values.
 
     Args:
         lengths: of the segments.
-        known: samples at the start of each that are in no fold, as they show the initial state.
+        known: samples at the start of each segment that no fold leaves out, as they show its initial state.
+
+    Yields:
+        (N,) for every segment, whether the fold leaves out the sample.
     """
     free = np.concatenate([np.arange(length) >= known for length in lengths])
     stretch = (np.cumsum(free) - 1) * STRETCHES // np.sum(free)

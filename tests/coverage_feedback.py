@@ -35,7 +35,7 @@ from emsid.models.feedback.coordinates import (
 )
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import normal_form
-from feedback_models import Array, loop, multiplied
+from feedback_models import Array, before_sensor, loop, multiplied
 from model_examples import DT
 from test_map_bands import SPRING, smooth
 
@@ -136,7 +136,7 @@ def _changed(model: FeedbackModel, goal: FeedbackModel, changes: Array) -> Feedb
     for i, (level, slope, shift, into, out, factor) in enumerate(of_maps.reshape(-1, 6)):
         z = np.linspace(-2, 2, COMPARED)
         if free_lines(model, i, z).size:
-            slope = 0.0 if i in model.multiplied else slope
+            slope = slope if model.takes_line(i) else 0.0
             map_ = model.maps[i]
             less = map_.with_parameters(map_.parameters - within(map_, z, slope * z + level))
             model = _with_line(model, i, less, slope, level)
@@ -215,6 +215,7 @@ CASES = {
     "dead zone": Case(STICKING, white, 1000),
     "polynomial": Case(loop(), white, 1500),
     "product": Case(multiplied(), white, 3000),
+    "sensor": Case(before_sensor("polynomial"), white, 1500),
 }
 
 

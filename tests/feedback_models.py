@@ -33,6 +33,18 @@ def multiplied(name: str = "polynomial", rate: int = 1) -> FeedbackModel:
     return FeedbackModel(TWO_LOOPS, maps, np.zeros(2), 0.2, oversampling=rate, dt=DT, factors=factors)
 
 
+def before_sensor(name: str = "even-spline", behind: int = 1) -> FeedbackModel:
+    """A loop of second order through a dead zone, before a sensor with a map of this kind and a lag."""
+    n = 2 + behind
+    matrix = np.zeros((n + 3, n + 3))
+    matrix[:2, :2], matrix[:2, n], matrix[:2, n + 2] = LOOP[:2, :2], LOOP[:2, 2], [-0.2, 0.1]
+    matrix[n, [0, 1, n]], matrix[n + 1, :2], matrix[-1, n + 1] = [1.0, 0.2, 0.3], [0.4, 1.0], 1.0
+    if behind:
+        matrix[2, [2, n + 1]], matrix[-1, [2, n + 1]] = [0.4, 0.6], [1.0, 0.1]
+    offsets = np.array([0.0 if MAPS[name].absorbs_shift else 0.1, 0.0])
+    return FeedbackModel(matrix, (MAPS[name], DeadZone(-0.2, 0.3)), offsets, 0.2, dt=DT, sensor=behind)
+
+
 def sticking(seed: int, samples: int = 240) -> Record:
     """A motor that sticks, with 2 % noise."""
     truth, rng = FeedbackModel(np.array([[0, 0, 1], [0.9, 0.5, 0], [1, 0, 0]]), (DeadZone(-0.2, 0.2),)), np.random

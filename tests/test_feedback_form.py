@@ -13,7 +13,7 @@ import emsid
 from coverage_feedback import CASES, Signal, fitted, noisy, white
 from emsid import FeedbackModel
 from emsid.blocks import Polynomial
-from emsid.models.feedback.coordinates import Visited, fixed_offsets, free_lines
+from emsid.models.feedback.coordinates import Visited, always_fixed, free_lines
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
 from emsid.models.feedback.observer_form import observer_form
@@ -26,7 +26,7 @@ from model_examples import DT, MAPS
 from test_feedback import wiener_hammerstein
 from test_map_bands import MOTOR, SPRING, held, smooth
 
-LONG = ("polynomial", "product")
+LONG = ("polynomial", "product", "sensor")
 
 
 def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
@@ -102,7 +102,7 @@ def test_parameters_that_follow_from_others_are_not_counted(name: str, make: Cal
     model = make(name)
     fit = fit_feedback(model, noisy(model, white, 1, 1500))
     held = observer_form(fit.model, visited_in(fit.model, noisy(model, white, 1, 1500)))[1]
-    assert fit.size == len(fit.model.parameters) - np.count_nonzero(held | fixed_offsets(fit.model))
+    assert fit.size == len(fit.model.parameters) - np.count_nonzero(held | always_fixed(fit.model))
     assert fit.size + fit.dependent == len(fit.estimate) == len(fit.names)
     assert f"{fit.size} parameters" in repr(fit)
 

@@ -14,7 +14,7 @@ from emsid import FeedbackModel, ModelError, Record
 from emsid.blocks import DeadZone, Polynomial
 from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.search.map_families import family_of
-from emsid.models.feedback.coordinates import Same, Visited, coordinates, directions, fixed_offsets, whitened
+from emsid.models.feedback.coordinates import Same, Visited, always_fixed, coordinates, directions, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import normal_form
 from emsid.models.feedback.search.shared_signals import with_shared_signals
@@ -99,7 +99,7 @@ def test_coordinates_keep_to_shared_signals_and_cover_all_other_changes(count: i
     model = sharing(*PAIRS[:count])
     same = whitened(model, visited(model)).model
     spread = coordinates(same, visited(same))
-    redundant = directions(same, visited(same)).shape[1] + fixed_offsets(same).sum()
+    redundant = directions(same, visited(same)).shape[1] + always_fixed(same).sum()
     assert spread.shape[1] == len(same.parameters) - redundant - 2 * count
     moved = same.with_parameters(
         same.parameters + 0.01 * spread @ np.random.default_rng(1).normal(size=spread.shape[1])

@@ -24,6 +24,7 @@ Criterion Matrices*, 1973).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,8 +118,8 @@ def directions(model: FeedbackModel, visited: Visited) -> Array:
     """(p, k) the redundant directions."""
     n = model.states
     found = []
-    for i in range(n):
-        for j in range(n):
+    for part, _ in model.parts:
+        for i, j in product(range(n)[part], repeat=2):
             change = Change.none(model)
             change.matrix[i] += model.matrix[j]
             change.matrix[:, j] -= model.matrix[:, i]
@@ -132,10 +133,8 @@ def directions(model: FeedbackModel, visited: Visited) -> Array:
     seen = visited.thinned(COMPARED)
     shifts = [within(each, seen.z[:, i], each.slope(seen.z[:, i])) for i, each in enumerate(model.maps)]
     for i, each in enumerate(model.maps):
-        own_line = i not in model.multiplied
-        found += [
-            _of_a_map(model, i, mix, own, shifts).vector(model) for mix, own in _contained(each, seen.z[:, i], own_line)
-        ]
+        own = _contained(each, seen.z[:, i], model.takes_line(i))
+        found += [_of_a_map(model, i, mix, change, shifts).vector(model) for mix, change in own]
     return np.array(found).reshape(-1, len(model.parameters)).T
 
 
@@ -237,11 +236,11 @@ def free_lines(model: FeedbackModel, k: int, z: Array) -> Array:
 
     Args:
         model: with the map.
-        k: the map, from 0; of one that is multiplied by a signal, the linear part takes a level only (c = 1).
+        k: the map, from 0; of one that is multiplied by a signal or of a sensor, a level only (c = 1).
         z: (K,) inputs of the map.
     """
     rows = model.maps[k].parameter_gradient(z).T
-    generators = np.vander(z, 1 if k in model.multiplied else 2, increasing=True)
+    generators = np.vander(z, 1 + model.takes_line(k), increasing=True)
     length = np.linalg.norm(generators, axis=0)
     units = generators / np.where(length > 0, length, 1.0)
     rest = units - rows @ np.linalg.lstsq(rows, units, rcond=None)[0]
@@ -258,7 +257,7 @@ def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None
         held: (p,) parameters that keep their values; they remove as many redundant directions as they determine.
     """
     scale = weights(model, visited)
-    fixed = fixed_offsets(model) if held is None else held | fixed_offsets(model)
+    fixed = always_fixed(model) if held is None else held | always_fixed(model)
     redundant = directions(model, visited) * scale[:, None]
     length = np.linalg.norm(redundant, axis=0)
     redundant = redundant[:, length > 0] / length[length > 0]
@@ -331,7 +330,7 @@ def coordinates_in_form(model: FeedbackModel, visited: Visited, fixed: Mask, con
         fixed: (p,) parameters that the form fixes.
         conditions: (k, p) G: changes of the parameters whose product with it is zero remain in the form.
     """
-    scale, fixed = weights(model, visited), fixed | fixed_offsets(model)
+    scale, fixed = weights(model, visited), fixed | always_fixed(model)
     free = coordinates(model, visited) * scale[:, None]
     rows = _of_unit_length(np.vstack([np.eye(len(scale))[fixed], conditions, shared_rows(model, True)]) / scale)
     redundant = directions(model, visited) * scale[:, None]
@@ -365,9 +364,11 @@ def in_coordinates(model: FeedbackModel, visited: Visited, spread: Array, change
     return np.asarray(found[: spread.shape[1]], dtype=float)
 
 
-def fixed_offsets(model: FeedbackModel) -> Mask:
-    """(p,) the offsets z₀ of maps that absorb a shift."""
+def always_fixed(model: FeedbackModel) -> Mask:
+    """(p,) the offsets z₀ of maps that absorb a shift, and the elements that are zero as the model has a sensor."""
     fixed = np.zeros(len(model.parameters), dtype=bool)
+    absent = model.absent[model.free_entries]
+    fixed[: len(absent)] = absent
     first = len(fixed) - 1 - len(model.maps)
     fixed[first:-1] = [each.absorbs_shift for each in model.maps]
     return fixed
@@ -423,19 +424,22 @@ class Same:
 
 
 def whitened(model: FeedbackModel, visited: Visited) -> Same:
-    """The same model with states, z and w of unit size over its records, and uncorrelated states."""
+    """The same model with states, z and w of unit size over its records, and uncorrelated states.
+
+    Those of a loop and those behind a sensor may be correlated.
+    """
     n = model.states
-    transform = np.eye(n)
+    transform = np.eye(n, order="F")
     with np.errstate(over="ignore", invalid="ignore"):
         covariance = np.atleast_2d(np.cov(visited.x.T)) if n else np.zeros((0, 0))
         units_in, units_out = size_of(visited.z), size_of(visited.w)
     if not all(np.isfinite(each).all() for each in (covariance, units_in, units_out)):
         raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
-    if n:
-        size, axes = np.linalg.eigh(covariance)
-        if size[-1] > 0:
-            transform = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
-            model = with_state(model, transform)
+    for part, _ in model.parts:
+        size, axes = np.linalg.eigh(covariance[part, part])
+        if size.max(initial=0.0) > 0:
+            transform[part, part] = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
+    model = with_state(model, transform)
     g = _level(model.factor(visited.x @ transform.T, visited.u))
     for i in model.multiplied:
         model = with_factor_unit(model, i, float(g[i]))

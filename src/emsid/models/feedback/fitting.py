@@ -275,7 +275,7 @@ def searched(
         states = [same.state(x) for x in states]
         held = _signals_of_products(same.model) if hold_signals else None
         spread = coordinates(same.model, visited(same.model, segments, states), held)
-        limit = None if refused is None or refused(same.model, segments, states) else refused
+        limit = _limit(refused, same.model, segments, states)
         problem = FreeRun(same.model, spread, segments, transient, control.check, limit, left_out)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
@@ -287,6 +287,13 @@ def searched(
         found = Found(model, states, minimum, converged or slow or control.ending is not None)
         cost = minimum.cost
     return found
+
+
+def _limit(
+    refused: Refusal | None, model: FeedbackModel, segments: Segments, states: Sequence[Array]
+) -> Refusal | None:
+    """What a search from a model may refuse: nothing where it would refuse that."""
+    return None if refused is None or refused(model, segments, states) else refused
 
 
 def _signals_of_products(model: FeedbackModel) -> NDArray[np.bool_]:
@@ -302,15 +309,16 @@ def conclude(
     tolerance: float = 0.05,
     control: Control = FREE,
     max_iterations: int = 2 * STEPS,
+    refused: Refusal | None = None,
 ) -> Fit[FeedbackModel]:
-    """The fit at a minimum, in the normal form, with covariances.
+    """The fit at a minimum, in the normal form, with covariances; the last steps keep to models that are not refused.
 
     Raises:
         Stopped: by ``control``, within a long segment.
     """
     last, others = found, list[Other]()
     if found.settled:
-        last, others = _last_steps(found, segments, transient, max_iterations, tolerance, control)
+        last, others = _last_steps(found, segments, transient, max_iterations, tolerance, control, refused)
     ended = found.settled and last.error <= WORSE * found.error
     if not ended:  # also where the weights of the penalties began too heavy in other coordinates
         last, others = found, []
@@ -352,18 +360,27 @@ Other = tuple[float, FeedbackModel]
 
 
 def _last_steps(
-    found: Found, segments: Segments, transient: int, iterations: int, tolerance: float, control: Control
+    found: Found,
+    segments: Segments,
+    transient: int,
+    iterations: int,
+    tolerance: float,
+    control: Control,
+    refused: Refusal | None,
 ) -> tuple[Found, list[Other]]:
     """The minimum near one that has settled, in the coordinates of `observer_form`, and where others end around it.
 
-    That form measures z and w by single elements, which cannot be held where signals are shared; then the coordinates
-    are those of the search. Others are begun if the search does not converge in a record that is not long.
+    That form measures z and w by single elements, which cannot be held where signals are shared, and its state is that
+    of the output, which does not mix with those behind a sensor; then the coordinates are those of the search. Others
+    are begun if the search does not converge in a record that is not long.
     """
-    seen = visited(found.model, segments, found.states)
-    same, held = (whitened(found.model, seen), None) if found.model.shared else observer_form(found.model, seen)
+    model, seen = found.model, visited(found.model, segments, found.states)
+    mixed = bool(model.shared) or model.sensor is not None
+    same, held = (whitened(model, seen), None) if mixed else observer_form(model, seen)
     states = [same.state(x) for x in found.states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
-    problem = FreeRun(same.model, spread, segments, transient, control.check)
+    limit = _limit(refused, same.model, segments, states)
+    problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
     minimum = _gauss_newton(problem, states, iterations, tolerance, control, False)
     ends: Ends = []
     if iterations and sum(len(y) for _, y in segments) <= BEGUN_AGAIN:

@@ -99,6 +99,28 @@ class MapSlopes(NamedTuple):
     owners: NDArray[np.int64]
 
 
+def map_slopes(maps: Sequence[StaticMap], g: Array, multiplied: NDArray[np.int64], z: Array) -> MapSlopes:
+    """The maps and their derivatives along a run.
+
+    Args:
+        maps: m static maps.
+        g: (m, K) or (m, 1) the factor of each.
+        multiplied: those whose factor is a signal.
+        z: (K, m) their inputs.
+    """
+    shape, counts = z.T.shape, np.array([len(each.parameters) for each in maps], dtype=np.int64)
+    slopes, values, gradient = np.empty(shape), np.zeros(shape), np.empty((counts.sum(), len(z)))
+    first = 0
+    for i, (each, count) in enumerate(zip(maps, counts, strict=True)):
+        own = np.ascontiguousarray(z[:, i])
+        np.multiply(g[i], each.slope(own), out=slopes[i])
+        np.multiply(g[i], each.parameter_gradient(own), out=gradient[first : first + count])
+        if i in multiplied:
+            values[i] = each.value(own)
+        first += count
+    return MapSlopes(slopes, values, gradient, np.repeat(np.arange(len(counts)), counts))
+
+
 @numba.njit(cache=True, nogil=True)
 def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array, state: Array, out: LoopSignals) -> int:
     """Run the model over an input.

@@ -45,8 +45,19 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.equations import equations, numbered
-from emsid.models.feedback.kernels import LoopSignals, MapSlopes, Tables, derivative, run, run_reference, tables_of
+from emsid.models.feedback.kernels import (
+    LoopSignals,
+    MapSlopes,
+    Tables,
+    derivative,
+    map_slopes,
+    run,
+    run_reference,
+    tables_of,
+)
+from emsid.models.feedback.sensor import absent, check_sensor
 from emsid.models.feedback.sharing import entries, shared_signals
+from emsid.models.feedback.steady_state import resting
 from emsid.models.input_path import InputPath
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
@@ -58,10 +69,6 @@ Array = NDArray[np.float64]
 
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
-# Steps in which a state comes close to rest, and Newton steps that complete it.
-SETTLING, NEWTON = 2_000, 50
-# Newton steps below this share of the state end when they no longer shrink, and at rest a step changes less of it.
-ROUNDING = 1e-9
 # Samples of a block of a derivative.
 BLOCK = 8192
 
@@ -100,11 +107,13 @@ class FeedbackModel(OneChannelMethods):
             another w, ``("w2", "w1")``. The elements of the first are made the closest multiple of those of the second.
         centre: (n,) the mean state over the records of its fit, from which `resting` looks for a steady state; by
             default zero. A model may have several steady states, of which those far from its data mean nothing.
+        sensor: where the first map is the curve of a sensor behind the loop, how many of the last states are behind
+            that curve; the elements of the matrix that `emsid.models.feedback.sensor` excludes are made zero.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
-            object that is no static map, an invalid delay or oversampling, pairs of other signals, or a centre of
-            another length.
+            object that is no static map, an invalid delay or oversampling, pairs of other signals, a centre of another
+            length, or a sensor without a map or with too many states.
     """
 
     matrix: Array
@@ -119,6 +128,7 @@ class FeedbackModel(OneChannelMethods):
     factors: Array = ()  # type: ignore[assignment]  # made an array below
     shared: tuple[tuple[str, str], ...] = ()
     centre: Array = ()  # type: ignore[assignment]  # made an array below
+    sensor: int | None = None
 
     models_noise: ClassVar[bool] = False
 
@@ -161,6 +171,9 @@ class FeedbackModel(OneChannelMethods):
             raise ModelError(f"{self.name}: output offset {self.output_offset}; give a finite number")
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
             raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
+        check_sensor(self.name, n, m, self.sensor)
+        if self.matrix[self.absent].any():
+            object.__setattr__(self, "matrix", read_only(np.where(self.absent, 0.0, self.matrix)))
         pairs, matrix = shared_signals(self.name, self.matrix, m, self.shared)
         object.__setattr__(self, "shared", pairs)
         object.__setattr__(self, "matrix", matrix)
@@ -169,6 +182,24 @@ class FeedbackModel(OneChannelMethods):
     def states(self) -> int:
         """n, the order of the linear part."""
         return int(np.shape(self.matrix)[0] - 1 - len(self.maps))
+
+    @cached_property
+    def absent(self) -> NDArray[np.bool_]:
+        """(n + m + 1, n + 1 + m) the elements of M that are zero as the model has a sensor."""
+        return absent(self.states, len(self.maps), self.sensor)
+
+    @property
+    def parts(self) -> tuple[tuple[slice, int], ...]:
+        """The states that mix, with the row of M that shows them: those of the loop, and those behind a sensor."""
+        n = self.states
+        if self.sensor is None:
+            return ((slice(0, n), -1),)
+        loop = n - self.sensor
+        return ((slice(0, loop), n), (slice(loop, n), -1))
+
+    def takes_line(self, k: int) -> bool:
+        """Whether the linear part can take a line of a map: of none that is multiplied by a signal or of a sensor."""
+        return k not in self.multiplied and (self.sensor is None or k > 0)
 
     @cached_property
     def multiplied(self) -> NDArray[np.int64]:
@@ -304,10 +335,15 @@ class FeedbackModel(OneChannelMethods):
         now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
-            maps = map_slopes(self, passed.x[steps], v[steps], passed.z[steps])
+            maps = self.map_slopes(passed.x[steps], v[steps], passed.z[steps])
             x, w = passed.x[steps], passed.w[steps]
             derivative(matrix, factors, self.multiplied, maps, v[steps], x, w, rate, now, out)
             yield slice(first, first + len(out)), out
+
+    def map_slopes(self, x: Array, u: Array, z: Array) -> MapSlopes:
+        """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
+        g = self.factor(x, u).T if len(self.multiplied) else self.factors[:, -1:]
+        return map_slopes(self.maps, g, self.multiplied, z)
 
     def factor(self, x: Array, u: Array) -> Array:
         """(K, m) g at the states (K, n) and inputs (K,)."""
@@ -335,36 +371,8 @@ class FeedbackModel(OneChannelMethods):
         return after, self.linearised(step.z[0], self.factor(step.x, np.full(1, u))[0])
 
     def resting(self, level: float) -> Array:
-        """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
-
-        Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
-        """
-        out, end = self.stepped(np.full(SETTLING, level), self.centre)
-        if not np.isfinite(out.y).all():
-            return self._completed(self.centre, level)
-        rest = self._completed(end, level)
-        after, whole = self.linearised_at(rest, level)
-        found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
-        poles = np.linalg.eigvals(whole[: self.states, : self.states]) if found else np.array([np.inf])
-        return rest if np.abs(poles).max(initial=0.0) <= 1 else end
-
-    def _completed(self, x: Array, level: float) -> Array:
-        """(n,) the steady state that Newton steps from a state x (n,) lead to."""
-        n, before = self.states, np.inf
-        for _ in range(NEWTON):
-            after, whole = self.linearised_at(x, level)
-            with np.errstate(all="ignore"):
-                try:
-                    move = np.linalg.solve(np.eye(n) - whole[:n, :n], after - x)
-                except np.linalg.LinAlgError:  # an integrator rests anywhere
-                    break
-            if not np.isfinite(move).all():
-                break
-            x, size = x + move, float(np.abs(move).max(initial=0.0))
-            if size <= ROUNDING * np.abs(x).max(initial=0.0) and size >= before / 2:  # moves are rounding errors now
-                break
-            before = size
-        return x
+        """(n,) the steady state for a constant input; see `emsid.models.feedback.steady_state`."""
+        return resting(self, level)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:
         """The steady state for a constant input; see `Model.at_rest`."""
@@ -413,6 +421,7 @@ class FeedbackModel(OneChannelMethods):
             **({"factors": self.factors.tolist()} if len(self.multiplied) else {}),
             **({"shared": [list(pair) for pair in self.shared]} if self.shared else {}),
             **({"centre": self.centre.tolist()} if self.centre.any() else {}),
+            **({} if self.sensor is None else {"sensor": self.sensor}),
         }
 
     @classmethod
@@ -437,6 +446,7 @@ class FeedbackModel(OneChannelMethods):
                 np.array(data.get("factors", ()), dtype=float),
                 tuple((str(first), str(second)) for first, second in data.get("shared", ())),
                 np.array(data.get("centre", ()), dtype=float),
+                None if data.get("sensor") is None else int(data["sensor"]),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a feedback model: {problem!r}") from None
@@ -472,19 +482,3 @@ class FeedbackModel(OneChannelMethods):
         """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
         both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
         return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)
-
-
-def map_slopes(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:
-    """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
-    shape, counts = z.T.shape, np.array([len(each.parameters) for each in model.maps], dtype=np.int64)
-    slopes, values, gradient = np.empty(shape), np.zeros(shape), np.empty((counts.sum(), len(z)))
-    g = model.factor(x, u).T if len(model.multiplied) else model.factors[:, -1:]
-    first = 0
-    for i, (each, count) in enumerate(zip(model.maps, counts, strict=True)):
-        own = np.ascontiguousarray(z[:, i])
-        np.multiply(g[i], each.slope(own), out=slopes[i])
-        np.multiply(g[i], each.parameter_gradient(own), out=gradient[first : first + count])
-        if i in model.multiplied:
-            values[i] = each.value(own)
-        first += count
-    return MapSlopes(slopes, values, gradient, np.repeat(np.arange(len(counts)), counts))

@@ -27,6 +27,11 @@ to the output is one: its root mean square over the spectrum of w, with the line
 maps. A lag in z and a lag in w often have about the same effect, so that single elements of a row of C_z or a column of
 B_w are known badly; these sums of their squares are known well.
 
+**Sensor.** Where the model has a sensor, x₁ is its input z₁ without what passes directly, and the first state behind it
+is the output. Its gain is that of w₁, which is one. z₁ is in the unit of the output too: the curve rises as much as z₁
+does between its quartiles, or those of its magnitude where the sensor loses the sign. The other w have a gain of one to
+z₁.
+
 **Intervals.** The units are conditions that are linear in small changes of the parameters, with the signals of the
 fitted model: Σₜ z(t)·dz(t) = 0 for the unit of z, the same for g, and bᵀQ·db = 0 for a column b of B_w and D_yw with
 the squared gain bᵀQb. Of models that differ in the split into lines and linear system only, the one is meant that is
@@ -65,6 +70,8 @@ Indices = int | NDArray[np.int64]
 
 # At most this many samples of a run define lines and units.
 DEFINING = 4_000
+# Parts of the values of the input of a sensor between which its curve has a slope of one.
+QUARTILES = (0.25, 0.75)
 # Steps of w from which its spectrum is taken.
 SPECTRUM = 1_024
 # Decimals of κ are added until no two states are correlated more than this.
@@ -100,17 +107,19 @@ def normal_form(model: FeedbackModel, visited: Visited) -> NormalForm:
     w = np.empty_like(visited.w)
     for i, each in enumerate(model.maps):
         w[:, i] = each.value(visited.z[:, i])
-    run = replace(visited, x=x, w=w * model.factor(x, visited.u))
-    transform, state = np.eye(model.states), _state(model, run.x)
-    if state is not None:
-        transform, constants = state
-        model, run = _in_state(model, transform, constants), replace(run, x=run.x @ transform.T)
-        shift = transform @ shift
-        conditions.fixed_matrix[: model.states, 1 : model.states] = True
-        conditions.fixed_matrix[-1, : model.states] = True
-    model = _in_units(model, run, conditions)
+    run, transform = replace(visited, x=x, w=w * model.factor(x, visited.u)), np.eye(model.states)
+    if model.sensor is not None:
+        model, run = _in_units_of_sensor(model, run, conditions)
+    for part, shown in model.parts:
+        state = _state(model.matrix[part, part], model.matrix[shown, part], run.x[:, part])
+        if state is not None:
+            transform[part, part], constants = state
+            model = _in_state(model, part, shown, transform[part, part], constants)
+            conditions.fixed_matrix[part, part.start + 1 : part.stop] = True
+            conditions.fixed_matrix[shown, part] = True
+    model = _in_units(model, replace(run, x=run.x @ transform.T), conditions)
     dependent = conditions.dependent + model.states * len(model.shared)
-    return NormalForm(model, transform, shift, conditions.fixed, conditions.rows, dependent)
+    return NormalForm(model, transform, transform @ shift, conditions.fixed, conditions.rows, dependent)
 
 
 class _Conditions:
@@ -155,6 +164,12 @@ class _Conditions:
     def _after(self) -> int:
         """The number of parameters after those of M."""
         return len(self.model.parameters) - int(self.model.free_entries.sum())
+
+    def of_map(self, i: int, row: Array) -> None:
+        """A row (q,) of parameters of one map."""
+        condition, span = np.zeros(len(self.model.parameters)), self.model.spans[i]
+        condition[span] = row
+        self._append(condition, True)
 
     def _append(self, condition: Array, counted: bool) -> None:
         self._found.append(condition)
@@ -216,16 +231,20 @@ def _without_line(model: FeedbackModel, i: int, z: Array, g: Array) -> tuple[Fee
 # --- state -----------------------------------------------------------------------------------------------------------
 
 
-def _state(model: FeedbackModel, x: Array) -> tuple[Array, Array] | None:
+def _state(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
     """(n, n) T to a state of the form (1), and (n, n − 1) the columns of A but the first.
+
+    Args:
+        a: (n, n) A.
+        shown: (n,) the factors of the state in the output.
+        x: (K, n) states.
 
     Returns:
         None if the linear part does not show every state at its output.
     """
-    n = model.states
-    if not n:
+    if not len(a):
         return None
-    uncorrelated = _uncorrelated(model, x)
+    uncorrelated = _uncorrelated(a, shown, x)
     if uncorrelated is None:
         return None
     transform, step = uncorrelated
@@ -239,10 +258,10 @@ def _state(model: FeedbackModel, x: Array) -> tuple[Array, Array] | None:
     return transform, step[:, 1:]
 
 
-def _uncorrelated(model: FeedbackModel, x: Array) -> tuple[Array, Array] | None:
+def _uncorrelated(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
     """T of uncorrelated states of the form (1), and (n, n) A of them; None if the output does not show every state."""
-    n, a = model.states, model.matrix[: model.states, : model.states]
-    rows, step, of_x = [model.matrix[-1, :n]], np.eye(n, k=1), size_of(x)
+    n = len(a)
+    rows, step, of_x = [shown], np.eye(n, k=1), size_of(x)
     centred = x - x.mean(axis=0)
     for k in range(n - 1):
         ahead, so_far = rows[-1] @ a, np.array(rows)
@@ -296,12 +315,21 @@ def _correlation(x: Array) -> float:
     return float(np.abs(table - np.diag(np.diag(table))).max(initial=0.0))
 
 
-def _in_state(model: FeedbackModel, transform: Array, constants: Array) -> FeedbackModel:
-    """The model with another state, with the fixed elements of the form exactly."""
-    n = model.states
-    model = with_state(model, transform)
+def _in_state(model: FeedbackModel, part: slice, shown: int, transform: Array, constants: Array) -> FeedbackModel:
+    """The model with another state, with the fixed elements of the form exactly.
+
+    Args:
+        model: with its state.
+        part: that is changed, of n states.
+        shown: the row of M that shows it.
+        transform: (n, n) T.
+        constants: (n, n − 1) the columns of A but the first.
+    """
+    whole = np.eye(model.states)
+    whole[part, part] = transform
+    model = with_state(model, whole)
     matrix = model.matrix.copy()
-    matrix[:n, 1:n], matrix[-1, :n] = constants, np.eye(1, n)[0]
+    matrix[part, part.start + 1 : part.stop], matrix[shown, part] = constants, np.eye(1, len(transform))[0]
     return replace(model, matrix=matrix)
 
 
@@ -320,9 +348,11 @@ def _in_units(model: FeedbackModel, run: Visited, conditions: _Conditions) -> Fe
             model = with_factor_unit(model, i, size / float(np.sqrt(of_factors[largest, largest])))
             conditions.of_factors(i, of_factors @ model.factors[i])
     into, ends = _moments(entering - entering.mean(axis=0)), np.append(np.arange(n), len(model.matrix) - 1)
-    behind = [squared_gains(model, run, i, power_of(run.w[:, i])) for i in range(len(model.maps))]
+    if model.sensor is not None:
+        ends = ends[model.parts[0][0]]
+    behind = [_gains_from(model, run, i, ends) for i in range(len(model.maps))]
     for i, each in enumerate(model.maps):
-        if each.scaling is Scaling.NONE:
+        if each.scaling is Scaling.NONE or (model.sensor is not None and i == 0):
             continue
         row, column = model.matrix[n + i, : n + 1], model.matrix[ends, n + 1 + i]
         (size, largest), (gain, _) = _size(row, into), _size(column, behind[i])
@@ -338,6 +368,33 @@ def _in_units(model: FeedbackModel, run: Visited, conditions: _Conditions) -> Fe
         else:
             model = _by_largest(model, i, conditions)
     return model
+
+
+def _in_units_of_sensor(model: FeedbackModel, run: Visited, conditions: _Conditions) -> tuple[FeedbackModel, Visited]:
+    """The model and its signals with z₁ in the unit of what the sensor shows."""
+    map_, n, z = model.maps[0], model.states, run.z[:, 0]
+    if map_.scaling is Scaling.NONE:
+        return model, run
+    ends = np.append(np.arange(n)[model.parts[1][0]], len(model.matrix) - 1)
+    gain, _ = _size(model.matrix[ends, n + 1], _gains_from(model, run, 0, ends))
+    low, high = np.quantile(np.abs(z) if map_.loses_sign else z, QUARTILES)
+    rise = float(abs(np.diff(map_.value(np.array([low, high])))[0]))
+    unit_in = 1 / abs(gain) if map_.scaling is Scaling.JOINT else (high - low) / (abs(gain) * rise)
+    if not (_usable(gain) and _usable(unit_in)):
+        return model, run
+    model = with_units(model, 0, unit_in, 1 / abs(gain))
+    run = replace(run, z=run.z / np.append(unit_in, np.ones(len(model.maps) - 1)))
+    run = replace(run, w=run.w * np.append(abs(gain), np.ones(len(model.maps) - 1)))
+    conditions.of_matrix((ends, n + 1), _gains_from(model, run, 0, ends) @ model.matrix[ends, n + 1])
+    if map_.scaling is Scaling.FREE:
+        conditions.of_map(0, np.diff(model.maps[0].parameter_gradient(np.array([low, high]) / unit_in))[:, 0])
+    return model, run
+
+
+def _gains_from(model: FeedbackModel, run: Visited, k: int, ends: NDArray[np.int64]) -> Array:
+    """(q, q) the squared gains from the w of a map, for the rows of M that it acts on."""
+    rows = np.minimum(ends, model.states)
+    return np.asarray(squared_gains(model, run, k, power_of(run.w[:, k]))[np.ix_(rows, rows)], dtype=float)
 
 
 def _by_largest(model: FeedbackModel, i: int, conditions: _Conditions) -> FeedbackModel:
@@ -381,6 +438,9 @@ def power_of(w: Array) -> Array:
 def squared_gains(model: FeedbackModel, run: Visited, k: int, power: Array) -> Array:
     """(n + 1, n + 1) Q: bᵀQb is the mean squared gain from w to y, with lines in place of the maps.
 
+    Before a sensor it is that to z₁, the input of the sensor, where w is that of another map.
+
+
     Args:
         model: with its maps; their lines are those closest to them over the run (equivalent gains).
         run: its signals.
@@ -399,6 +459,7 @@ def squared_gains(model: FeedbackModel, run: Visited, k: int, power: Array) -> A
     turns = np.exp(1j * np.pi * np.arange(1, len(power) + 1) / len(power))
     responses = np.ones((len(turns), n + 1), dtype=complex)
     turned = turns[:, None, None] * np.eye(n) - closed[:n].T
-    responses[:, :n] = np.linalg.solve(turned, np.tile(closed[-1][:, None], (len(turns), 1, 1)))[..., 0]
+    shown = closed[-1 if k == 0 else model.parts[0][1]]
+    responses[:, :n] = np.linalg.solve(turned, np.tile(shown[:, None], (len(turns), 1, 1)))[..., 0]
     gains = np.real(responses.T @ (power[:, None] * responses.conj()))
     return np.asarray(gains / max(float(power.sum()), 1e-300), dtype=float)

@@ -50,7 +50,9 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
         bands = [Band(x, below, above, BAND)] if band.known else []
         marks = map_marks(each, map_curve(x, band.value, each.kind), bands, seen.z[:, k])
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
-        plots.append(Plot(marks, *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
+        title = f"Static map {k + 1}" if len(z) > 1 else "Static map"
+        title += " (sensor)" if model.sensor is not None and k == 0 else ""
+        plots.append(Plot(marks, *axes, title, height=1.6))
     of = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name}"
     text = of + with_band(fit)
     if fit.has_bands and any(free_lines(model, k, seen.z[:, k]).size for k in range(len(z))):

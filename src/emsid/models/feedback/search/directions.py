@@ -29,7 +29,7 @@ from emsid.models.blocks.static_maps.through_points import spread_knots
 from emsid.models.feedback.coordinates import coordinates, whitened
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.kernels import LoopSignals, MapSlopes, pushed
-from emsid.models.feedback.model import FeedbackModel, map_slopes
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.interpolation import interpolated
 from emsid.models.one_channel import Segments
 from emsid.selection.improvement import schwarz_gain
@@ -119,12 +119,13 @@ def directions_for(
     (u, y), x = max(zip(segments, states, strict=True), key=lambda each: len(each[0][1]))
     stop = transient + COMPARED
     part = _Stretches.of(same.model, spread, [(u[:stop], y[:stop])], [x], transient)
-    rows = _rows(same.model, size)
+    rows, loop = _rows(same.model, size), same.model.parts[0][0]
     if multiplied:  # the measured output times a constant would explain the noise
         tried = [part.explained(row, False, each) for row in rows for each in _factors(same.model, size)]
     else:
-        rows += [rng.standard_normal(len(size)) / size for _ in range(RANDOM)]
-        tried = [part.explained(rows[0], True), *(part.explained(row, False) for row in rows)]
+        rows += [_within(loop, rng.standard_normal(len(size))) / size for _ in range(RANDOM)]
+        first = [] if same.model.sensor is not None else [part.explained(rows[0], True)]
+        tried = [*first, *(part.explained(row, False) for row in rows)]
     best = _apart(sorted((each for each in tried if each is not None), key=lambda each: each.error), kept)
     if len(segments) > 1 or len(y) > stop:
         whole = _Stretches.of(same.model, spread, segments, states, transient)
@@ -143,12 +144,19 @@ def directions_for(
 
 
 def _rows(model: FeedbackModel, size: Array) -> list[Array]:
-    """Rows (n + 1,) of C_z and D_zu that are tried, that of the output first."""
-    n, m = model.states, len(model.maps)
-    rows = [model.matrix[-1, : n + 1], *(np.eye(n + 1) / size), *model.matrix[n : n + m, : n + 1]]
+    """Rows (n + 1,) of C_z and D_zu that are tried, that of the output first, or of the input of a sensor."""
+    n, m, (loop, shown) = model.states, len(model.maps), model.parts[0]
+    inside = np.flatnonzero(_within(loop, np.ones(n + 1)))
+    rows = [model.matrix[shown, : n + 1], *(np.eye(n + 1) / size)[inside], *model.matrix[n : n + m, : n + 1]]
     if n > 1:
-        rows.append(model.matrix[-1, :n] @ model.matrix[:n, : n + 1])  # the output one step later
+        rows.append(model.matrix[shown, :n] @ model.matrix[:n, : n + 1])  # the output one step later
     return rows
+
+
+def _within(loop: slice, row: Array) -> Array:
+    """(n + 1,) a row with zeros for the states behind a sensor."""
+    row[loop.stop : -1] = 0.0
+    return row
 
 
 def _factors(model: FeedbackModel, size: Array) -> list[Array]:
@@ -199,7 +207,7 @@ class _Stretches:
         basis, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
         inputs = [model.entering(u) for u, _ in segments]
-        maps = [map_slopes(model, run.x, v, run.z) for run, v in zip(runs, inputs, strict=True)]
+        maps = [model.map_slopes(run.x, v, run.z) for run, v in zip(runs, inputs, strict=True)]
         residual = residual - basis @ (basis.T @ residual)
         return cls(model, runs, inputs, [y for _, y in segments], maps, basis, residual, transient)
 
@@ -233,6 +241,8 @@ class _Stretches:
         columns -= self.basis @ (self.basis.T @ columns)
         count = functions.shape[1]
         shape = columns.reshape(len(columns), n + 1, count)
+        if model.sensor is not None:
+            shape[:, model.parts[0][0].stop :] = 0.0
         length = np.linalg.norm(shape, axis=(0, 2))
         length[length == 0] = 1.0
         b, c, left = _one_column(shape / length[:, None], self.residual)

@@ -57,10 +57,12 @@ def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
     assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
     found = of_magnitudes([record], 4, FREE)
     assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [EvenSpline], [EvenSpline]]
-    assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
-    fit = emsid.fit(emsid.feedback(order=4), record)
+    assert [model.model.sensor for model, _ in found] == [0, 0, 1]
+    assert min(model.error for model, _ in found) < 0.5 * 0.074  # the best of models that start without signs
+    fit = emsid.fit(emsid.feedback(order=3), record)
     assert fit.noise_variance < 0.006**2  # 0.0077² with a limit in place of the friction
-    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
+    assert fit.model.sensor == 0
+    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.01
 
 
 def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
@@ -75,12 +77,12 @@ def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
 
 
 def test_a_sensor_may_be_curved_and_slow() -> None:
-    """Little more than the noise is left; with a free curve and a limit it was 4 times it, and 12 times elsewhere."""
+    """Little more than the noise is left, also elsewhere; with a free curve and a limit it was 4 and 12 times it."""
     fit = emsid.fit(emsid.feedback(order=4), magnitudes(300, 32, bend=0.8, lag=0.03))
     assert [type(each) for each in fit.model.maps] == [EvenSpline, CubicSpline]
     assert fit.noise_variance < (1.2 * NOISE) ** 2
     other = magnitudes(300, 150, bend=0.8, lag=0.03)
-    assert emsid.compare([fit], other).best.row.simulation_rmse < 3.0 * NOISE
+    assert emsid.compare([fit], other).best.row.simulation_rmse < 2.0 * NOISE
 
 
 def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
@@ -92,7 +94,8 @@ def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
 @pytest.mark.parametrize("maps", [1, 3])
 def test_a_given_number_of_maps_counts_the_sensor(maps: int) -> None:
     fit = emsid.fit(emsid.feedback(order=3, maps=maps, oversampling=1), magnitudes())
-    assert [type(each) for each in fit.model.maps] == [Abs, CubicSpline, CubicSpline][:maps]
+    assert fit.model.maps[0].loses_sign
+    assert [type(each) for each in fit.model.maps[1:]] == [CubicSpline] * (maps - 1)
 
 
 # --- samples that are left out ---------------------------------------------------------------------------------------

@@ -4,8 +4,8 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial and a dead zone, or else a spline;
-   for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`); if its
-   error is not far larger, the search ends with such models: with a second map, and with more steps per sample;
+   for an output that shows magnitudes only, also models before a sensor that loses the sign (`magnitudes`), with a
+   second map, and with more steps per sample; if the error of the best of them is not far larger, the search ends;
 2. friction that sticks (`sticking`); if it is far better than one map, steps 3, 4 and 6 are left out;
 3. with the best order and lower ones, two steps per sample, and more if these are no worse (`step_rates`);
 4. other families of maps with few numbers;
@@ -104,10 +104,12 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     bench = Bench.of(records, settings, control)
     straight, tried = _first_map(bench, settings)
     best, sensors = _preferred(bench, tried), list(with_sensor(bench, settings))
-    sensor = _preferred(bench, sensors)
-    if sensor is not None and (best is None or (bench.prefers(sensor, straight) and not much_worse(sensor, best))):
-        yield from _before_sensor(Contest(bench, sensors, sensor), settings)
-        return
+    if begun := _preferred(bench, sensors):
+        for sensor in _before_sensor(Contest(bench, sensors, begun), settings):
+            if ends := best is None or (bench.prefers(sensor, straight) and not much_worse(sensor, best)):
+                yield sensor
+        if ends:
+            return
     if best is None or not bench.prefers(best, straight):
         beside = _beside_linear(straight, tried)
         best = _better_than_linear(Contest(bench, tried, straight), beside, best or beside, settings)

@@ -25,7 +25,7 @@ from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.further_maps import usual_size
-from emsid.models.feedback.search.trials import OF_USE, SEARCHED, FeedbackSearch, Trial, error_of_use
+from emsid.models.feedback.search.trials import OF_USE, SEARCHED, FeedbackSearch, Trial, error_of_use, refusal
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
@@ -271,8 +271,9 @@ def _minimum(begun: Found, records: Sequence[Record], control: Control, iteratio
     segments = segments_longer_than(model.memory, model, records)
     if _are_long(records) and iterations:
         return _in_few_steps(model, begun.settled, segments, control)
-    here = searched(model, segments, model.edge, iterations, 0.05, control, states=begun.states)
-    return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * STEPS))
+    refused = refusal(model)
+    here = searched(model, segments, model.edge, iterations, 0.05, control, states=begun.states, refused=refused)
+    return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * STEPS), refused)
 
 
 def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:

@@ -20,7 +20,7 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.directions import KEPT
 from emsid.models.feedback.search.starts import share_of, with_one_map_more
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial, refusal
 from emsid.selection.improvement import matters
 
 Maps = tuple[tuple[str, int], ...]
@@ -136,7 +136,9 @@ def _begun(
     """
     model = found.model
     segments, ways = bench.segments(model), bench.directions(found, kept=kept)
-    start = with_one_map_more(found, segments, model.edge, family, size, ways, STEPS, bench.control, hold_signals)
+    start = with_one_map_more(
+        found, segments, model.edge, family, size, ways, STEPS, bench.control, hold_signals, refusal(model)
+    )
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
     before = float(np.sqrt(np.mean(np.concatenate(found.minimum.residuals[share_of(segments)]) ** 2)))

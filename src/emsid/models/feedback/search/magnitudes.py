@@ -120,7 +120,7 @@ def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Fou
 
 
 def as_feedback(cascade: Cascade) -> tuple[FeedbackModel, Array]:
-    """A Wiener–Hammerstein model as a feedback model with the same output, and by how much its states are larger.
+    """A Wiener–Hammerstein model as a feedback model before a sensor, and by how much its states are larger.
 
     Args:
         cascade: filter, map, filter, each filter with as many numerator coefficients behind the first as poles.
@@ -138,7 +138,6 @@ def as_feedback(cascade: Cascade) -> tuple[FeedbackModel, Array]:
     matrix[np.ix_(own, own)] = behind
     rest, gain = first.resting(1.0)
     offset, moved = np.array([-cascade.input_offset * gain]), cascade.input_offset * np.append(rest, np.zeros(n2))
-    model = FeedbackModel(
-        matrix, (curve,), offset, cascade.output_offset, cascade.delay, cascade.oversampling, dt=cascade.dt
-    )
+    output_offset, delay, steps = cascade.output_offset, cascade.delay, cascade.oversampling
+    model = FeedbackModel(matrix, (curve,), offset, output_offset, delay, steps, dt=cascade.dt, sensor=n2)
     return model, moved

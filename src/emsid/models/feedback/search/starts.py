@@ -21,7 +21,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.coordinates import with_line
-from emsid.models.feedback.fitting import Found, searched, visited
+from emsid.models.feedback.fitting import Found, Refusal, searched, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import Direction
 from emsid.models.one_channel import Segments, segments_longer_than
@@ -125,6 +125,7 @@ def with_one_map_more(
     steps: int = 10,
     control: Control = FREE,
     hold_signals: bool = False,
+    refused: Refusal | None = None,
 ) -> Found | None:
     """The best model with one more map, refined from the directions that explain most; None if all diverge.
 
@@ -138,17 +139,17 @@ def with_one_map_more(
         directions: of the map, the best first; see `directions_for`.
         steps: of the refinement of each; the best is refined to the end by the caller.
         control: when to stop.
-        hold_signals: see `searched`.
+        hold_signals, refused: see `searched`.
     """
     best: Found | None = None
     parts = share_of(segments)
     for direction in directions:
-        start = _joined(found, segments, direction, family, size)
+        start = _joined(found, segments, direction, family, size, refused)
         if start is None:
             continue
         try:
-            states = start[1][parts]
-            new = searched(start[0], segments[parts], transient, steps, 0.1, control, 1e-3, states, hold_signals)
+            model, states, some = start[0], start[1][parts], segments[parts]
+            new = searched(model, some, transient, steps, 0.1, control, 1e-3, states, hold_signals, refused)
         except EmsidError:
             continue
         if best is None or new.error < best.error:
@@ -191,9 +192,18 @@ def with_product(
 
 
 def _joined(
-    found: Found, segments: Segments, direction: Direction, family: Family, size: int
+    found: Found,
+    segments: Segments,
+    direction: Direction,
+    family: Family,
+    size: int,
+    refused: Refusal | None = None,
 ) -> tuple[FeedbackModel, list[Array]] | None:
-    """The model with a map of the family in this direction, and its states; None if it diverges however small it is."""
+    """The model with a map of the family in this direction, and its states.
+
+    Returns:
+        None if it diverges, or is refused, however small the map is.
+    """
     model = found.model
     try:
         flat = direction.factor is not None
@@ -209,7 +219,9 @@ def _joined(
         except Infeasible:
             continue
         worst = max(float(np.abs(run).max()) for run in runs)
-        if worst < 100 * max(float(np.abs(y).max()) for _, y in segments):
+        if worst < 100 * max(float(np.abs(y).max()) for _, y in segments) and not (
+            refused is not None and refused(new, segments, states)
+        ):
             return new, states
     return None
 

@@ -22,7 +22,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.uncertainty.coloured_residuals import autoregression, effective_samples
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.extrapolation import FAR, HELD, LARGER, leaves_range
-from emsid.models.feedback.fitting import Found, searched
+from emsid.models.feedback.fitting import Found, Refusal, searched
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import KEPT, Direction, directions_for
@@ -249,8 +249,11 @@ class Bench:
         return trial.found.minimum.samples >= FEWEST * trial.parameters
 
     def determines(self, trial: Trial) -> bool:
-        """Whether there are so many samples that the fitted data alone show how good a model is."""
-        return trial.found.minimum.samples >= PER_PARAMETER * trial.parameters
+        """Whether there are so many samples that the fitted data alone show how good a model is.
+
+        Before a sensor that loses the sign they never do, as states of either sign may fit.
+        """
+        return trial.found.model.sensor is None and trial.found.minimum.samples >= PER_PARAMETER * trial.parameters
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
@@ -299,7 +302,8 @@ class Bench:
             ModelError: where its run diverges.
         """
         saving = SAVING if self.compared else 0.0  # short records take little time, and a valley is less visible
-        found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, saving, states)
+        segments, refused = self.segments(model), refusal(model)
+        found = searched(model, segments, model.edge, STEPS, 0.1, self.control, saving, states, refused=refused)
         return self.judged(found, family, size)
 
     def judged(self, found: Found, family: Family, size: int) -> Trial:
@@ -431,6 +435,15 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
         if leaves_range(run.y[:: model.oversampling], low, high, RUNAWAY):
             return True
     return False
+
+
+def refusal(model: FeedbackModel) -> Refusal | None:
+    """What a search keeps away from: before a sensor, models that run away.
+
+    There few samples determine the edges of a map, as the sensor hides where they lie, and most models that follow the
+    record would run away.
+    """
+    return None if model.sensor is None else runs_away
 
 
 def error_of_use(model: FeedbackModel, segments: Segments) -> float:

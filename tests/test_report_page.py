@@ -113,7 +113,21 @@ def test_the_page_loads_nothing(html):
 
 def test_an_option_and_a_percentage_stay_on_one_line():
     own = page(Report("A drive", (), (Section("Results", remarks=("fix <R> (--fix-all), 3 % of it",)),)))
-    assert 'fix &lt;R&gt; (<span class="option">--fix-all</span>), 3\u00a0% of it' in own
+    assert 'fix &lt;R&gt; (<span class="whole">--fix-all</span>), 3\u00a0% of it' in own
+
+
+def test_a_number_stays_on_one_line():
+    sentences = "from -6.0 to 1e-05 V, p < 1e-16, lags -3, u(t-1) and arx-2"
+    own = page(Report("A drive", (), (Section("Results", remarks=(sentences,)),)))
+    assert re.findall(r'<span class="whole">(.*?)</span>', own) == ["-6.0", "1e-05", "1e-16", "-3"]
+
+
+def test_captions_and_notes_keep_a_percentage_on_one_line():
+    table = Table(("a", "b"), (("x", "1"),), "95 % intervals", "At 5 % of it")
+    figure = replace(FIGURES["every mark"], caption="A fit of 72 %.")
+    own = page(Report("A drive", (), (Section("Results", tables=(table,), figures=(figure,)),)))
+    for text in ("95\u00a0% intervals</p>", "At 5\u00a0% of it</p>", "A fit of 72\u00a0%.</figcaption>"):
+        assert text in own
 
 
 def test_every_default_model_has_its_own_look():

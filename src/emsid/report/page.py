@@ -47,11 +47,15 @@ def templates() -> Environment:
 
 
 def _flowing(text: str) -> str:
-    """A sentence whose lines break neither before a percent sign nor within an option such as --fix."""
+    """A sentence whose lines end neither before a percent sign nor within a number or an option such as --fix."""
     from markupsafe import Markup, escape
 
-    whole = re.sub(r"--[a-z][\w-]*", r'<span class="option">\g<0></span>', str(escape(text)))
+    whole = _WHOLE.sub(r'<span class="whole">\g<0></span>', str(escape(text)))
     return Markup(whole.replace(" %", "\u00a0%"))
+
+
+_WHOLE = re.compile(r"--[a-z][\w-]*|(?<![\w.)\]-])-?\d[\d.,]*e-\d+|(?<![\w.)\]-])-\d[\d.,]*\b")
+"""An option, a number with a negative exponent and a negative number, in which a line could end after the hyphen."""
 
 
 def report_files(

@@ -85,6 +85,16 @@ def test_a_region_that_is_much_worse_is_named_and_equal_ones_are_not():
     assert worst_region(exact) is None
 
 
+@pytest.mark.parametrize("unit", ["m", "deg"])
+def test_a_position_has_no_regions(unit):
+    u = np.r_[np.zeros(200), np.ones(200)]
+    moved = replace(record(u, 0.3 * (u > 0)), output_units=(unit,))
+    (run,) = compare([model()], moved).assessments
+    assert errors_by_region(run) == ()
+    assert worst_region(run) is None
+    assert worst_region(compare([model()], replace(moved, output_units=("",))).best) is not None
+
+
 def test_errors_by_record_are_those_of_each_record_alone():
     several = [record(speed(), extra, f"run {k}") for k, extra in enumerate((0.1, 0.3))]
     fits = [model(1.0, "a"), model(0.5, "b")]

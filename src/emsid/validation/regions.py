@@ -11,7 +11,7 @@ reversal       the samples between high speed in one direction and high speed in
 =============  ========================================================================================
 
 Friction and dead zones show at standstill and in reversals, saturation at high speed. An output that stays away from
-zero has no standstill.
+zero has no standstill. A position has no regions: its size says nothing about motion.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ REST, FAST, TOP = 0.05, 0.3, 0.99
 REGIONS = ("standstill", "low speed", "reversal", "high speed")
 WORSE = 2.0
 """The error in a region is much larger from this ratio to the error in all other regions on."""
+POSITIONS = frozenset({"m", "cm", "mm", "um", "µm", "rad", "mrad", "deg", "°", "turn", "rev", "count"})
+"""Units of outputs without regions."""
 SMALL = 0.01
 """An error below this share of the output's deviation is small anywhere."""
 LEAST = 50
@@ -101,7 +103,7 @@ def region_of(y: Array, breaks: Sequence[int] = ()) -> NDArray[np.intp]:
 
 
 def errors_by_region(assessment: Assessment) -> tuple[RegionError, ...]:
-    """The free-run errors of a model in every region that has samples, output by output.
+    """The free-run errors of a model in every region that has samples, output by output; none of a position.
 
     Args:
         assessment: the model run over a record.
@@ -109,6 +111,8 @@ def errors_by_region(assessment: Assessment) -> tuple[RegionError, ...]:
     record, counted = assessment.record, assessment.simulation.counted
     found = []
     for channel, (name, unit) in enumerate(zip(record.output_names, record.output_units, strict=True)):
+        if unit in POSITIONS:
+            continue
         y = record.output[:, channel]
         squares = (y - assessment.simulation.output[:, channel]) ** 2
         squares = np.where(np.isfinite(squares), squares, np.inf)

@@ -327,6 +327,7 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
     figures = banded(fit, known)
     assert [figure.name for figure in figures] == ["arx-step", "arx-frequency-response", "arx-static-map"]
     assert all(isinstance(plot.marks[0], Band) for figure in figures for plot in figure.plots)
+    assert "over a constant input, without friction, with 95 % band." in figures[2].caption
     seen = assess(fit, known)
     run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))
     assert isinstance(run.plots[0].marks[0], Band)

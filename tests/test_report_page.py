@@ -66,7 +66,8 @@ def test_what_is_not_identifiable_stands_before_the_numbers():
 
 def test_missing_units_are_reported():
     fit = PLANT_FITS["no units"]
-    assert any("no unit for voltage and speed" in text for text in views.model_section(fit, fit.segments[0]).paragraphs)
+    (text,) = views.model_section(fit, fit.segments[0]).paragraphs
+    assert "no unit for voltage and speed; they are read as SI" in text
     assert not units_taken(PLANT_FITS["rigid motor"])
 
 

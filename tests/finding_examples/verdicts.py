@@ -22,6 +22,7 @@ LIMITS = [
 RECOMMENDED = {
     "fit_percent": 97.3,
     "models": 9,
+    "others": 0,
     "folds": 1,
     "seen": False,
     "verdict": "model-supported",
@@ -57,7 +58,8 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("model-recommended", "wiener", RECOMMENDED | more)
         for more in (
             {"models": 1, "seen": True, "fit_percent": None},
-            {"tests_failed": 1},
+            {"tests_failed": 1, "others": 1},
+            {"models": 7, "others": 4},
             {"verdict": "model-limited", "reasons": LIMITS[:2]},
             {"verdict": "model-limited", "reasons": LIMITS},
             {"verdict": "model-implausible", "reasons": [{"code": "map-turns-without-data", "block": 2, "at": 1.571}]},

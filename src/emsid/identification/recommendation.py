@@ -96,6 +96,7 @@ def recommendation(
     data: dict[str, Any] = {
         "fit_percent": finite(row.fit_percent),
         "models": len(among),
+        "others": len(ranking) - len(among),
         "folds": max(len(each.folds) for each in ranking),
         "seen": seen,
         "verdict": verdict.code,

@@ -6,17 +6,27 @@ from math import isfinite
 
 from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.units import with_unit
+from emsid.units import name_and_unit, with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import assigned
 from emsid.wording.search import SHOW_ZONE
 
 
 @words("unit-assumed", Severity.WARNING)
 def unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
+    return f"{d['channel']} has no unit and is read as a {d['signal']} in {d['unit']}{_give_unit(f, argument)}"
+
+
+def _give_unit(f: Finding, argument: Spelling) -> str:
+    """What to do about a channel without a unit; its name may have one."""
+    channel = f.data["channel"]
+    named = name_and_unit(channel)[1]
+    if not named:
+        return f"; if this is wrong, give its unit ({argument('units')})"
     return (
-        f"{d['channel']} has no unit and is read as a {d['signal']} in {d['unit']}; if this is wrong, give its unit "
-        f"({argument('units')})"
+        f", although its name has {named}; unless it was converted, give its unit "
+        f"({argument('units')} {assigned(channel, named)})"
     )
 
 
@@ -24,8 +34,8 @@ def unit_assumed(f: Finding, argument: Spelling) -> str:
 def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"{d['channel']} has no unit and is read as {d['unit']}; if this is wrong, give its unit "
-        f"({argument('units')}), or the number of {d['unit']} in one unit of it (drive.gain)"
+        f"{d['channel']} has no unit and is read as {d['unit']}{_give_unit(f, argument)}, or the number of {d['unit']} "
+        "in one unit of it (drive.gain)"
     )
 
 
@@ -191,8 +201,9 @@ def not_identifiable(f: Finding, argument: Spelling) -> str:
     if len(names) == 1:
         return f"{alone}{names[0]} is not identifiable and was kept at its start value: {at}; {_advice(f, argument)}"
     only = listed(f.data["combinations"]) if f.data["combinations"] else "combinations of them"
+    start = "start values" if len(kept) > 1 else "start value"
     return (
-        f"{alone}{listed(names)} are not identifiable separately, only {only}; kept at the start value: {at}; "
+        f"{alone}{listed(names)} are not identifiable separately, only {only}; kept at the {start}: {at}; "
         f"{_advice(f, argument)}"
     )
 

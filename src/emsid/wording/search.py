@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import MOST, shortened
 
 SHOW_ZONE = "let it coast with the command at zero (Coulomb friction brakes it there, a dead zone does not)"
 """What to record where the two are inseparable."""
@@ -92,8 +93,13 @@ def parameters_undetermined(f: Finding, argument: Spelling) -> str:
     said = []
     if silent:
         said.append(f"{listed(silent)} {'have' if len(silent) > 1 else 'has'} no effect on the output in these data")
-    said += [f"these data do not determine {listed(group)} separately" for group in _joined(groups)]
+    said += [f"these data do not determine {_some(group)} separately" for group in _joined(groups)]
     return "; ".join(said)
+
+
+def _some(names: Sequence[str]) -> str:
+    """Names in a sentence; of many, the first."""
+    return listed(names) if len(names) <= MOST + 1 else shortened(names)
 
 
 def _joined(groups: Sequence[Sequence[str]]) -> list[list[str]]:

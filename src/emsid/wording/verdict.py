@@ -112,15 +112,15 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
-    seen, verdict, reasons, tests_failed (how many); instead_of, because (None for no finding), unfinished (whether the
-    search for it is), ratio, parameters (of it and of the other) and same_in (noise, practice or all-data, None where
-    the errors differ) where another model has a smaller error."""
+    """Subject: the model. Data: fit_percent, models, others (models that were not compared with these), folds (parts
+    of the data that were left out of a fit in turn), seen, verdict, reasons, tests_failed (how many); instead_of,
+    because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and of the other)
+    and same_in (noise, practice or all-data, None where the errors differ) where another model has a smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
         where = f"{d['folds']} parts of the data, each unseen by the fit that was run on it,"
-    fit = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
+    fit = [] if d["fit_percent"] is None else [f"a fit of {d['fit_percent']:.1f} %"]
     if "instead_of" in d:
         own, other = d["parameters"]
         against = [f"needs {other} parameters instead of {own}"] if other > own else []
@@ -131,15 +131,26 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         percent = f"{100 * (d['ratio'] - 1):.2g} %{_SAME_IN[d['same_in']]}"
         why = (
             f"{d['instead_of']} has a smaller error on {where} by {percent}"
-            f"{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{fit}"
+            f"{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{_in_brackets(fit)}"
         )
     elif d["models"] > 1:
         among = f"{d['models']} models" if d["folds"] <= 1 else f"the {d['models']} models that were compared there"
-        why = f"its free run on {where} has the smallest error of {among}{fit}"
+        about = _in_brackets([*fit, *_others(d["others"])])
+        why = f"its free run on {where} has the smallest error of {among}{about}"
     else:
-        why = f"it is the only model{fit}"
+        why = f"it is the only model{_in_brackets(fit)}"
     verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
     return f"Recommended: {f.subject}. Reasons: {why}; {verdict}{_first_reasons(d['reasons'])}"
+
+
+def _others(count: int) -> list[str]:
+    """The models of the table that are not in the comparison."""
+    which = "1 other is" if count == 1 else f"{count} others are"
+    return [f"{which} not usable or much worse"] if count else []
+
+
+def _in_brackets(texts: list[str]) -> str:
+    return f" ({'; '.join(texts)})" if texts else ""
 
 
 _SAME_IN = {

@@ -13,7 +13,7 @@ import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
-from emsid.report.numbers import slug
+from emsid.report.numbers import number, slug
 from emsid.report.views.conventions import BAND, channel_axis
 from emsid.report.views.timeline import TIME
 from emsid.units import with_unit
@@ -85,11 +85,20 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = 
             Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
         )
     before, after = usual_step(record.input[:, input])
-    height = with_unit(f"{before:.3g} to {after:.3g}", record.input_units[input])
+    height = with_unit(f"{_three_digits(before)} to {_three_digits(after)}", record.input_units[input])
     of_input = f" to a step of {record.input_names[input]} from {height}"
     about = f" {OF_PARAMETERS}" if band.known else ""
     caption = f"Step response of {fit.model.name}{of_input}{with_band(fit)}.{about}"
     return Figure(name, caption, tuple(plots))
+
+
+def _three_digits(value: float) -> str:
+    """A size of a signal, without a power of ten where four digits show it.
+
+    >>> _three_digits(-5299.0), _three_digits(2.0916), _three_digits(0.0)
+    ('-5300', '2.09', '0')
+    """
+    return number(float(f"{value:.3g}"))
 
 
 def frequency_response(
@@ -132,7 +141,8 @@ def static_map(fit: Fit[Any], record: Record, *, name: str = "static-map") -> Fi
 
     band = static_map_band(fit, record)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
-    without = ", without friction" if hasattr(fit.model, "structure") else ""
+    frictionless = hasattr(fit.model, "structure")
+    without = f", without friction{',' * fit.has_bands}" if frictionless else ""
     caption = f"Output of {fit.model.name} at rest over a constant input{without}{with_band(fit)}."
     return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
 

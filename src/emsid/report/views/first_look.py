@@ -104,7 +104,7 @@ def in_words(record: Record) -> str:
     names, units = record.input_names + record.output_names, record.input_units + record.output_units
     channels = ", ".join(in_unit(name, unit) for name, unit in zip(names, units, strict=True))
     pieces = f" in {len(record.breaks) + 1} segments" if record.breaks else ""
-    return f"{len(record):,} samples{pieces}, dt {sample_time(record.dt)}; {channels}"
+    return f"{len(record):,} sample{'s' * (len(record) != 1)}{pieces}, dt {sample_time(record.dt)}; {channels}"
 
 
 def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:

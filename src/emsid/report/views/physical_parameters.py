@@ -119,8 +119,9 @@ def units_taken(fit: GreyBoxFit) -> str:
     ]
     if not unsaid:
         return ""
+    they = "they are" if len(unsaid) > 1 else "it is"
     return (
-        f"The record has no unit for {listed(unsaid)}; it is read as SI. If this is wrong, the estimates have wrong "
+        f"The record has no unit for {listed(unsaid)}; {they} read as SI. If this is wrong, the estimates have wrong "
         "units and scales."
     )
 

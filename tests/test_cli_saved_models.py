@@ -62,6 +62,23 @@ def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
         assert after["horizon_mse"] == pytest.approx(expected, rel=1e-9, abs=1e-25)
 
 
+def test_the_page_of_a_validation_counts_records_and_explains_its_numbers(result, run, tmp_path):
+    """A model from a file has no method and no count of parameters, and one record is not the worst of all."""
+    other = table(tmp_path / "other.csv", seed=1)
+    _, said, _ = run("validate", result / "arx.json", other, "--out", tmp_path / "one")
+    page = (tmp_path / "one" / "report.html").read_text()
+    assert "<dt>record</dt><dd>1</dd>" in page
+    assert "<dt>fit of its free run</dt>" in page
+    assert "<dt>Free run</dt>" in page
+    for text in (said, page):
+        assert "FILE" not in text
+        assert "Method" not in text
+    run("validate", result / "arx.json", other, result.parent / "log.csv", "--out", tmp_path / "two")
+    page = (tmp_path / "two" / "report.html").read_text()
+    assert "<dt>records</dt><dd>2</dd>" in page
+    assert "the lowest of all records" in page
+
+
 def test_validate_says_that_the_model_was_fitted_to_these_data(result, run, tmp_path):
     """The model was fitted to the first 210 samples; a part of them, or a copy of the file, is no unseen record."""
     log, other = result.parent / "log.csv", table(tmp_path / "other.csv", seed=1)

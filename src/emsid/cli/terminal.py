@@ -109,12 +109,13 @@ FREE_RUN_EXPLAINED = (
     "free run: simulation from the input alone. fit %: 100 is exact, 0 is no better than the mean of the output."
 )
 """The note below a table of free runs."""
-EXPLAINED = (
-    f"{FREE_RUN_EXPLAINED} one-step: prediction from measured outputs up to the sample before. method: LS least "
-    "squares, RLS recursive least squares, GN Gauss–Newton search on the free run. data: used in fit, or unseen (no "
-    "model was fitted to it)."
-)
+_ONE_STEP = "one-step: prediction from measured outputs up to the sample before."
+_METHOD = "method: LS least squares, RLS recursive least squares, GN Gauss–Newton search on the free run."
+_DATA = "data: used in fit, or unseen (no model was fitted to it)."
+EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_METHOD} {_DATA}"
 """The note below a table of errors."""
+WITHOUT_METHOD_EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_DATA}"
+"""The note below a table of the errors of models from files."""
 
 
 def text_table(content: document.Table) -> Table:

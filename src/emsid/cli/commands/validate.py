@@ -10,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, physical_table, say, say_json, show, text_table
+from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
@@ -103,7 +103,7 @@ def validate(
     if json:
         say_json(as_json(result))
     else:
-        say(EXPLAINED)
+        say(EXPLAINED if free else WITHOUT_METHOD_EXPLAINED)
     if out is not None:
         write(out, {"validation.json": result})
         INTERRUPTION.words = "validation was interrupted; the errors are above and written"
@@ -185,6 +185,7 @@ def _report(
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
     from emsid.report.numbers import percent
+    from emsid.report.views import terms
     from emsid.report.views.front import region_tables
     from emsid.wording import sentence
 
@@ -204,14 +205,16 @@ def _report(
         for k, (each, regions, findings) in enumerate(zip(assessed, by_region, found, strict=True), 1)
     ]
     worst = min(assessed, key=lambda each: each.row.fit_percent)
+    several = len(assessed) > 1
     return Report(
         title=f"Validation of {assessed[0].fit.model.name}",
         summary=(f"{worst.record.name}: the free run has {worst.row.fit_in_words}.",),
         facts=(
             Fact(assessed[0].fit.model.name, f"the model in {model.name}"),
-            Fact(percent(worst.row.fit_percent), "fit of its free run, the lowest of all records"),
-            Fact(str(len(assessed)), "records"),
+            Fact(percent(worst.row.fit_percent), f"fit of its free run{', the lowest of all records' * several}"),
+            Fact(str(len(assessed)), "records" if several else "record"),
         ),
+        opening=Section("", terms=(terms.FREE_RUN, terms.FIT, terms.ONE_STEP, terms.MSE)),
         sections=(*sections, Section("Input", figures=(views.inputs([each.record for each in assessed]),))),
         imprint=f"emsid validate {model.name}",
     )

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from emsid.validation.comparison import OutputErrors, Row
 
 
+FROM_FILE = "file"
+"""The method of a model that was read from a file."""
+
+
 @dataclass(frozen=True)
 class Reference:
     """Published errors, for comparison.
@@ -43,7 +47,8 @@ def results_table(
 ) -> Table:
     """Free-run and one-step errors of models (Tables 1 and 2).
 
-    Each output has a line, in its own unit.
+    Each output has a line, in its own unit. Where all models were read from files, which have neither a method nor
+    estimated parameters, the table has no columns for these.
 
     Args:
         rows: in the order of the table.
@@ -53,13 +58,14 @@ def results_table(
         emphasised: the name of the model to emphasise; by default that of the best free run on unseen data.
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
-    words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
-    numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", "Parameters")
+    fitted = any(row.method != FROM_FILE for row in rows)
+    words = (*("Experiment",) * several, "Model", *("Method",) * fitted, "Data", *("Output", "Unit") * outputs)
+    numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", *("Parameters",) * fitted)
     cells: list[tuple[str, ...]] = []
     bold: set[int] = set()
     best = {k for k, row in enumerate(rows) if row.model == emphasised} or _best_unseen(rows)
     for k, row in enumerate(rows):
-        named = (row.experiment,) * several + (row.model, row.method.upper(), row.data_label)
+        named = (*(row.experiment,) * several, row.model, *(row.method.upper(),) * fitted, row.data_label)
         lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
             (each, (each.output, readable_unit(each.unit))) for each in row.outputs
         ]
@@ -73,7 +79,7 @@ def results_table(
                     number(errors.simulation_rmse),
                     number(errors.simulation_mse),
                     number(errors.one_step_mse),
-                    str(row.parameters) if row.parameters else "–",
+                    *(str(row.parameters) if row.parameters else "–",) * fitted,
                     *((_published(reference, row),) if reference else ()),
                 )
             )

@@ -293,6 +293,8 @@ def test_the_best_free_run_on_unseen_data_stands_out():
     table = views.results_table(rows)
     assert table.emphasised == {2, 3}
     assert table.header[0] == "Experiment"
+    assert "MSE in m², RMSE in m." in views.results_table(rows, unit="m").caption
+    assert "MSE in (rad/s)², RMSE in rad/s." in views.results_table(rows, unit="rad/s").caption
 
 
 def test_published_figures_stand_beside_the_model_they_belong_to():

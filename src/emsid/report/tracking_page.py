@@ -22,6 +22,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import number, slug
+from emsid.report.views.tables import regressor_column
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
 
@@ -56,7 +57,6 @@ def tracking_report(session: Session) -> Report:
         summary=(
             f"{fit.model.name} was tracked over {session.counts['samples']:,} samples ({seconds:.4g} s); then "
             f"{ENDS.get(session.reason, 'it ended')}. Predictions are one step ahead, from measured outputs.",
-            fit.model.equation(),
         ),
         sections=(
             Section(
@@ -68,7 +68,11 @@ def tracking_report(session: Session) -> Report:
             Section("Last samples", figures=figures[1:]),
         ),
         imprint=f"emsid track {session.name}",
-        opening=Section("", tables=tuple(filter(None, (_parameters(session), _physical(session))))),
+        opening=Section(
+            "",
+            equations=(fit.model.equation(),),
+            tables=tuple(filter(None, (_parameters(session), _physical(session)))),
+        ),
         notices=tuple(
             Notice(sentence(each), severity(each).value) for each in found if severity(each) is Severity.PROBLEM
         ),
@@ -80,11 +84,15 @@ def _parameters(session: Session) -> Table:
     fit = session.fit
     assert fit is not None
     halves = session.tracker.half_widths(session.tracking) if session.tracking else np.zeros(0)
+    extra = regressor_column(fit)
     rows = tuple(
-        (name, number(value), f"± {half:.2g}" if np.isfinite(half) else "unknown")
-        for name, value, half in zip(fit.names, fit.estimate.tolist(), halves.tolist(), strict=True)
+        (name, *of, number(value), f"± {half:.2g}" if np.isfinite(half) else "unknown")
+        for name, value, half, *of in zip(
+            fit.names, fit.estimate.tolist(), halves.tolist(), *extra.values(), strict=True
+        )
     )
-    return Table(("Parameter", "Estimate", "95 % interval"), rows, "The estimate at the end.")
+    head = ("Parameter", *extra, "Estimate", "95 % interval")
+    return Table(head, rows, "The estimate at the end.", text_columns=1 + len(extra))
 
 
 def _physical(session: Session) -> Table | None:

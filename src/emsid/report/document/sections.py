@@ -115,7 +115,7 @@ class Report:
         sections: its parts.
         facts: key figures of the first screen.
         imprint: a line at the bottom: the command and its data.
-        opening: tables and figures of the first screen, before the contents; without a title.
+        opening: equations, tables and figures of the first screen, before the contents; without a title.
         notices: warnings and problems, beside the opening.
         advice: what to do next, in sentences.
     """

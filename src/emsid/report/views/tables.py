@@ -101,7 +101,8 @@ def results_table(
 
 def _in_units(unit: str) -> str:
     printed = plain_unit(unit)
-    return f" MSE in ({printed})², RMSE in {printed}." if printed else ""
+    squared = f"{printed}²" if printed.isalpha() else f"({printed})²"
+    return f" MSE in {squared}, RMSE in {printed}." if printed else ""
 
 
 def _published(reference: Reference, row: Row) -> str:

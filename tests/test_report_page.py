@@ -135,6 +135,14 @@ def test_every_default_model_has_its_own_look():
     assert len(set(MODELS)) == len(MODELS) >= len(usual_for(Record(np.ones(9), np.ones(9), 0.1)))
 
 
+def test_plots_are_enlarged_with_the_keyboard_too(html):
+    assert "With the keyboard: + and −" in html
+    assert "area.tabIndex = 0" in html
+    for key in ("+", "-", "ArrowLeft", "ArrowRight", "Escape"):
+        assert f'case "{key}"' in html
+    assert ".area:focus-visible { outline" in html
+
+
 def test_texts_cannot_become_markup():
     own = page(nasty_report())
     assert "<script>alert" not in own

@@ -1,6 +1,7 @@
 "use strict";
 // Zooming: drag over what is to be enlarged, double-click for the whole; plots of a linked figure keep one x axis.
-// With a finger, two of them enlarge x; one scrolls the page. The plots themselves are drawn by the page, not here.
+// With a finger, two of them enlarge x; one scrolls the page. With the keyboard, + and − enlarge and reduce x about its
+// middle, arrows move it, and Escape shows the whole. The plots themselves are drawn by the page, not here.
 const WIDTH = 20000, HEIGHT = 10000;
 
 function scale(text) {
@@ -45,6 +46,9 @@ function prepare(area) {
   const plot = {area, svg, x: scale(area.dataset.x), y: scale(area.dataset.y), group: area.closest("[data-linked]")};
   plot.view = whole();
   area.classList.add("zoomable");
+  area.tabIndex = 0;
+  area.setAttribute("role", "group");
+  area.setAttribute("aria-label", svg.getAttribute("aria-label"));
   plot.readout = document.createElement("div");
   plot.readout.className = "readout";
   area.append(plot.readout);
@@ -86,6 +90,25 @@ function showLinked(plot, view) {
   if (plot.group)
     for (const other of plots)
       if (other !== plot && other.group === plot.group) show(other, {...other.view, x0: view.x0, x1: view.x1});
+}
+
+const NARROWEST = 0.001;
+
+function afterKey(view, key) {
+  const width = view.x1 - view.x0, middle = (view.x0 + view.x1) / 2;
+  const along = (from, size) => {
+    const x0 = Math.min(1 - size, Math.max(0, from));
+    return {...view, x0, x1: x0 + size};
+  };
+  const about = size => along(middle - size / 2, size);
+  switch (key) {
+    case "+": case "=": return about(Math.max(NARROWEST, width / 2));
+    case "-": case "_": return about(Math.min(1, 2 * width));
+    case "ArrowLeft": return along(view.x0 - width / 4, width);
+    case "ArrowRight": return along(view.x0 + width / 4, width);
+    case "Escape": case "0": return whole();
+  }
+  return null;
 }
 
 function at(plot, event) {
@@ -139,6 +162,12 @@ function listen(plot) {
   });
   plot.area.addEventListener("pointercancel", () => { start = null; frame?.remove(); });
   plot.area.addEventListener("dblclick", () => showLinked(plot, whole()));
+  plot.area.addEventListener("keydown", event => {
+    const view = event.ctrlKey || event.metaKey || event.altKey ? null : afterKey(plot.view, event.key);
+    if (!view) return;
+    event.preventDefault();
+    showLinked(plot, view);
+  });
   let fingers = null;
   plot.area.addEventListener("touchstart", event => {
     if (event.touches.length === 2) fingers = {places: [...event.touches].map(t => at(plot, t).x).sort((a, b) => a - b), view: plot.view};
@@ -159,3 +188,13 @@ function listen(plot) {
 document.documentElement.classList.remove("no-script");
 const plots = [...document.querySelectorAll(".area")].map(prepare);
 plots.forEach(listen);
+
+// A table or a text that scrolls can be reached and scrolled with the keyboard in every browser.
+function reach() {
+  for (const box of document.querySelectorAll(".scroll, pre, .diagram")) {
+    if (box.scrollWidth > box.clientWidth || box.scrollHeight > box.clientHeight) box.tabIndex = 0;
+    else box.removeAttribute("tabindex");
+  }
+}
+reach();
+addEventListener("resize", reach);

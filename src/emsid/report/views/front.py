@@ -32,7 +32,7 @@ def front_table(rows: Sequence[FrontRow]) -> Table:
     folds = rows[0].folds
     where = f"over {folds} parts of the data, each left out of a fit once" if folds > 1 else "on unseen data"
     return Table(
-        ("Model", "Parameters", "Error %", "± one standard error", ""),
+        ("Model", "Parameters", "Error %", "± one standard error", "Remark"),
         lines,
         f"Accuracy against number of parameters: RMSE of the free run {where}, in % of the output's deviation.",
         "A model on the front is better by more than noise than every simpler one on it.",

@@ -29,7 +29,7 @@ from emsid.report.document import (
     Stroke,
 )
 from emsid.report.figures import draw
-from emsid.report.layout import layout, text_width
+from emsid.report.layout import above, below, layout, text_width
 from emsid.report.page import page
 from emsid.report.page_plots import HEIGHT, WIDTH, page_figure
 from emsid.report.svg import svg
@@ -251,6 +251,23 @@ def test_long_names_have_room_beside_a_plot(name):
     assert label.endswith(" [rad/s]")
     assert ("…" in label) == (len(name) > 30)
     assert sheet.axes[0].yaxis.label.get_size() >= 6
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_titles_stay_above_and_below_their_plots_in_print(columns):
+    x, name = np.arange(3.0), "Residual against Commanded_PWM·Motor_Speed(RPM) (simulated)"
+    plots = (Plot((Line(x, x),), Axis(name * (3 - columns), "s"), Axis("y"), name * (3 - columns)),) * 2
+    figure = Figure("long", "Long.", plots, columns=columns)
+    for place in layout(figure).places:
+        room = 520.0 / columns - 40.0
+        for (text, size), bold in ((above(place), True), (below(place, 8.0), False)):
+            assert text_width(text, size, bold=bold) <= room
+            assert size >= 6.0
+            assert text.startswith("Residual against Commanded")
+    assert svg(figure).decode().count(f">{above(layout(figure).places[0])[0]}<") == 2
+    short = replace(plots[0], x=Axis("Time", "s"), title="Distribution")
+    (place, _) = layout(replace(figure, plots=(short, short))).places
+    assert (above(place), below(place, 8.0)) == (("Distribution", 8.5), ("Time [s]", 8.0))
 
 
 def test_text_is_never_markup_or_mathematics():

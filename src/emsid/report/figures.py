@@ -41,6 +41,8 @@ from emsid.report.layout import (
     TICK,
     WIDTH,
     Place,
+    above,
+    below,
     beside,
     layout,
     legend_columns,
@@ -280,7 +282,8 @@ def _set_axes(axes: Axes, place: Place) -> None:
         title, size = beside(plot.y, place.height, SIZE)
         axes.set_ylabel(title, size=size)
     if place.labelled:
-        axes.set_xlabel(plot.x.title)
+        title, size = below(place, SIZE)
+        axes.set_xlabel(title, size=size)
     else:
         axes.tick_params(labelbottom=False)
 
@@ -299,7 +302,8 @@ def _put_title(axes: Axes, place: Place) -> None:
     """Draw the title above the plot, aligned with those of the row."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
-        axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
+        title, size = above(place)
+        axes.annotate(title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=size)
 
 
 def _put_legend(

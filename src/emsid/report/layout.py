@@ -12,8 +12,8 @@ from emsid.report.paths import Entry, legends
 T = TypeVar("T")
 
 # A printed figure: its width, the height of an ordinary plot, the space for labels below, left and right of it (without
-# tick labels at the left), the size of letters and of small ones.
-WIDTH, ROW, FOOT, LABEL, RIGHT, SIZE, SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 8.0, 7.5
+# tick labels at the left), the size of letters, of small ones and of titles.
+WIDTH, ROW, FOOT, LABEL, RIGHT, SIZE, SMALL, TITLE = 520.0, 120.0, 32.0, 16.0, 12.0, 8.0, 7.5, 8.5
 LEGEND = WIDTH - 60.0
 """Largest width of a legend for all plots."""
 TICK = 4.0
@@ -144,13 +144,28 @@ def split(texts: Sequence[T], columns: int) -> list[Sequence[T]]:
 
 def beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
     """The title of an axis and its font size beside a plot of this height; a long name is cut."""
-    title, room = axis.title, height + 10
-    smaller = size * room / text_width(title, size)
+    return _fitted(axis.quantity, axis.title[len(axis.quantity) :], size, height + 10)
+
+
+def below(place: Place, size: float) -> tuple[str, float]:
+    """The title of the x axis and its font size in the width of the plot; a long name is cut."""
+    axis = place.plot.x
+    return _fitted(axis.quantity, axis.title[len(axis.quantity) :], size, place.room + RIGHT)
+
+
+def above(place: Place) -> tuple[str, float]:
+    """The title of a plot and its font size in the width of the plot; a long one is cut."""
+    return _fitted(place.plot.title, "", TITLE, place.room + RIGHT, bold=True)
+
+
+def _fitted(text: str, end: str, size: float, room: float, *, bold: bool = False) -> tuple[str, float]:
+    """A text with its end, and its font size: down to three quarters of the usual one, then with a part left out."""
+    smaller = size * room / max(text_width(text + end, size, bold=bold), 1e-9)
     if smaller >= 0.75 * size:
-        return title, min(size, smaller)
-    unit = title[len(axis.quantity) :]
-    cut = (f"{axis.quantity[:k].rstrip()}…{unit}" for k in range(len(axis.quantity) - 1, 0, -1))
-    return next((text for text in cut if text_width(text, 0.75 * size) <= room), unit), 0.75 * size
+        return text + end, min(size, smaller)
+    least = 0.75 * size
+    cut = (f"{text[:k].rstrip()}…{end}" for k in range(len(text) - 1, 0, -1))
+    return next((each for each in cut if text_width(each, least, bold=bold) <= room), end), least
 
 
 def name_range(axis: Axis) -> tuple[float, float]:

@@ -21,6 +21,8 @@ from emsid.report.layout import (
     TICK,
     WIDTH,
     Place,
+    above,
+    below,
     beside,
     column_widths,
     layout,
@@ -108,9 +110,11 @@ def _plot(place: Place, frame: Frame, width: float, left: float, name: str) -> I
     yield from (_text(-TICK, y + 0.36 * SMALL, text, SMALL, "end") for y, text in down)
     if place.labelled:
         yield from (_text(x, height + TICK + 0.78 * SMALL, text, SMALL, "middle") for x, text in across)
-        yield _text(width / 2, height + TICK + 1.35 * SMALL + 3 + 0.8 * SIZE, plot.x.title, SIZE, "middle")
+        title, size = below(place, SIZE)
+        yield _text(width / 2, height + TICK + 1.35 * SMALL + 3 + 0.8 * SIZE, title, size, "middle")
     if plot.title:
-        yield _text(0, 11 - place.head, plot.title, 8.5, bold=True)
+        title, size = above(place)
+        yield _text(0, 11 - place.head, title, size, bold=True)
     yield from _legend(place.legend, place.room)
 
 

@@ -159,3 +159,7 @@ def test_without_options_there_is_no_missing_option(run: Run, write: Write, tmp_
     status, _, err = run("identify", write({"y": Y}))
     assert status == 2
     assert "name the input column; `emsid describe" in err
+    for command in ("identify", "orders"):
+        status, _, err = run(command, tmp_path / "nowhere.csv")
+        assert status == 2
+        assert "nowhere.csv: there is no such file" in err

@@ -139,6 +139,8 @@ def test_files_that_are_no_model(path: Path) -> None:
     path.write_bytes(b"")
     assert failure(path) == "the file is empty; save the model again or name another"
     assert "did you mean model.json" in failure(path.with_name("modle.json"))
+    assert "did you mean" not in failure(path.with_name("missing.json"))  # suffixes are all alike
+    assert "did you mean model.json" in failure(path.with_name("model"))
 
 
 @pytest.mark.parametrize("name", ["\x1b[2J", "\x9b2J", "a\x07", "\x7f"])

@@ -394,6 +394,11 @@ class TestColumns:
         assert "column 'u' is named twice" in failure(log, input="u", output="u", dt=1)
         assert "column 'y' is named twice" in failure(log, input="u", output=["y", "y"], dt=1)
 
+    def test_a_name_that_two_columns_have(self, write: Write) -> None:
+        path = write("t,v,v\n0,1,2\n1,2,4\n2,0,1\n")
+        assert failure(path, input="v", output="v", dt=1).endswith("every channel is one column; there is also v_2")
+        assert read(path, input="v", output="v_2", dt=1).output[:, 0].tolist() == [2, 4, 1]
+
     def test_no_input(self, log: Path) -> None:
         assert "no input column" in failure(log, input=(), output="y", dt=1)
 

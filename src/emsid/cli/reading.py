@@ -48,11 +48,13 @@ class Reader:
 
         Raises:
             DataError: where there is no file, or no input or output is named.
+            FormatError: where the columns of a file that cannot be read are not named either.
         """
-        from emsid.io import file_and_column
+        from emsid.io import file_and_column, read_columns
 
         for name in ("input", "output"):
             if not self.given.get(name) and files:
+                read_columns(files[0])  # a missing or damaged file is what to mend first
                 shown = f"`emsid describe {files[0]}` shows the columns"
                 raise DataError(f"name the {name} column; {shown}", arguments=(name,))
         names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]

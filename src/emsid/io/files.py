@@ -147,10 +147,11 @@ def _reason(problem: Exception) -> str:
 
 def _similar(path: Path) -> str:
     try:
-        names = [entry.name for entry in path.parent.iterdir()]
+        entries = sorted(path.parent.iterdir())
     except OSError:
         return f"; nor a folder {path.parent}" if not path.parent.is_dir() else ""
-    close = get_close_matches(path.name, names, n=3, cutoff=0.6)
+    stems = get_close_matches(path.stem, {entry.stem for entry in entries}, n=3, cutoff=0.6)
+    close = [entry.name for stem in stems for entry in entries if entry.stem == stem][:3]  # suffixes are all alike
     return f"; did you mean {' or '.join(close)}?" if close else f" in {path.parent.resolve()}"
 
 

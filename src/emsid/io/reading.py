@@ -381,7 +381,10 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
         raise DataError("no input column; name at least one")
     for name in names:
         if names.count(name) > 1:
-            raise DataError(f"column {name!r} is named twice among inputs and outputs; every channel is one column")
+            again = f"; there is also {name}_2" * (f"{name}_2" in columns.series)
+            raise DataError(
+                f"column {name!r} is named twice among inputs and outputs; every channel is one column{again}"
+            )
     signals = []
     for name in names:
         column = column_of(name, columns.series)

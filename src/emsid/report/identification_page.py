@@ -15,6 +15,7 @@ from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import estimate, first_up, number, percent
 from emsid.report.views import terms
+from emsid.report.views.conventions import in_words
 from emsid.report.views.front import front_figure, front_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
@@ -65,7 +66,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
             *([] if result.interrupted else in_detail(result)),
             *(_model(result, fit, argument, with_bands=k < BANDED) for k, fit in enumerate(result.fits)),
         ),
-        imprint=f"emsid, from {result.record}",
+        imprint=f"emsid identify, from {result.record.name}: {in_words(result.record)}",
     )
 
 

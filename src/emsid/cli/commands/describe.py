@@ -55,7 +55,8 @@ def describe(
       emsid describe --input x.csv:1 --output y.csv:1
     """
     from emsid.first_look import describe_files, groups, without_findings_of_all
-    from emsid.report.views.first_look import in_words, of_all_files
+    from emsid.report.views.conventions import in_words
+    from emsid.report.views.first_look import of_all_files
     from emsid.wording import sentence
 
     if out is not None:

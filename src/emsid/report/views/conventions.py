@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from emsid.report.document import Axis, Dash, Ink, Stroke
 from emsid.report.numbers import capital
-from emsid.units import name_and_unit
+from emsid.units import in_unit, name_and_unit
+from emsid.wording.durations import sample_time
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -35,6 +36,14 @@ MODELS = (
     Stroke(Ink.PURPLE, Dash.DASHED, 1.2),
     Stroke(Ink.GREY, Dash.DOTTED, 1.4),
 )
+
+
+def in_words(record: Record) -> str:
+    """Samples, segments, sample time and channels of a record."""
+    names, units = record.input_names + record.output_names, record.input_units + record.output_units
+    channels = ", ".join(in_unit(name, unit) for name, unit in zip(names, units, strict=True))
+    pieces = f" in {len(record.breaks) + 1} segments" if record.breaks else ""
+    return f"{len(record):,} sample{'s' * (len(record) != 1)}{pieces}, dt {sample_time(record.dt)}; {channels}"
 
 
 def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:

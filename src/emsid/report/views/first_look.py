@@ -18,11 +18,11 @@ from emsid.record import Record
 from emsid.report.braille import braille
 from emsid.report.document import Axis, Figure, Ink, Line, Notice, Plot, Points, Report, Section, Stroke, Table
 from emsid.report.numbers import number
-from emsid.report.views.conventions import channel_axis
+from emsid.report.views.conventions import channel_axis, in_words
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import in_unit, plain_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
-from emsid.wording.durations import duration, sample_time
+from emsid.wording.durations import duration
 from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
@@ -97,14 +97,6 @@ def of_all_files(divided: Sequence[Group], argument: Spelling = as_python) -> It
             names = [look.name for look in group.looks]
             called = listed(names) if len(names) <= NAMED else f"{len(names)} files, such as {names[0]},"
             yield f"{called} together", tuple(sentence(finding, argument) for finding in group.findings)
-
-
-def in_words(record: Record) -> str:
-    """Samples, segments, sample time and channels of a record."""
-    names, units = record.input_names + record.output_names, record.input_units + record.output_units
-    channels = ", ".join(in_unit(name, unit) for name, unit in zip(names, units, strict=True))
-    pieces = f" in {len(record.breaks) + 1} segments" if record.breaks else ""
-    return f"{len(record):,} sample{'s' * (len(record) != 1)}{pieces}, dt {sample_time(record.dt)}; {channels}"
 
 
 def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:

@@ -83,6 +83,23 @@ def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None
     assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))
 
 
+def test_what_several_files_show_names_the_file_and_the_column(run: Run, write: Write, tmp_path: Path) -> None:
+    one = write({"t": T, "u": U, "y": Y}, "one.csv")
+    others = [write({"t": T, "v": U, "w": Y + 0.01 * k}, f"{k}.csv") for k in range(3)]
+    short = write({"t": T[:1], "u": U[:1], "y": Y[:1]}, "short.csv")
+    status, out, _ = run("describe", one, short, *others, "--out", tmp_path / "page")
+    assert status == 0
+    assert "- in 1 of 5 files, one.csv: y almost certainly responds to u" in out
+    assert "- in 3 of 5 files, such as 0.csv: w almost certainly responds to v" in out
+    page = (tmp_path / "page" / "report.html").read_text("utf-8")
+    assert '<li class="problem">short.csv: u is constant' in page
+    assert "Run these, with corrections" in page
+    run("describe", short, "--out", tmp_path / "short")
+    page = (tmp_path / "short" / "report.html").read_text("utf-8")
+    assert "There is nothing to identify here" in page
+    assert "<figure" not in page
+
+
 def test_columns_of_files_are_described_without_a_file(run: Run, write: Write) -> None:
     u, y = write({"u": U}, "u.csv"), write({"y": Y}, "y.csv")
     status, out, _ = run("describe", "--input", f"{u}:1", "--output", f"{y}:1", "--dt", "10ms")

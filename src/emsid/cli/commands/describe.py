@@ -106,17 +106,21 @@ def _print(look: "FirstLook") -> None:
 
 
 def _counted(looks: "Sequence[FirstLook]") -> list[str]:
-    """The findings of many files: the first of each code, with its file, and in how many files there are such."""
+    """The findings of many files: the first of each code about each column, with its file, and how many have such."""
     from emsid.wording import sentence
 
-    by_code: dict[str, list[tuple[str, Finding]]] = {}
+    alike: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
     for look in looks:
-        for code, finding in {finding.code: finding for finding in look.findings}.items():
-            by_code.setdefault(code, []).append((look.name, finding))
+        for finding in look.findings:
+            of_column = "" if finding.subject == look.name else finding.subject
+            others = alike.setdefault((finding.code, of_column), [])
+            if look.name not in dict(others):
+                others.append((look.name, finding))
     return [
-        f"- in {len(found)} of {len(looks)} files, {'such as ' if len(found) > 1 else ''}{found[0][0]}: "
-        f"{sentence(found[0][1], option)}"
-        for found in by_code.values()
+        f"- in {len(found)} of {len(looks)} files, {'such as ' if len(found) > 1 else ''}{name}: "
+        f"{sentence(finding, option).removeprefix(f'{name}: ')}"
+        for found in alike.values()
+        for name, finding in found[:1]
     ]
 
 

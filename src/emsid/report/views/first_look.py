@@ -90,13 +90,26 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]
 
 
+def _called(group: Group) -> str:
+    """The name of a group of several files."""
+    names = [look.name for look in group.looks]
+    return f"{listed(names) if len(names) <= NAMED else f'{len(names)} files, such as {names[0]},'} together"
+
+
+def about(name: str, said: str) -> str:
+    """A sentence with the name of its file before it, unless it begins with that.
+
+    >>> about("a.csv", "u is constant."), about("a.csv", "a.csv: the sample time is not given."), about("", "u stays.")
+    ('a.csv: u is constant.', 'a.csv: the sample time is not given.', 'u stays.')
+    """
+    return said if not name or said.startswith(name) else f"{name}: {said}"
+
+
 def of_all_files(divided: Sequence[Group], argument: Spelling = as_python) -> Iterable[tuple[str, tuple[str, ...]]]:
     """For each group of several files its name, and what these show together."""
     for group in divided:
         if group.findings:
-            names = [look.name for look in group.looks]
-            called = listed(names) if len(names) <= NAMED else f"{len(names)} files, such as {names[0]},"
-            yield f"{called} together", tuple(sentence(finding, argument) for finding in group.findings)
+            yield _called(group), tuple(sentence(finding, argument) for finding in group.findings)
 
 
 def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:
@@ -119,8 +132,8 @@ def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:
 
 
 def figure(look: FirstLook, name: str = "record") -> Figure | None:
-    """The first inputs and outputs over time."""
-    if look.record is None:
+    """The first inputs and outputs over time, where there are lines to draw."""
+    if look.record is None or len(look.record) < 2:
         return None
     return over_time(look.record, name, f"Inputs and outputs of {look.name}.", channel_axis, 0.8)
 
@@ -174,6 +187,14 @@ def over_time(record: Record, name: str, caption: str, axis: Callable[[str, str]
     return Figure(name, caption, tuple(plots), shared_x=True)
 
 
+_NEXT = (
+    "There is nothing to identify here; see above what is missing.",
+    "Run this, with corrections if a guess is wrong:",
+    "Run these, with corrections if a guess is wrong:",
+)
+"""What to do next, by the number of commands."""
+
+
 def report(
     looks: Sequence[FirstLook],
     together: Sequence[Finding],
@@ -198,15 +219,20 @@ def report(
         clock = tuple(line for line in lines(look) if not line.startswith("- "))
         sections.append(Section(look.name, clock, tables=(column_table(look),), figures=drawn, remarks=noticed))
     sections += [Section(title, remarks=said) for title, said in of_all_files(divided, argument)]
-    serious = [*together, *(finding for group in divided for finding in group.findings)]
-    serious += [finding for look in looks for finding in look.findings]
-    notices = [Notice(sentence(f, argument), severity(f).value) for f in serious if severity(f) is not Severity.INFO]
+    found = [("", finding) for finding in together]
+    found += [(_called(group), finding) for group in divided for finding in group.findings]
+    found += [(look.name, finding) for look in looks for finding in look.findings]
+    notices = [
+        Notice(about(name if len(looks) > 1 else "", sentence(finding, argument)), severity(finding).value)
+        for name, finding in found
+        if severity(finding) is not Severity.INFO
+    ]
     return Report(
         title=f"First look at {looks[0].name}" if len(looks) == 1 else f"First look at {len(looks)} files",
         summary=("What the columns hold is guessed from their names and numbers.",),
         sections=(
             *sections,
-            Section("Next", ("Run this, with corrections if a guess is wrong:",), tuple(commands)),
+            Section("Next", (_NEXT[min(len(commands), 2)],), tuple(commands)),
         ),
         notices=tuple(dict.fromkeys(notices)),
         imprint="emsid describe",

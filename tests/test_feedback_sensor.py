@@ -47,11 +47,14 @@ def test_what_a_sensor_excludes_is_made_zero() -> None:
     np.testing.assert_array_equal(model.matrix[kept], matrix[kept])
 
 
-def test_a_sensor_without_a_curve_or_with_too_many_states_is_refused() -> None:
+def test_a_sensor_that_a_model_cannot_have_is_refused() -> None:
     with pytest.raises(ModelError, match="a sensor without a map"):
         FeedbackModel(np.eye(2), sensor=0)
     with pytest.raises(ModelError, match="the number of states behind the sensor"):
         replace(before_sensor(), sensor=4)
+    for given in ({"shared": (("z2", "z1"),)}, {"factors": np.ones((2, 5))}):
+        with pytest.raises(ModelError, match="multiplied or signals that are shared"):
+            replace(before_sensor(), **given)
 
 
 @pytest.mark.parametrize("behind", [0, 1])

@@ -375,8 +375,10 @@ def _last_steps(
     are begun if the search does not converge in a record that is not long.
     """
     model, seen = found.model, visited(found.model, segments, found.states)
-    mixed = bool(model.shared) or model.sensor is not None
-    same, held = (whitened(model, seen), None) if mixed else observer_form(model, seen)
+    if model.shared or model.sensor is not None:
+        same, held = whitened(model, seen), None
+    else:
+        same, held = observer_form(model, seen)
     states = [same.state(x) for x in found.states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     limit = _limit(refused, same.model, segments, states)

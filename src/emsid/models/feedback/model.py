@@ -113,7 +113,7 @@ class FeedbackModel(OneChannelMethods):
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
             object that is no static map, an invalid delay or oversampling, pairs of other signals, a centre of another
-            length, or a sensor without a map or with too many states.
+            length, or a sensor without a map, with too many states, or beside products or pairs.
     """
 
     matrix: Array
@@ -171,7 +171,7 @@ class FeedbackModel(OneChannelMethods):
             raise ModelError(f"{self.name}: output offset {self.output_offset}; give a finite number")
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
             raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
-        check_sensor(self.name, n, m, self.sensor)
+        check_sensor(self.name, n, m, self.sensor, not (len(self.multiplied) or self.shared))
         if self.matrix[self.absent].any():
             object.__setattr__(self, "matrix", read_only(np.where(self.absent, 0.0, self.matrix)))
         pairs, matrix = shared_signals(self.name, self.matrix, m, self.shared)
@@ -190,7 +190,7 @@ class FeedbackModel(OneChannelMethods):
 
     @property
     def parts(self) -> tuple[tuple[slice, int], ...]:
-        """The states that mix, with the row of M that shows them: those of the loop, and those behind a sensor."""
+        """The states of the loop and those behind a sensor, which do not mix, with the rows of M that show them."""
         n = self.states
         if self.sensor is None:
             return ((slice(0, n), -1),)

@@ -35,14 +35,23 @@ def absent(states: int, maps: int, sensor: int | None) -> NDArray[np.bool_]:
     return gone
 
 
-def check_sensor(name: str, states: int, maps: int, sensor: int | None) -> None:
+def check_sensor(name: str, states: int, maps: int, sensor: int | None, plain: bool) -> None:
     """Refuse a sensor that a model cannot have.
 
+    Args:
+        name: of the model.
+        states: n.
+        maps: m.
+        sensor: how many of the states are behind it.
+        plain: whether no map is multiplied by a signal, and no signals are shared.
+
     Raises:
-        ModelError: without a map, or with more states behind it than there are.
+        ModelError: without a map, with more states behind it than there are, or where the model is not plain.
     """
     if sensor is None:
         return
     check_whole(f"{name}: sensor", sensor, 0, "this is the number of states behind the sensor", states)
     if not maps:
         raise ModelError(f"{name}: a sensor without a map; the first map is its curve")
+    if not plain:
+        raise ModelError(f"{name}: a sensor, and maps that are multiplied or signals that are shared; leave out either")

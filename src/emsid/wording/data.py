@@ -121,7 +121,7 @@ def output_without_sign(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, confidence."""
     return (
         f"{f.subject} has one sign and {f.data['input']} has both: the sensor {how_sure(f.data['confidence'])} shows "
-        "the magnitude only; in a cascade, the static maps abs and even-spline do that"
+        "the magnitude only; cascades and feedback models try that (static maps abs, even-spline)"
     )
 
 

@@ -335,15 +335,10 @@ class FeedbackModel(OneChannelMethods):
         now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
             steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
-            maps = self.map_slopes(passed.x[steps], v[steps], passed.z[steps])
+            maps = slopes_along(self, passed.x[steps], v[steps], passed.z[steps])
             x, w = passed.x[steps], passed.w[steps]
             derivative(matrix, factors, self.multiplied, maps, v[steps], x, w, rate, now, out)
             yield slice(first, first + len(out)), out
-
-    def map_slopes(self, x: Array, u: Array, z: Array) -> MapSlopes:
-        """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
-        g = self.factor(x, u).T if len(self.multiplied) else self.factors[:, -1:]
-        return map_slopes(self.maps, g, self.multiplied, z)
 
     def factor(self, x: Array, u: Array) -> Array:
         """(K, m) g at the states (K, n) and inputs (K,)."""
@@ -482,3 +477,9 @@ class FeedbackModel(OneChannelMethods):
         """The names of what the maps give: w, or w/g where it is multiplied by a signal."""
         both = enumerate(zip(self.numbered("w"), self.numbered("g"), strict=True))
         return tuple(f"{w}/{g}" if k in self.multiplied else w for k, (w, g) in both)
+
+
+def slopes_along(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlopes:
+    """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
+    g = model.factor(x, u).T if len(model.multiplied) else model.factors[:, -1:]
+    return map_slopes(model.maps, g, model.multiplied, z)

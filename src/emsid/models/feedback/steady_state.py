@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.kernels import LoopSignals
 
 Array = NDArray[np.float64]
 
@@ -18,7 +17,29 @@ SETTLING, NEWTON = 2_000, 50
 ROUNDING = 1e-9
 
 
-def resting(model: FeedbackModel, level: float) -> Array:
+class Stepping(Protocol):
+    """What a steady state needs of a model."""
+
+    @property
+    def states(self) -> int:
+        """How many there are, n."""
+        ...
+
+    @property
+    def centre(self) -> Array:
+        """(n,) where the run begins."""
+        ...
+
+    def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
+        """The signals of a run over an input (N,) from a state (n,), and the last state."""
+        ...
+
+    def linearised_at(self, x: Array, u: float) -> tuple[Array, Array]:
+        """(n,) the state one step after a state (n,), and (n + 1, n + 1) its derivative by state and input."""
+        ...
+
+
+def resting(model: Stepping, level: float) -> Array:
     """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
 
     Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
@@ -33,7 +54,7 @@ def resting(model: FeedbackModel, level: float) -> Array:
     return rest if np.abs(poles).max(initial=0.0) <= 1 else end
 
 
-def _completed(model: FeedbackModel, x: Array, level: float) -> Array:
+def _completed(model: Stepping, x: Array, level: float) -> Array:
     """(n,) the steady state that Newton steps from a state x (n,) lead to."""
     n, before = model.states, np.inf
     for _ in range(NEWTON):

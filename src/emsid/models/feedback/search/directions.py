@@ -29,7 +29,7 @@ from emsid.models.blocks.static_maps.through_points import spread_knots
 from emsid.models.feedback.coordinates import coordinates, whitened
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.kernels import LoopSignals, MapSlopes, pushed
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.model import FeedbackModel, slopes_along
 from emsid.models.interpolation import interpolated
 from emsid.models.one_channel import Segments
 from emsid.selection.improvement import schwarz_gain
@@ -207,7 +207,7 @@ class _Stretches:
         basis, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
         inputs = [model.entering(u) for u, _ in segments]
-        maps = [model.map_slopes(run.x, v, run.z) for run, v in zip(runs, inputs, strict=True)]
+        maps = [slopes_along(model, run.x, v, run.z) for run, v in zip(runs, inputs, strict=True)]
         residual = residual - basis @ (basis.T @ residual)
         return cls(model, runs, inputs, [y for _, y in segments], maps, basis, residual, transient)
 

@@ -288,8 +288,9 @@ def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, contr
     Raises:
         Stopped: by ``control``.
     """
-    here = searched(model, segments, model.edge, STEPS_TO_ALL, 0.05, control, LAST_SAVING)
+    refused = refusal(model)
+    here = searched(model, segments, model.edge, STEPS_TO_ALL, 0.05, control, LAST_SAVING, refused=refused)
     control.check()
     products = sum(len(y) for _, y in segments) * len(model.parameters) ** 2
     steps = int(np.clip(PRODUCTS / products, *LAST_STEPS))
-    return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, steps)
+    return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, steps, refused)

@@ -16,7 +16,7 @@ from emsid.models.blocks.static_maps import Abs, CubicSpline, EvenSpline
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import of_magnitudes
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, stretches_in_turn
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch
 from emsid.models.one_channel import segments_longer_than
 from emsid.record.holding_back import FOLDS
 from feedback_models import Array, X
@@ -137,7 +137,7 @@ def test_the_run_goes_on_through_samples_that_are_left_out() -> None:
 @pytest.mark.parametrize("lengths", [[300], [120, 90, 60], [41]])
 def test_every_sample_after_the_first_ones_is_left_out_once(lengths: list[int]) -> None:
     known = 40
-    folds = list(stretches_in_turn(lengths, known))
+    folds = list(stretches_in_turn(lengths, 4, 16, known))
     assert len(folds) == FOLDS
     for k, length in enumerate(lengths):
         times = np.sum([fold[k] for fold in folds], axis=0)

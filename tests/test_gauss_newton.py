@@ -23,6 +23,7 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.nonlinear.steps import bounded_step
+from emsid.estimation.nonlinear.without_samples import without
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]
@@ -473,3 +474,25 @@ def test_a_few_steps_end_where_the_search_does_without_the_last_derivative(steps
     *_, last = islice(each_step(problem, start, **box), steps)
     assert np.array_equal(last, searched.estimate)
     assert len(derivatives) == at_every_step - (searched.ending is Ending.OUT_OF_BUDGET)
+
+
+def test_a_problem_without_samples_is_that_of_the_others() -> None:
+    """The masks also cover samples before the first residual."""
+    rng = np.random.default_rng(4)
+    rows = [rng.standard_normal((n, 3)) for n in (40, 25)]
+    values = [rng.standard_normal(n) for n in (40, 25)]
+    out = [rng.random(n) < 0.3 for n in (47, 25)]
+
+    def residual(theta: Array) -> list[Array]:
+        return [a @ theta - b for a, b in zip(rows, values, strict=True)]
+
+    whole = Curves(residual, lambda _: rows)
+    kept = [~out[0][7:], ~out[1]]
+    expected = np.linalg.lstsq(
+        np.vstack([a[k] for a, k in zip(rows, kept, strict=True)]),
+        np.concatenate([b[k] for b, k in zip(values, kept, strict=True)]),
+    )[0]
+    found = gauss_newton(without(whole, out), np.zeros(3), tolerance=1e-9)
+    np.testing.assert_allclose(found.estimate, expected, rtol=1e-9)
+    assert found.samples == sum(np.count_nonzero(each) for each in kept)
+    assert without(whole, None) is whole

@@ -112,6 +112,19 @@ def test_a_model_fitted_again_to_another_drive_follows_it(fits):
         )
 
 
+def test_samples_that_are_left_out_have_no_effect_on_a_model_fitted_again(fits):
+    record, out = drive(1, 400), np.zeros(400, dtype=bool)
+    out[100:150] = out[250:300] = True
+    spoilt = replace(record, output=record.output + 5.0 * out[:, None])
+    for fit in fits:
+        one, other = (refitted(fit, each, left_out=[out]).simulate(record).output for each in (record, spoilt))
+        np.testing.assert_allclose(one, other, atol=2e-5, err_msg=fit.model.name)
+        whole = refitted(fit, record).simulate(record).output
+        assert np.abs(one - whole).max() > 1e-3, fit.model.name
+        with_all = refitted(fit, spoilt).simulate(record).output
+        assert np.abs(with_all - whole).max() > 0.1, fit.model.name
+
+
 def test_a_feedback_model_that_runs_away_is_no_refit(fits, monkeypatch):
     """Every other model runs away here, so the known one is kept."""
     (fit,) = (each for each in fits if each.model.name == "feedback")
@@ -339,16 +352,42 @@ def test_folds_over_the_whole_record_see_what_its_last_part_does_not_show():
     assert ratios[-1] > 5
 
 
-def test_a_short_record_is_left_out_part_by_part_where_a_part_has_twice_the_samples_of_a_start():
-    whole = drive(8, 180)
+def ranked_parts(whole, start):
+    """How many samples each fold has, for two models of the first two thirds of a record."""
     several = emsid.arx(na=1, nb=1), emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-2)", name="two")
-    fits = [emsid.fit(each, whole[:120]) for each in several]
-    counted = {
-        start: [[fold.samples.sum() for fold in each.folds] for each in ranked(choice, whole[:120], Options())]
-        for start in (20, 21)
-        for choice in [compare(fits, whole[120:], transient=start)]
-    }
-    assert counted == {20: [[40, 20, 20, 20]] * 2, 21: [[39]] * 2}
+    first = 2 * len(whole) // 3
+    choice = compare([emsid.fit(each, whole[:first]) for each in several], whole[first:], transient=start)
+    found = ranked(choice, whole[:first], Options())
+    assert all([fold.samples.sum() for fold in each.folds] == fold_sizes(each.included) for each in found)
+    return [fold_sizes(each.folds) for each in found]
+
+
+def fold_sizes(folds):
+    return [fold.samples.sum() for fold in folds]
+
+
+def test_runs_begin_anew_in_parts_that_are_long_and_go_on_through_short_ones():
+    """A series of short experiments keeps its experiments as parts, however short they are."""
+    assert ranked_parts(drive(8, 180), 4) == [[56, 36, 36, 36]] * 2
+    assert ranked_parts(drive(8, 180), 5) == [[44, 42, 42, 42]] * 2
+    assert list(map(sum, ranked_parts(drive(8, 180), 31))) == [120 - 31] * 2
+    series = emsid.concatenate([drive(k, 20) for k in range(9)])
+    assert ranked_parts(series, 5) == [[45, 30, 30, 30]] * 2
+
+
+def test_a_short_record_with_its_large_values_in_one_part_ranks_by_stretches_of_all():
+    """A model of the dead zone has the error of the noise where each fold lacks some of the large values only."""
+    most = np.where(np.arange(51) < 34, 0.25, 1.0)
+    first, last = drive(3, 400, low=-most, high=most), drive(5, 100, low=-0.25, high=0.25)
+    fits = [
+        emsid.fit(emsid.arx(na=1, nb=1, constant=True), first, free_run=True),
+        emsid.fit(emsid.Cascade((emsid.blocks.DeadZone(-0.1, 0.1, 1, 1), Rational([0.1], [-0.9], 1))), first),
+    ]
+    dead_zone, arx = ranked(compare(fits, last, transient=32), first, Options())
+    assert (dead_zone.name, arx.name) == ("cascade", "arx")
+    spread = np.concatenate([first.output, last.output]).std()
+    assert dead_zone.rmse[0] * spread == pytest.approx(0.02, rel=0.1)
+    assert arx.rmse[0] > 2 * dead_zone.rmse[0]
 
 
 def test_the_held_back_part_decides_alone_where_it_is_long_or_there_is_no_time(monkeypatch):

@@ -16,8 +16,13 @@ it is that of their logarithms, stretch by stretch, so that a stretch that is fa
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
 followed over the other folds: those with at most `MUCH_WORSE` times its smallest error. Models that were fitted to an
 excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
-another fit. Where there are none and the held-back part has `MANY` samples, where folds are too short (`LEAST`), or
-where only one model is left, the held-back part decides alone.
+another fit. Where there are none and the held-back part has `MANY` samples, or where only one model is left, the
+held-back part decides alone.
+
+In a short record, with fewer than `ANEW` samples in each part for each that starts a model, a run that began anew in
+every part would show above all how well few samples give a state, and one part often has most of the largest values,
+which the others then lack. There each fold leaves out several stretches, spread over the whole record, and the run goes
+on through them. These fits begin at the parameters from all data, as those from the first part may be far off.
 
 References:
     Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
@@ -26,7 +31,8 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -42,7 +48,7 @@ from emsid.models.free_run import free_run
 from emsid.models.model import Model, Run
 from emsid.models.refitting import better_refit, refitted
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import left_out_once, parted
+from emsid.record.holding_back import Mask, is_series, left_out_once, parted, stretches_in_turn
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
@@ -54,8 +60,10 @@ MUCH_WORSE = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
+ANEW = 10
+"""A free run begins anew in every part that has at least this many samples for each that starts a model."""
 LEAST = 2
-"""A fold has at least this many samples for each that starts a model."""
+"""A segment that is run on has at least this many samples for each that starts a model."""
 INCLUDED = 0.368
 """The weight of the error on data that the fit includes, beside the error on data that it leaves out (Efron)."""
 
@@ -143,16 +151,15 @@ def ranked(
         return tuple(alone)
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
     followed = [each for each in usable if each.row.ranked_by <= MUCH_WORSE**2 * usable[0].row.ranked_by]
-    start = choice.best.transient
     if len(followed) < 2:
         return tuple(alone)
-    folds = _outside(outside, start) if outside else _left_out(fitted, choice.best.record, start)
+    folds = _Folds(choice.best.transient, scale, options, control)
     try:
-        over_all = _over_folds(followed, folds, scale, options, control)
-        if not outside:
+        if outside:
+            over_all = folds.judged(followed, folds.of_outside(outside))
+        else:
             whole = whole or concatenate([fitted, choice.best.record])
-            parts = [choice.best.record, *(part for _, part in folds)]
-            over_all = [_with_included(each, whole, parts, start, scale, options, control) for each in over_all]
+            over_all = folds.over_all(followed, fitted, choice.best.record, whole)
     except Stopped:
         return tuple(alone)
     over_all.sort(key=lambda each: each.errors.mean)
@@ -218,58 +225,111 @@ Fold = tuple[Record | None, Record]
 """What models are fitted to again, None where they have not seen the part, and the part itself."""
 
 
-def _left_out(fitted: Record, held_back: Record, start: int) -> list[Fold]:
-    """The parts of the data that were fitted, each with all the rest; none where they are too short."""
-    if len(fitted) // (FOLDS - 1) < LEAST * start:
-        return []
-    return [(concatenate([rest, held_back]), part) for rest, part in left_out_once(fitted, FOLDS - 1, start)]
+@dataclass(frozen=True)
+class _Folds:
+    """How models are judged on data that are left out.
 
+    Attributes:
+        start: samples of every segment that start a run.
+        scale: (ny,) of every output.
+        options: how regressions are fitted.
+        control: when to stop.
+    """
 
-def _outside(outside: Record, start: int) -> list[Fold]:
-    """The parts of the data outside an excerpt, as far as they are long enough to run models on."""
-    return [
-        (None, part)
-        for part in parted(outside, FOLDS - 1)
-        if max(len(segment) for segment in part.segments) > LEAST * start
-    ]
+    start: int
+    scale: Array
+    options: Options
+    control: Control
 
+    def of_outside(self, outside: Record) -> list[Fold]:
+        """The parts of the data outside an excerpt, as far as they are long enough to run models on."""
+        parts = parted(outside, FOLDS - 1)
+        return [(None, part) for part in parts if max(map(len, part.segments)) > LEAST * self.start]
 
-def _over_folds(
-    followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, options: Options, control: Control
-) -> list[Ranked]:
-    """The models with their errors on the held-back part and on the other folds."""
-    start, first = followed[0].transient, STRETCHES // FOLDS if folds else STRETCHES
-    found = [[stretch_errors(each.simulation, each.record, scale, first)] for each in followed]
-    for number, (others, part) in enumerate(folds, 2):
-        for one, errors in zip(followed, found, strict=True):
-            control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
-            try:
-                model = one.fit.model
-                if others is not None:
-                    model = refitted(one.fit, others, linear=options.estimate, control=control)
-                errors.append(stretch_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
-            except EmsidError:  # these data do not suit it
-                errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))
-    return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
+    def over_all(
+        self, followed: Sequence[Assessment], fitted: Record, held_back: Record, whole: Record
+    ) -> list[Ranked]:
+        """The models over folds of all data, with the errors of fits to all of them."""
+        part = len(fitted) // (FOLDS - 1)
+        if part < ANEW * self.start and not is_series(fitted, FOLDS - 1):
+            long = [each for each in whole.segments if len(each) > LEAST * self.start]
+            if 2 * sum(map(len, long)) > len(whole):
+                return [self.in_turn(each, concatenate(long)) for each in followed]
+        folds: list[Fold] = []
+        if part >= LEAST * self.start:
+            every = left_out_once(fitted, FOLDS - 1, self.start)
+            folds = [(concatenate([rest, held_back]), part) for rest, part in every]
+        parts = [held_back, *(part for _, part in folds)]
+        return [self.with_included(each, whole, parts) for each in self.judged(followed, folds)]
 
+    def judged(self, followed: Sequence[Assessment], folds: Sequence[Fold]) -> list[Ranked]:
+        """The models with their errors on the held-back part and on the other folds."""
+        first = STRETCHES // FOLDS if folds else STRETCHES
+        found = [[stretch_errors(each.simulation, each.record, self.scale, first)] for each in followed]
+        for number, (others, part) in enumerate(folds, 2):
+            for one, errors in zip(followed, found, strict=True):
+                self.control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
+                with self.failing(errors, len(part)):
+                    model = one.fit.model if others is None else self.again(one.fit, others)
+                    errors.append(self.errors(model, part))
+        return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
 
-def _with_included(
-    each: Ranked, whole: Record, parts: Sequence[Record], start: int, scale: Array, options: Options, control: Control
-) -> Ranked:
-    """A model with the error on the folds, the parts, of its parameters from all data."""
-    control.doing(f"ranking {each.name}", len(parts), len(parts))
-    refit = better_refit(each.fit, whole, linear=options.estimate, control=control)
-    model = each.fit.model if refit is None else refit
-    runs = [(free_run(model, part, start), part, len(fold.means)) for part, fold in zip(parts, each.folds, strict=True)]
-    included = tuple(stretch_errors(run, part, scale, stretches) for run, part, stretches in runs)
-    return replace(each, included=included, refit=refit)
+    def in_turn(self, each: Assessment, whole: Record) -> Ranked:
+        """A model with its errors on stretches of all data that are left out in turn, while the run goes on."""
+        lengths, left, included = list(map(len, whole.segments)), list[StretchErrors](), list[StretchErrors]()
+        refit = self.to_all(each.fit, whole)
+        known = each.fit if refit is None else replace(each.fit, model=refit)
+        for number, out in enumerate(map(np.concatenate, stretches_in_turn(lengths, FOLDS, STRETCHES, self.start)), 1):
+            self.control.doing(f"ranking {each.row.model}", number, FOLDS)
+            included.append(self.errors(known.model, whole, out))
+            with self.failing(left, int(out.sum())):
+                left.append(self.errors(self.again(known, whole, [out]), whole, out))
+        return Ranked(each.fit, tuple(left), tuple(included), refit)
+
+    def with_included(self, each: Ranked, whole: Record, parts: Sequence[Record]) -> Ranked:
+        """A model with the error on the folds, the parts, of its parameters from all data."""
+        self.control.doing(f"ranking {each.name}", len(parts), len(parts))
+        refit = self.to_all(each.fit, whole)
+        model = each.fit.model if refit is None else refit
+        parted = zip(parts, each.folds, strict=True)
+        included = tuple(self.errors(model, part, stretches=len(fold.means)) for part, fold in parted)
+        return replace(each, included=included, refit=refit)
+
+    def again(self, fit: Fit[Any], data: Record, left_out: Sequence[Mask] | None = None) -> Model:
+        """The model with its parameters from other data, see `refitted`."""
+        return refitted(fit, data, linear=self.options.estimate, control=self.control, left_out=left_out)
+
+    def to_all(self, fit: Fit[Any], whole: Record) -> Model | None:
+        """The model with its parameters from all data, see `better_refit`."""
+        return better_refit(fit, whole, linear=self.options.estimate, control=self.control)
+
+    def errors(
+        self, model: Model, data: Record, left_out: Mask | None = None, stretches: int = STRETCHES // FOLDS
+    ) -> StretchErrors:
+        """Of the free run, on the samples (N,) that are left out, or on all."""
+        squares = _squares(free_run(model, data, self.start), data, self.scale)
+        return StretchErrors.of(squares if left_out is None else squares[left_out], stretches)
+
+    @contextmanager
+    def failing(self, errors: list[StretchErrors], samples: int) -> Iterator[None]:
+        """Adds infinite errors where the data do not suit a model."""
+        try:
+            yield
+        except EmsidError:
+            errors.append(StretchErrors.of(np.full(samples, np.inf), STRETCHES // FOLDS))
 
 
 def stretch_errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:
-    """The squared free-run errors, each output in its own scale (ny,), by stretch; infinite where the run diverged."""
+    """The squared free-run errors by stretch, see `_squares`."""
+    return StretchErrors.of(_squares(run, record, scale), stretches)
+
+
+def _squares(run: Run, record: Record, scale: Array) -> Array:
+    """(N,) the squared free-run errors, each output in its own scale (ny,): infinite where the run has diverged, NaN in
+    transients."""
     squares = np.mean(((record.output - run.output) / scale) ** 2, axis=1)
     squares[~np.isfinite(squares)] = np.inf
-    return StretchErrors.of(np.where(run.counted, squares, np.nan), stretches)
+    return np.where(run.counted, squares, np.nan)
 
 
 def _scale(record: Record) -> Array:

@@ -8,7 +8,7 @@ full fits. `better_refit` estimates the parameters from all data, including thos
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,7 @@ from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.without_samples import Mask
 from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.extrapolation import Extremes, diverges, diverges_held
@@ -48,8 +49,45 @@ Linear = Callable[[Structure, Sequence[Record]], Fit[Narx]]
 """How a regression is fitted one step ahead."""
 
 
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What a model is fitted to again, and how.
+
+    Attributes:
+        records: the data.
+        linear: fits a regression one step ahead.
+        control: when to stop.
+        left_out: (N,) of every record, the samples that are not fitted; None fits all.
+    """
+
+    records: Sequence[Record]
+    linear: Linear
+    control: Control
+    left_out: Sequence[Mask] | None
+
+    @property
+    def by_segment(self) -> list[Mask] | None:
+        """(N,) of every segment, the samples that are not fitted."""
+        if self.left_out is None:
+            return None
+        every = zip(self.left_out, self.records, strict=True)
+        return [part for out, record in every for part in np.split(out, record.breaks)]
+
+    @property
+    def in_pieces(self) -> list[Record]:
+        """The data that are fitted, with a gap where samples are left out."""
+        if self.left_out is None:
+            return list(self.records)
+        return [record.mask(out) for record, out in zip(self.records, self.left_out, strict=True)]
+
+
 def refitted(
-    fit: Fit[Any], records: Record | Sequence[Record], *, linear: Linear = least_squares, control: Control = FREE
+    fit: Fit[Any],
+    records: Record | Sequence[Record],
+    *,
+    linear: Linear = least_squares,
+    control: Control = FREE,
+    left_out: Sequence[Mask] | None = None,
 ) -> Model:
     """The model of a fit with its parameters estimated from other data.
 
@@ -58,16 +96,18 @@ def refitted(
         records: the other data, of the same channels and sample time.
         linear: fits a regression that was fitted one step ahead.
         control: when to stop.
+        left_out: (N,) of every record, samples that are not fitted; a free run goes on through them.
 
     Raises:
         ModelError: for a kind of model that cannot be fitted again, or data that do not suit it.
         Stopped: if ``control`` stops it.
     """
     several = (records,) if isinstance(records, Record) else tuple(records)
+    data = Data(several, linear, control, left_out)
     control.check()
     for kind in type(fit.model).__mro__:
         if kind in REFITTED:
-            found: Model = fit_or_problem(partial(REFITTED[kind], fit, several, linear, control))
+            found: Model = fit_or_problem(partial(REFITTED[kind], fit, data))
             if control.ending is Ending.INTERRUPTED:
                 raise Stopped(Ending.INTERRUPTED)
             return found
@@ -112,55 +152,79 @@ def is_safe(model: Model, record: Record, known: Model | None = None) -> bool:
     return not diverges_held(model, extremes) or (known is not None and diverges_held(known, extremes))
 
 
-def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, control: Control) -> Model:
+def _regression(fit: Fit[Narx], data: Data) -> Model:
     structure = fit.model.structure
     if fit.method != "gn":
-        return linear(structure, records).model
-    quick: dict[str, Any] = {"max_iterations": STEPS, "least_saving": SAVING, "covariances": False}
-    return fit_free_run(structure, records, start=fit.estimate, control=control, **quick).model
+        return data.linear(structure, data.in_pieces).model
+    return fit_free_run(
+        structure,
+        data.records,
+        start=fit.model.parameters,
+        max_iterations=STEPS,
+        least_saving=SAVING,
+        control=data.control,
+        covariances=False,
+        left_out=data.by_segment,
+    ).model
 
 
-def _cascade(fit: Fit[Cascade], records: Sequence[Record], _: Linear, control: Control) -> Model:
+def _cascade(fit: Fit[Cascade], data: Data) -> Model:
     minimum, problem = cascades.search(
         fit.model,
-        records,
+        data.records,
         fixed=cascades.fixed_in(fit),
         max_iterations=STEPS,
         least_saving=SAVING,
-        control=control.quietly(),
+        control=data.control.quietly(),
+        left_out=data.by_segment,
     )
     return problem.model(minimum.estimate)
 
 
-def _feedback(fit: Fit[FeedbackModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+def _feedback(fit: Fit[FeedbackModel], data: Data) -> Model:
     """Among the models that do not run away, as in the search for the structure."""
-    segments = segments_longer_than(fit.model.memory, fit.model, records)
+    segments, control = segments_longer_than(fit.model.memory, fit.model, data.records), data.control.quietly()
+    refused, out = trials.runs_away, data.by_segment
     found = feedback.searched(
-        fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING, refused=trials.runs_away
+        fit.model, segments, fit.model.edge, STEPS, 0.1, control, SAVING, refused=refused, left_out=out
     )
     return found.model
 
 
-def _polynomials(fit: Fit[PolynomialModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
-    structure = PolynomialStructure.of(fit)
-    return fit_polynomials(structure, records, start=fit.estimate, max_iterations=STEPS, control=control).model
+def _polynomials(fit: Fit[PolynomialModel], data: Data) -> Model:
+    return fit_polynomials(
+        PolynomialStructure.of(fit),
+        data.records,
+        start=fit.estimate,
+        max_iterations=STEPS,
+        control=data.control,
+        left_out=data.by_segment,
+    ).model
 
 
-def _state_space(fit: Fit[StateSpaceModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+def _state_space(fit: Fit[StateSpaceModel], data: Data) -> Model:
     """By a subspace method again: its start needs no search."""
-    structure, free_run = StateSpaceStructure.of(fit.model), not fit.model.k.any()
-    return fit_state_space(structure, records, free_run=free_run, max_iterations=STEPS, control=control).model
+    return fit_state_space(
+        StateSpaceStructure.of(fit.model),
+        data.records,
+        free_run=not fit.model.k.any(),
+        max_iterations=STEPS,
+        control=data.control,
+        left_out=data.by_segment,
+    ).model
 
 
-def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Control) -> Model:
+def _plant(fit: Fit[GreyBox], data: Data) -> Model:
     if not isinstance(fit, GreyBoxFit):
         raise ModelError(f"{fit.model.name}: it has not been fitted, so there is nothing to fit again")
     plant, signals = fit.model.plant, fit.model.signals
-    segments = [segment for record in records for segment in record.segments if len(segment) > fit.model.memory]
+    segments = [segment for record in data.records for segment in record.segments if len(segment) > fit.model.memory]
     states = [plant.first_state(signals, segment) for segment in segments]
     unknown = [plant.free_states(signals, segment) for segment in segments]
     threads, weighting = threads_for(segments), elsewhere(fit.weighting, plant, segments, signals)
-    problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, weighting, threads)
+    out = data.by_segment
+    counted = None if out is None else [(~each).astype(float) for each in out]
+    problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, weighting, threads, counted)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(
         problem,
@@ -171,12 +235,12 @@ def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Con
         least_saving=SAVING,
         names=problem.names,
         covariances=False,
-        control=control.quietly(),
+        control=data.control.quietly(),
     )
     return replace(fit.model, plant=problem.plant_at(found.estimate))
 
 
-REFITTED: dict[type, Callable[[Any, Sequence[Record], Linear, Control], Model]] = {
+REFITTED: dict[type, Callable[[Any, Data], Model]] = {
     Narx: _regression,
     Cascade: _cascade,
     FeedbackModel: _feedback,

@@ -10,15 +10,17 @@ enough, one part of them chooses and the other gives the error of the model that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.record.joining import concatenate
 from emsid.record.record import Record
 
+Mask = NDArray[np.bool_]
 # The records to fit and the unseen records to test on.
 Split = tuple[Sequence[Record], Sequence[Record]]
 
@@ -144,6 +146,27 @@ def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record,
         )
         found.append((record.mask(out), part))
     return found
+
+
+def stretches_in_turn(lengths: Sequence[int], folds: int, stretches: int, known: int) -> Iterator[list[Mask]]:
+    """The samples that each fold leaves out: every ``folds``-th of equal stretches.
+
+    A fold that leaves out one whole part of a short record may leave out all of its largest values, and where a run
+    begins anew in every part, few samples must give its state.
+
+    Args:
+        lengths: of the segments.
+        folds: their number.
+        stretches: the number of stretches, a multiple of that.
+        known: samples at the start of each segment that no fold leaves out, as they show its initial state.
+
+    Yields:
+        (N,) for every segment, whether the fold leaves out the sample.
+    """
+    free = np.concatenate([np.arange(length) >= known for length in lengths])
+    stretch = (np.cumsum(free) - 1) * stretches // np.sum(free)
+    for fold in range(folds):
+        yield np.split(free & (stretch % folds == fold), np.cumsum(lengths)[:-1])
 
 
 def _edges(record: Record, folds: int) -> list[int]:

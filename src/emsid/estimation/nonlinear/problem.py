@@ -160,6 +160,13 @@ def linearised(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> L
     return Linearised(total, tuple(residuals), information, blocks)
 
 
+def columns_of(problem: Problem, theta: Array) -> Iterable[Columns]:
+    """The residual of every experiment and the columns of its derivative, at a θ where the residual exists."""
+    if isinstance(problem, SparseProblem):
+        return problem.columns(theta)
+    return (_columns(each, len(theta)) for each in problem.linearised(theta))
+
+
 def _columns(block: Block, parameters: int) -> Columns:
     """The residual and the columns of a derivative.
 

@@ -28,6 +28,7 @@ from emsid.estimation.nonlinear.minimum import Minimum, undetermined
 from emsid.estimation.nonlinear.problem import Columns, LastRun, SparseProblem
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.estimation.threads import short_tasks
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
@@ -312,6 +313,7 @@ def search(
     correlated: bool = True,
     threads: int = 1,
     control: Control = FREE,
+    left_out: Sequence[Mask] | None = None,
 ) -> tuple[Minimum, FreeRun]:
     """The minimum of `fit_cascade` without its covariance, for comparisons of models.
 
@@ -329,6 +331,7 @@ def search(
         weightings: of every segment after its transient, see `process_noise`.
         correlated: see `Smoothing`; for curves with a penalty.
         threads: that share long segments; one for a search beside others.
+        left_out: (N,) the samples of every segment that are not fitted; the run goes on through them.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -357,7 +360,7 @@ def search(
     same |= {"control": control, "smoothing": Smoothing(problem.penalties, correlated)}
 
     def searched(theta: Array, **others: Any) -> Minimum:
-        return gauss_newton(problem, theta, **same, **(options | others))
+        return gauss_newton(without(problem, left_out), theta, **same, **(options | others))
 
     minimum = searched(problem.start)
     if restarts and not (least_saving and minimum.ending is Ending.OUT_OF_BUDGET):

@@ -25,6 +25,7 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
 from emsid.estimation.nonlinear.restarts import TURNS, Ends, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, in_coordinates, whitened
 from emsid.models.feedback.kernels import LoopSignals
@@ -68,7 +69,6 @@ class FreeRun:
         transient: samples at the start of every segment that are left out of the residual.
         check: called again and again while the derivative by a long segment is computed; what it raises ends that.
         refused: a step does not lead to a model that this refuses, if it is given.
-        left_out: (N,) which other samples of every segment are not in the residual; None: all are.
     """
 
     model: FeedbackModel
@@ -77,7 +77,6 @@ class FreeRun:
     transient: int
     check: Callable[[], None] = FREE.check
     refused: Refusal | None = None
-    left_out: Sequence[NDArray[np.bool_]] | None = None
     _last: LastRun[tuple[FeedbackModel, list[LoopSignals]]] = field(default_factory=LastRun, init=False, repr=False)
 
     def at(self, theta: Array) -> FeedbackModel:
@@ -113,17 +112,8 @@ class FreeRun:
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
         model, runs = self._run(theta)
-        return [
-            (run.y[:: model.oversampling] - y)[self._seen(k)]
-            for k, (run, (_, y)) in enumerate(zip(runs, self.segments, strict=True))
-        ]
-
-    def _seen(self, k: int) -> slice | NDArray[np.bool_]:
-        """The samples of a segment that are in the residual."""
-        if self.left_out is None:
-            return slice(self.transient, None)
-        gone = self.left_out[k]
-        return ~gone & (np.arange(len(gone)) >= self.transient)
+        every = zip(runs, self.segments, strict=True)
+        return [(run.y[:: model.oversampling] - y)[self.transient :] for run, (_, y) in every]
 
     def _run(self, theta: Array) -> tuple[FeedbackModel, list[LoopSignals]]:
         """The model and its runs.
@@ -164,12 +154,11 @@ class FreeRun:
                 with np.errstate(all="ignore"):
                     np.matmul(self.spread.T, rows[:, :count].T, out=derivative[:free, samples])
                 derivative[own : own + model.states, samples] = rows[:, count:].T
-            seen = self._seen(k)
-            fitted = derivative[:, seen]
+            fitted = derivative[:, self.transient :]
             largest = max(fitted.max(), -fitted.min())
             if not largest < self.steepest:  # also if not a number
                 raise Infeasible(f"the derivative of {model.name} is too large")
-            found.append(((passed.y[:: model.oversampling] - y)[seen], fitted.T))
+            found.append(((passed.y[:: model.oversampling] - y)[self.transient :], fitted.T))
         return found
 
 
@@ -254,7 +243,7 @@ def searched(
     states: Sequence[Array] | None = None,
     hold_signals: bool = False,
     refused: Refusal | None = None,
-    left_out: Sequence[NDArray[np.bool_]] | None = None,
+    left_out: Sequence[Mask] | None = None,
 ) -> Found:
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
@@ -276,8 +265,8 @@ def searched(
         held = _signals_of_products(same.model) if hold_signals else None
         spread = coordinates(same.model, visited(same.model, segments, states), held)
         limit = _limit(refused, same.model, segments, states)
-        problem = FreeRun(same.model, spread, segments, transient, control.check, limit, left_out)
-        minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
+        problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
+        minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving, left_out)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)
         states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
@@ -388,8 +377,8 @@ def _last_steps(
     if iterations and sum(len(y) for _, y in segments) <= BEGUN_AGAIN:
 
         def search(theta: Array, **options: Any) -> Minimum:
-            given = {"max_iterations": iterations, "tolerance": tolerance, "control": control, "covariances": False}
-            return _search(problem, theta, **(given | options))
+            given: dict[str, Any] = {"max_iterations": iterations, "tolerance": tolerance, "control": control}
+            return _search(problem, theta, **({"covariances": False} | given | options))
 
         def around(theta: Array, **options: Any) -> Minimum:
             return search(nearer(problem, theta, minimum), **options)
@@ -439,6 +428,7 @@ def _gauss_newton(
     control: Control,
     covariances: bool,
     least_saving: float = 0.0,
+    left_out: Sequence[Mask] | None = None,
 ) -> Minimum:
     theta = np.concatenate([np.zeros(problem.spread.shape[1]), *states])
     return _search(
@@ -449,17 +439,18 @@ def _gauss_newton(
         control=control,
         covariances=covariances,
         least_saving=least_saving,
+        left_out=left_out,
     )
 
 
-def _search(problem: FreeRun, theta: Array, **options: Any) -> Minimum:
+def _search(problem: FreeRun, theta: Array, *, left_out: Sequence[Mask] | None = None, **options: Any) -> Minimum:
     """`gauss_newton` from (φ, states), with these options of it."""
     free = problem.spread.shape[1]
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
     if len(theta) - free > MOST_STATES:
         low[free:] = high[free:] = theta[free:]
     return gauss_newton(
-        problem,
+        without(problem, left_out),
         theta,
         lower=low,
         upper=high,

@@ -34,6 +34,7 @@ from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.problem import Block, Infeasible
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.linear.polynomials import PolynomialModel, coefficient_names
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.structures import arx
@@ -155,6 +156,7 @@ def fit_polynomials(
     start: Sequence[float] | Array | None = None,
     max_iterations: int = 100,
     control: Control = FREE,
+    left_out: Sequence[Mask] | None = None,
 ) -> Fit[PolynomialModel]:
     """The parameters that minimise the prediction error over one or several records.
 
@@ -164,6 +166,7 @@ def fit_polynomials(
         start: (n,) parameters to begin with; by default from regressions.
         max_iterations: the largest number of Gauss–Newton steps.
         control: when to stop.
+        left_out: (N,) the samples of every segment whose errors are not fitted.
 
     Returns:
         A fit with intervals that allow for residuals that are not white.
@@ -178,7 +181,7 @@ def fit_polynomials(
     if theta.shape != (len(structure.names),):
         raise ModelError(f"{structure.name}: a start of shape {theta.shape}; give {len(structure.names)} numbers")
     found = gauss_newton(
-        problem,
+        without(problem, left_out),
         np.concatenate([theta, np.zeros(problem.states)]),
         max_iterations=max_iterations,
         names=(*structure.names, *(f"initial state {k + 1}" for k in range(problem.states))),

@@ -41,6 +41,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Block, Infeasible
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.linear.state_space import StateSpaceModel, run_linear
 from emsid.record import Record, check_same_channels
 
@@ -131,6 +132,7 @@ def fit_state_space(
     refine: bool = True,
     max_iterations: int = 50,
     control: Control = FREE,
+    left_out: Sequence[Mask] | None = None,
 ) -> Fit[StateSpaceModel]:
     """A state-space model by a subspace method, refined by Gauss–Newton steps.
 
@@ -141,6 +143,7 @@ def fit_state_space(
         refine: whether to refine; without it there are no intervals.
         max_iterations: the largest number of Gauss–Newton steps.
         control: when to stop.
+        left_out: (N,) the samples of every segment that the refinement does not fit.
 
     Returns:
         A fit of the coefficients of its transfer functions, which do not depend on the basis of the state.
@@ -153,8 +156,10 @@ def fit_state_space(
     model = start.model(order, structure.direct, noise=not free_run)
     problem = StateSpaceError(model, start, structure.direct, free_run)
     if refine:
-        begin = np.zeros(problem.size)
-        found = gauss_newton(problem, begin, max_iterations=max_iterations, noise=ROUNDING, control=control)
+        begin, out = np.zeros(problem.size), left_out and [each for each in left_out for _ in model.level]
+        found = gauss_newton(
+            without(problem, out), begin, max_iterations=max_iterations, noise=ROUNDING, control=control
+        )
         return problem.fit(found)
     return problem.fit(None)
 

@@ -41,6 +41,7 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
 from emsid.estimation.nonlinear.restarts import begun_again, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
@@ -140,6 +141,7 @@ def fit_free_run(
     control: Control = FREE,
     covariances: bool = True,
     restarts: bool = False,
+    left_out: Sequence[Mask] | None = None,
 ) -> Fit[Narx]:
     """The parameters that minimise the error of the free run over one or several records.
 
@@ -155,6 +157,7 @@ def fit_free_run(
         covariances: whether they are computed; otherwise they are infinite.
         restarts: whether a search that does not converge is begun again, see `begun_again`, and one over signs of past
             outputs begins with wide differences.
+        left_out: (N,) the samples of every segment that are not fitted; the run goes on through them.
 
     Returns:
         A fit with intervals that allow for coloured residuals and model error.
@@ -187,7 +190,7 @@ def fit_free_run(
     usual |= {"names": problem.names, "control": control, "covariances": covariances}
 
     def search(theta: Array, of: Problem = problem, **others: Any) -> Minimum:
-        return gauss_newton(of, theta, **(usual | others))
+        return gauss_newton(without(of, left_out), theta, **(usual | others))
 
     def narrowed(theta: Array, widths: Sequence[float]) -> Array:
         for width in widths:

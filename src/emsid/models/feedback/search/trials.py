@@ -33,7 +33,7 @@ from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import FOLDS, validation_splits
+from emsid.record.holding_back import FOLDS, stretches_in_turn, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 Array = NDArray[np.float64]
@@ -380,7 +380,7 @@ class Bench:
         if key not in self.folds:
             found, edge = trial.found, trial.found.model.edge
             segments, control, parts = self.segments(found.model), self.control.quietly(), list[StretchErrors]()
-            for out in stretches_in_turn([len(y) for _, y in segments], found.model.memory):
+            for out in stretches_in_turn([len(y) for _, y in segments], FOLDS, STRETCHES, found.model.memory):
                 squares = np.full(1, np.inf)
                 with suppress(EmsidError):
                     now = searched(
@@ -393,24 +393,6 @@ class Bench:
                 parts.append(StretchErrors.of(squares, STRETCHES // FOLDS))
             self.folds[key] = trial, StretchErrors.joined(parts)
         return self.folds[key][1]
-
-
-def stretches_in_turn(lengths: Sequence[int], known: int) -> Iterator[list[NDArray[np.bool_]]]:
-    """The samples that each of `FOLDS` folds leaves out: every `FOLDS`-th of `STRETCHES` equal stretches.
-
-    A fold that leaves out one whole quarter of a short record may leave out all of its largest values.
-
-    Args:
-        lengths: of the segments.
-        known: samples at the start of each segment that no fold leaves out, as they show its initial state.
-
-    Yields:
-        (N,) for every segment, whether the fold leaves out the sample.
-    """
-    free = np.concatenate([np.arange(length) >= known for length in lengths])
-    stretch = (np.cumsum(free) - 1) * STRETCHES // np.sum(free)
-    for fold in range(FOLDS):
-        yield np.split(free & (stretch % FOLDS == fold), np.cumsum(lengths)[:-1])
 
 
 def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:

@@ -18,7 +18,6 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import of_magnitudes
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch
 from emsid.models.one_channel import segments_longer_than
-from emsid.record.holding_back import FOLDS
 from feedback_models import Array, X
 from model_examples import DT, MAPS
 
@@ -132,15 +131,3 @@ def test_the_run_goes_on_through_samples_that_are_left_out() -> None:
     errors = bench.left_out(trial)
     assert errors.mean == pytest.approx(0.01**2, rel=0.35)
     assert np.all(errors.means < 3 * 0.01**2)
-
-
-@pytest.mark.parametrize("lengths", [[300], [120, 90, 60], [41]])
-def test_every_sample_after_the_first_ones_is_left_out_once(lengths: list[int]) -> None:
-    known = 40
-    folds = list(stretches_in_turn(lengths, 4, 16, known))
-    assert len(folds) == FOLDS
-    for k, length in enumerate(lengths):
-        times = np.sum([fold[k] for fold in folds], axis=0)
-        np.testing.assert_array_equal(times, np.arange(length) >= known)
-    sizes = [sum(np.count_nonzero(each) for each in fold) for fold in folds]
-    assert max(sizes) - min(sizes) <= FOLDS

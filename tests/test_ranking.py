@@ -22,7 +22,7 @@ from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked
 from emsid.identification.recommendation import recommended
 from emsid.models.free_run import free_run_error
 from emsid.models.refitting import REFITTED, better_refit, refitted
-from emsid.record.holding_back import left_out_once
+from emsid.record.holding_back import left_out_once, stretches_in_turn
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure
 from emsid.report.views.front import front_figure, front_table
@@ -66,6 +66,18 @@ def test_stretches_end_at_the_gaps_between_records():
     whole = emsid.concatenate([drive(k, samples) for k, samples in enumerate((300, 340, 290))])
     assert [len(part) for _, part in left_out_once(whole, 3, 5)] == [300, 340, 290]
     assert all(len(rest) + len(part) == len(whole) for rest, part in left_out_once(whole, 3, 5))
+
+
+@pytest.mark.parametrize("lengths", [[300], [120, 90, 60], [41]])
+def test_every_sample_after_the_first_ones_of_a_segment_is_left_out_once(lengths):
+    known = 40
+    folds = list(stretches_in_turn(lengths, FOLDS, 16, known))
+    assert len(folds) == FOLDS
+    for k, length in enumerate(lengths):
+        times = np.sum([fold[k] for fold in folds], axis=0)
+        np.testing.assert_array_equal(times, np.arange(length) >= known)
+    sizes = [sum(np.count_nonzero(each) for each in fold) for fold in folds]
+    assert max(sizes) - min(sizes) <= FOLDS
 
 
 # --- fitted again ----------------------------------------------------------------------------------------------------

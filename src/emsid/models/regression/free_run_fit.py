@@ -177,11 +177,7 @@ def fit_free_run(
             check_same_channels(several[0], record)
     check_samples(structure.name, "a transient", transient, 0)
     skipped = max(structure.memory, transient or 0)
-    segments = [segment for record in several for segment in record.segments if len(segment) > skipped]
-    if not segments:
-        raise ModelError(
-            f"{several[0].name}: no segment is longer than {skipped} samples; choose a shorter transient or fewer lags"
-        )
+    segments = _longer_than(skipped, several)
     if not _explains_something(FreeRunError(structure, segments, skipped), begin):
         begin = _towards_free_run(structure, segments, skipped, begin, control)
     states = largest_output_lag(structure.regressors) * len(segments)
@@ -213,6 +209,20 @@ def fit_free_run(
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
     return found.judged().fit(model, structure.parameter_names)
+
+
+def _longer_than(samples: int, records: Sequence[Record]) -> list[Record]:
+    """The segments that are longer than so many samples.
+
+    Raises:
+        ModelError: if there are none.
+    """
+    segments = [segment for record in records for segment in record.segments if len(segment) > samples]
+    if not segments:
+        raise ModelError(
+            f"{records[0].name}: no segment is longer than {samples} samples; choose a shorter transient or fewer lags"
+        )
+    return segments
 
 
 def given_start(structure: Structure, start: ArrayLike) -> Array:

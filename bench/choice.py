@@ -43,8 +43,8 @@ def ratios(case: Pair) -> tuple[dict[str, float], str, str]:
     found = dict(zip((model.name for model in models), of_each, strict=True))
     best = min(found, key=found.__getitem__)
     ranking = result.ranking
-    last = min(ranking, key=lambda each: each.folds[0].mean)
-    chosen = {"recommended": result.chosen.model.name, "folds": ranking[0].name, "last part": last.name}
+    last = min(result.on_unseen.rows, key=lambda row: row.ranked_by)
+    chosen = {"recommended": result.chosen.model.name, "folds": ranking[0].name, "last part": last.model}
     answer = {way: found[name] / found[best] for way, name in chosen.items()}
     answer["all"] = of_all / found[best]
     return answer, chosen["recommended"], best

@@ -380,11 +380,11 @@ def fold_sizes(folds):
 
 def test_runs_begin_anew_in_parts_that_are_long_and_go_on_through_short_ones():
     """A series of short experiments keeps its experiments as parts, however short they are."""
-    assert ranked_parts(drive(8, 180), 4) == [[56, 36, 36, 36]] * 2
-    assert ranked_parts(drive(8, 180), 5) == [[44, 42, 42, 42]] * 2
+    assert ranked_parts(drive(8, 180), 8) == [[52, 32, 32, 32]] * 2
+    assert ranked_parts(drive(8, 180), 9) == [[42, 40, 40, 40]] * 2
     assert list(map(sum, ranked_parts(drive(8, 180), 31))) == [120 - 31] * 2
     series = emsid.concatenate([drive(k, 20) for k in range(9)])
-    assert ranked_parts(series, 5) == [[45, 30, 30, 30]] * 2
+    assert ranked_parts(series, 9) == [[33, 22, 22, 22]] * 2
 
 
 def test_a_short_record_with_its_large_values_in_one_part_ranks_by_stretches_of_all():

@@ -60,7 +60,7 @@ MUCH_WORSE = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
-ANEW = 10
+ANEW = 5
 """A free run begins anew in every part that has at least this many samples for each that starts a model."""
 LEAST = 2
 """A segment that is run on has at least this many samples for each that starts a model."""

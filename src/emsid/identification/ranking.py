@@ -254,7 +254,7 @@ class _Folds:
         if part < ANEW * self.start and not is_series(fitted, FOLDS - 1):
             long = [each for each in whole.segments if len(each) > LEAST * self.start]
             if 2 * sum(map(len, long)) > len(whole):
-                return [self.in_turn(each, concatenate(long)) for each in followed]
+                return [self.in_turn(each, whole, concatenate(long)) for each in followed]
         folds: list[Fold] = []
         if part >= LEAST * self.start:
             every = left_out_once(fitted, FOLDS - 1, self.start)
@@ -274,16 +274,24 @@ class _Folds:
                     errors.append(self.errors(model, part))
         return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
 
-    def in_turn(self, each: Assessment, whole: Record) -> Ranked:
-        """A model with its errors on stretches of all data that are left out in turn, while the run goes on."""
-        lengths, left, included = list(map(len, whole.segments)), list[StretchErrors](), list[StretchErrors]()
+    def in_turn(self, each: Assessment, whole: Record, long: Record) -> Ranked:
+        """A model with its errors on stretches that are left out in turn, while the run goes on.
+
+        Args:
+            each: the model.
+            whole: all data.
+            long: the segments of them that are run on.
+        """
         refit = self.to_all(each.fit, whole)
         known = each.fit if refit is None else replace(each.fit, model=refit)
-        for number, out in enumerate(map(np.concatenate, stretches_in_turn(lengths, FOLDS, STRETCHES, self.start)), 1):
+        left, included = list[StretchErrors](), list[StretchErrors]()
+        lengths = [len(segment) for segment in long.segments]
+        for number, out in enumerate(stretches_in_turn(lengths, FOLDS, STRETCHES, self.start), 1):
             self.control.doing(f"ranking {each.row.model}", number, FOLDS)
-            included.append(self.errors(known.model, whole, out))
-            with self.failing(left, int(out.sum())):
-                left.append(self.errors(self.again(known, whole, [out]), whole, out))
+            mask = np.concatenate(out)
+            included.append(self.errors(known.model, long, mask))
+            with self.failing(left, int(mask.sum())):
+                left.append(self.errors(self.again(known, long, [mask]), long, mask))
         return Ranked(each.fit, tuple(left), tuple(included), refit)
 
     def with_included(self, each: Ranked, whole: Record, parts: Sequence[Record]) -> Ranked:
@@ -291,8 +299,8 @@ class _Folds:
         self.control.doing(f"ranking {each.name}", len(parts), len(parts))
         refit = self.to_all(each.fit, whole)
         model = each.fit.model if refit is None else refit
-        parted = zip(parts, each.folds, strict=True)
-        included = tuple(self.errors(model, part, stretches=len(fold.means)) for part, fold in parted)
+        both = zip(parts, each.folds, strict=True)
+        included = tuple(self.errors(model, part, stretches=len(fold.means)) for part, fold in both)
         return replace(each, included=included, refit=refit)
 
     def again(self, fit: Fit[Any], data: Record, left_out: Sequence[Mask] | None = None) -> Model:

@@ -59,6 +59,12 @@ def test_few_unseen_samples_are_named() -> None:
     assert "few-unseen-samples" not in codes(emsid.identify(record(200), models="arx", options=ONE))
 
 
+def test_samples_of_all_parts_that_are_left_out_in_turn_are_enough_to_rank_models() -> None:
+    several = emsid.identify(record(100), models="arx,output-error", options=ONE)
+    assert several.on_unseen.best.row.samples < 50
+    assert "few-unseen-samples" not in codes(several)
+
+
 def test_a_fraction_that_leaves_hardly_anything_to_fit() -> None:
     with pytest.raises(
         DataError, match=r"log, unseen part, of 599 samples, leaves 1 sample to fit; keep a smaller part"

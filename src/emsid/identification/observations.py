@@ -39,6 +39,7 @@ def observations(
     profiles: Mapping[str, tuple[Profile, ...]],
     choice: Comparison | None = None,
     *,
+    ranked_on: int = 0,
     tests: bool = True,
 ) -> list[Finding]:
     """All findings about the free runs of the models on unseen data, and about their profiles.
@@ -49,6 +50,7 @@ def observations(
         unseen: what their errors are from.
         profiles: by model.
         choice: the models on further unseen data that chose among them; None where ``unseen`` did.
+        ranked_on: the samples that ranked the models, where these are more than those of the comparison.
         tests: whether the residuals of the best model are tested.
     """
     seen = has_common_samples(unseen, record)
@@ -57,7 +59,7 @@ def observations(
         *_about_the_best(comparison, unseen, seen, choice),
         *([*about_the_residual(comparison.best), *about_nonlinear_terms(comparison.best)] if tests else []),
         *([found] if (found := worst_region(comparison.best)) else []),
-        *_about_few_samples(comparison.best.row.samples, unseen),
+        *_about_few_samples(max(comparison.best.row.samples, ranked_on), unseen),
         *about_the_unseen_input(record, unseen, seen),
         *about_the_maps(comparison.best.fit.model, record, unseen, seen),
         *(

@@ -169,7 +169,15 @@ def _findings(
 ) -> Iterator[Finding]:
     """All findings of an identification: on the models, the data and the requests."""
     on_unseen, profiles = judged.on_unseen, taken.profiles
-    yield from observations(on_unseen, task.train, on_unseen.best.record, profiles, judged.on_choice, tests=not stopped)
+    yield from observations(
+        on_unseen,
+        task.train,
+        on_unseen.best.record,
+        profiles,
+        judged.on_choice,
+        ranked_on=int(judged.ranking[0].left_out.samples.sum()),
+        tests=not stopped,
+    )
     yield from judged.findings
     yield from found.failed
     yield from asked

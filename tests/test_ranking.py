@@ -426,6 +426,18 @@ def test_data_outside_an_excerpt_rank_models_without_another_fit(monkeypatch):
     assert [len(each.folds) for each in ranked(choice, fitted, Options(), outside=slivers)] == [1, 1]
 
 
+def test_the_fit_of_a_recommendation_is_that_over_the_folds():
+    """The held-back part hardly leaves the dead zone, where noise is a third of the motion."""
+    most = np.where(np.arange(151) < 105, 1.0, 0.3)
+    result = emsid.identify(drive(1, low=-most, high=most), models="arx, friction-narx")
+    (row,) = (each for each in result.front if each.recommended)
+    assert row.folds == FOLDS
+    said = result.recommendation[0].data["fit_percent"]
+    assert said == pytest.approx(100 * (1 - row.error))
+    assert result.on_unseen.best.row.fit_percent < 70 < 80 < said
+    assert "next-check-data" not in {each.code for each in result.next_steps}
+
+
 def test_a_model_that_some_folds_do_not_suit_is_last():
     fitted, choice = misleading()
     never = ranking_module.refitted

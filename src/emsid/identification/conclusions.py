@@ -142,7 +142,7 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
 
 
 def next_steps(
-    chosen: Assessment, found: Sequence[Finding], fits: Iterable[Fit[Any]], record: Record
+    chosen: Assessment, found: Sequence[Finding], fits: Iterable[Fit[Any]], record: Record, over_folds: float = -np.inf
 ) -> Iterable[Finding]:
     """What to do next besides another experiment, the most useful first.
 
@@ -151,8 +151,9 @@ def next_steps(
         found: its `verdicts`, and what was found in fitting the models.
         fits: of all models.
         record: what they were fitted to.
+        over_folds: the fit of the recommended model over all folds in %, where there are several.
     """
-    fit = chosen.row.fit_percent
+    fit = np.fmax(chosen.row.fit_percent, over_folds)
     depends = any(each.code == "residual-depends-on-input" for each in found)
     failed = {each.subject for each in found if each.code == "model-failed"}
     physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)

@@ -120,6 +120,11 @@ class Ranked:
         low, high = max(mean - half, 0.0), mean + half
         return float(np.sqrt(mean)), float(np.sqrt(low)), float(np.sqrt(high))
 
+    @property
+    def fit_percent(self) -> float:
+        """100·(1 − RMSE on data left out over the output's deviation)."""
+        return 100 * (1 - self.rmse[0])
+
 
 def ranked(
     choice: Comparison,

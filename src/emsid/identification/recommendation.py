@@ -106,6 +106,8 @@ def recommendation(
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)
     smallest, own = min(among.values(), key=lambda each: each.left_out.mean), among[row.model]
+    if data["folds"] > 1:
+        data |= {"fit_percent": finite(own.fit_percent)}
     if smallest.left_out.mean < own.left_out.mean:
         data |= _instead_of(own, smallest, findings)
     return Finding("model-recommended", row.model, data)

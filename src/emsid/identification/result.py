@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from emsid.findings import Finding, plain
@@ -152,7 +153,10 @@ class Identification(Presented):
     @cached_property
     def next_steps(self) -> tuple[Finding, ...]:
         """What to do next besides another experiment, the most useful first."""
-        return tuple(next_steps(self.on_unseen.best, (*self.verdicts, *self.findings), self.fits, self.record))
+        own = next(each for each in self.ranking if each.name == self.chosen.model.name)
+        over_folds = own.fit_percent if len(own.folds) > 1 else -inf
+        found = (*self.verdicts, *self.findings)
+        return tuple(next_steps(self.on_unseen.best, found, self.fits, self.record, over_folds))
 
     def to_data(self) -> dict[str, Any]:
         """The content of ``result.json``; see `emsid.identification.result_format`."""

@@ -112,10 +112,11 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: fit_percent, models, others (models that were not compared with these), folds (parts
-    of the data that were left out of a fit in turn), seen, verdict, reasons, tests_failed (how many); instead_of,
-    because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and of the other)
-    and same_in (noise, practice or all-data, None where the errors differ) where another model has a smaller error."""
+    """Subject: the model. Data: fit_percent (over all folds), models, others (that were not compared with these), folds
+    (parts of the data that were left out of a fit in turn), seen, verdict, reasons, tests_failed (how many);
+    instead_of, because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and
+    of the other) and same_in (noise, practice or all-data, None where the errors differ) where another model has a
+    smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:

@@ -1,6 +1,7 @@
 """Models that `emsid identify` saved, validated and simulated on other records."""
 
 import json
+from io import StringIO
 
 import numpy as np
 import polars as pl
@@ -42,6 +43,20 @@ def test_identify_writes_everything_it_promises(result):
     for row in unseen:
         assert (result / f"{row['model']}.json").exists()
     assert len(list((result / "figures").glob("*.svg"))) > 3
+
+
+class Closed(StringIO):
+    """A pipe whose reader is gone, as ``head`` is after some lines."""
+
+    def write(self, text: str) -> int:
+        raise BrokenPipeError
+
+
+def test_everything_is_written_though_nobody_reads_the_output(command, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.stdout", Closed())
+    log = table(tmp_path / "log.csv", samples=300)
+    assert command("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "result") == 0
+    assert {"report.html", "result.json", "arx.json"} <= {each.name for each in (tmp_path / "result").iterdir()}
 
 
 def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):

@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import StringIO
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
@@ -71,6 +72,18 @@ def say(*lines: str) -> None:
     """Print lines on standard output."""
     for line in lines:
         print(harmless(line), flush=True)
+
+
+@contextmanager
+def unread() -> Iterator[None]:
+    """Within this context, nothing more is printed once the reader of the output is gone, as ``head`` soon is.
+
+    What follows, such as the report, is still written.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        sys.stdout = StringIO()  # neither this output nor that at exit fails again
 
 
 def warn(words: str) -> None:
@@ -187,12 +200,14 @@ def show(table: Table) -> None:
         console = Console(width=160)
     title, note = table.title, table.caption
     table.title = table.caption = None
-    if title is not None:
-        console.print(title)
-    console.print(table)
-    if note:
-        console.print(note, markup=False)
-    console.print()
+    with console.capture() as text:  # a console would end the program where the reader of the output is gone
+        if title is not None:
+            console.print(title)
+        console.print(table)
+        if note:
+            console.print(note, markup=False)
+        console.print()
+    print(text.get(), end="", flush=True)
 
 
 def width_of_terminal() -> int:

@@ -11,12 +11,13 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table, working
+from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table, unread, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
     from emsid.findings import Finding
+    from emsid.study import Study
 
 MAIN = ("study-many-inputs", "study-even-terms")
 """Findings that are printed beside warnings; the report has all."""
@@ -74,11 +75,10 @@ def study(
       emsid study --record a.csv --validate b.csv --input u --output y --dt 0.01
     """
     from emsid.io import read_motor
-    from emsid.report.study_page import study_report, summary_table
-    from emsid.report.views.tables import results_table
+    from emsid.report.study_page import study_report
     from emsid.study import Settings
     from emsid.study import study as run
-    from emsid.study.summary import findings, study_data
+    from emsid.study.summary import study_data
 
     if (record is None) != (validate is None):
         raise DataError(
@@ -95,21 +95,29 @@ def study(
         result = run(settings, records, control, survey=survey)
     with kept(result, "the study") as result:
         write(out, {"study.json": study_data(result)})
-        if json:
-            say_json(as_json(study_data(result)))
-        else:
-            for part in result.parts:
-                show(
-                    text_table(
-                        results_table(part.rows, unit=part.unseen.output_units[0], caption=f"The {part.name} study.")
-                    )
-                )
-                show(text_table(summary_table(part, own_records=result.own_records)))
-            say(EXPLAINED, "", *_noticed(findings(result)))
+        with unread():
+            if json:
+                say_json(as_json(study_data(result)))
+            else:
+                _print(result)
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
     if not json:
-        say_where(out, drawn, "study.json")
+        with unread():
+            say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _print(result: "Study") -> None:
+    """The tables of all parts, and what to know first."""
+    from emsid.report.study_page import summary_table
+    from emsid.report.views.tables import results_table
+    from emsid.study.summary import findings
+
+    for part in result.parts:
+        caption = f"The {part.name} study."
+        show(text_table(results_table(part.rows, unit=part.unseen.output_units[0], caption=caption)))
+        show(text_table(summary_table(part, own_records=result.own_records)))
+    say(EXPLAINED, "", *_noticed(findings(result)))
 
 
 def _noticed(found: "Sequence[Finding]") -> list[str]:

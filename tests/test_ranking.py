@@ -383,6 +383,9 @@ def test_runs_begin_anew_in_parts_that_are_long_and_go_on_through_short_ones():
     assert ranked_parts(drive(8, 180), 8) == [[52, 32, 32, 32]] * 2
     assert ranked_parts(drive(8, 180), 9) == [[42, 40, 40, 40]] * 2
     assert list(map(sum, ranked_parts(drive(8, 180), 31))) == [120 - 31] * 2
+    position = replace(drive(8, 180), output=np.cumsum(drive(8, 180).output + 0.5)[:, None])
+    assert ranked_parts(position, 9) == [[51, 31, 31, 31]] * 2
+    assert ranked_parts(replace(drive(8, 180), output_units=("m",)), 9) == [[51, 31, 31, 31]] * 2
     series = emsid.concatenate([drive(k, 20) for k in range(9)])
     assert ranked_parts(series, 9) == [[33, 22, 22, 22]] * 2
 

@@ -284,6 +284,12 @@ def _as_modelled(found: Response, record: Record) -> Response:
     return replace(found, delay=delay, sign=sign, correlation=max(abs(found.correlation), linear.fit))
 
 
+def advice_by_code(record: Record) -> dict[str, Finding]:
+    """What the first look finds in a record, the first finding of every code."""
+    found = advice(record, response_of(record) or Response(None, 0, 0.0))
+    return {each.code: each for each in reversed(found)}
+
+
 def questions(records: Sequence[Record], responses: Sequence[Response | None]) -> list[Finding]:
     """The findings about records that call a model into question which is identified from them.
 

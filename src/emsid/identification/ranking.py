@@ -22,7 +22,8 @@ held-back part decides alone.
 In a short record, with fewer than `ANEW` samples in each part for each that starts a model, a run that began anew in
 every part would show above all how well few samples give a state, and one part often has most of the largest values,
 which the others then lack. There each fold leaves out several stretches, spread over the whole record, and the run goes
-on through them. These fits begin at the parameters from all data, as those from the first part may be far off.
+on through them. These fits begin at the parameters from all data, as those from the first part may be far off. A run of
+a position never forgets an error, and its parts are short beside that; there it always begins anew.
 
 References:
     Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
@@ -43,6 +44,8 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.first_look.data_advice import advice_by_code
+from emsid.first_look.examined import is_position
 from emsid.identification.options import Options
 from emsid.models.free_run import free_run
 from emsid.models.model import Model, Run
@@ -256,7 +259,7 @@ class _Folds:
     ) -> list[Ranked]:
         """The models over folds of all data, with the errors of fits to all of them."""
         part = len(fitted) // (FOLDS - 1)
-        if part < ANEW * self.start and not is_series(fitted, FOLDS - 1):
+        if part < ANEW * self.start and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
             long = [each for each in whole.segments if len(each) > LEAST * self.start]
             if 2 * sum(map(len, long)) > len(whole):
                 return [self.in_turn(each, whole, concatenate(long)) for each in followed]
@@ -330,6 +333,11 @@ class _Folds:
             yield
         except EmsidError:
             errors.append(StretchErrors.of(np.full(samples, np.inf), STRETCHES // FOLDS))
+
+
+def _integrates(record: Record) -> bool:
+    """Whether the output is a position, or goes on as long as the input lasts, as a position does."""
+    return is_position(record) or "output-integrates" in advice_by_code(record)
 
 
 def stretch_errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:

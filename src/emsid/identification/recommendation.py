@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from emsid.findings import Finding, finite
-from emsid.first_look.data_advice import advice, response_of
-from emsid.first_look.dynamics import Response
+from emsid.first_look.data_advice import advice_by_code
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared
 from emsid.record import Record
@@ -143,7 +142,7 @@ def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) 
         record, unseen: what the models were fitted to, and ranked on.
         seen: whether the models were fitted to some of the unseen data.
     """
-    looked = _first_look(record)
+    looked = advice_by_code(record)
     for code, kind in EXPERIMENTS.items():
         if code in looked:
             return Finding("next-experiment", record.name, {"kind": kind, **looked[code].data})
@@ -164,9 +163,3 @@ def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
     """Where a map has hardly any data."""
     places = reason.get("knots", [reason["at"]] if "at" in reason else [])
     return {"at": list(places)} if places else {}
-
-
-def _first_look(record: Record) -> dict[str, Finding]:
-    """What the first look finds in the record, by code."""
-    found = advice(record, response_of(record) or Response(None, 0, 0.0))
-    return {each.code: each for each in reversed(found)}

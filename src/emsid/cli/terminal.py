@@ -75,7 +75,7 @@ def say(*lines: str) -> None:
 
 
 @contextmanager
-def unread() -> Iterator[None]:
+def reader_may_leave() -> Iterator[None]:
     """Within this context, nothing more is printed once the reader of the output is gone, as ``head`` soon is.
 
     What follows, such as the report, is still written.

@@ -22,8 +22,8 @@ held-back part decides alone.
 In a short record, with fewer than `ANEW` samples in each part for each that starts a model, a run that began anew in
 every part would show above all how well few samples give a state, and one part often has most of the largest values,
 which the others then lack. There each fold leaves out several stretches, spread over the whole record, and the run goes
-on through them. These fits begin at the parameters from all data, as those from the first part may be far off. A run of
-a position never forgets an error, and its parts are short beside that; there it always begins anew.
+on through them. These fits begin at the parameters from all data, as those from the first part may be far off. The free
+run of a position never forgets an error, so there it always begins anew.
 
 References:
     Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
@@ -258,13 +258,13 @@ class _Folds:
         self, followed: Sequence[Assessment], fitted: Record, held_back: Record, whole: Record
     ) -> list[Ranked]:
         """The models over folds of all data, with the errors of fits to all of them."""
-        part = len(fitted) // (FOLDS - 1)
-        if part < ANEW * self.start and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
+        size = len(fitted) // (FOLDS - 1)
+        if size < ANEW * self.start and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
             long = [each for each in whole.segments if len(each) > LEAST * self.start]
             if 2 * sum(map(len, long)) > len(whole):
                 return [self.in_turn(each, whole, concatenate(long)) for each in followed]
         folds: list[Fold] = []
-        if part >= LEAST * self.start:
+        if size >= LEAST * self.start:
             every = left_out_once(fitted, FOLDS - 1, self.start)
             folds = [(concatenate([rest, held_back]), part) for rest, part in every]
         parts = [held_back, *(part for _, part in folds)]
@@ -292,14 +292,16 @@ class _Folds:
         """
         refit = self.to_all(each.fit, whole)
         known = each.fit if refit is None else replace(each.fit, model=refit)
+        squares = _squares(free_run(known.model, long, self.start), long, self.scale)
         left, included = list[StretchErrors](), list[StretchErrors]()
         lengths = [len(segment) for segment in long.segments]
         for number, out in enumerate(stretches_in_turn(lengths, FOLDS, STRETCHES, self.start), 1):
             self.control.doing(f"ranking {each.row.model}", number, FOLDS)
             mask = np.concatenate(out)
-            included.append(self.errors(known.model, long, mask))
+            included.append(StretchErrors.of(squares[mask], STRETCHES // FOLDS))
             with self.failing(left, int(mask.sum())):
-                left.append(self.errors(self.again(known, long, [mask]), long, mask))
+                run = free_run(self.again(known, long, [mask]), long, self.start)
+                left.append(StretchErrors.of(_squares(run, long, self.scale)[mask], STRETCHES // FOLDS))
         return Ranked(each.fit, tuple(left), tuple(included), refit)
 
     def with_included(self, each: Ranked, whole: Record, parts: Sequence[Record]) -> Ranked:
@@ -308,7 +310,7 @@ class _Folds:
         refit = self.to_all(each.fit, whole)
         model = each.fit.model if refit is None else refit
         both = zip(parts, each.folds, strict=True)
-        included = tuple(self.errors(model, part, stretches=len(fold.means)) for part, fold in both)
+        included = tuple(self.errors(model, part, len(fold.means)) for part, fold in both)
         return replace(each, included=included, refit=refit)
 
     def again(self, fit: Fit[Any], data: Record, left_out: Sequence[Mask] | None = None) -> Model:
@@ -319,12 +321,9 @@ class _Folds:
         """The model with its parameters from all data, see `better_refit`."""
         return better_refit(fit, whole, linear=self.options.estimate, control=self.control)
 
-    def errors(
-        self, model: Model, data: Record, left_out: Mask | None = None, stretches: int = STRETCHES // FOLDS
-    ) -> StretchErrors:
-        """Of the free run, on the samples (N,) that are left out, or on all."""
-        squares = _squares(free_run(model, data, self.start), data, self.scale)
-        return StretchErrors.of(squares if left_out is None else squares[left_out], stretches)
+    def errors(self, model: Model, data: Record, stretches: int = STRETCHES // FOLDS) -> StretchErrors:
+        """Of the free run."""
+        return stretch_errors(free_run(model, data, self.start), data, self.scale, stretches)
 
     @contextmanager
     def failing(self, errors: list[StretchErrors], samples: int) -> Iterator[None]:

@@ -27,7 +27,7 @@ from emsid.cli.options import (
 )
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import SecondProcess, second_process
-from emsid.cli.terminal import say_json, unread, warn, working
+from emsid.cli.terminal import reader_may_leave, say_json, warn, working
 from emsid.cli.writing import as_json, check_folder, completed, draw, kept, say_where, write
 
 if TYPE_CHECKING:
@@ -299,7 +299,7 @@ def _run(
             write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
             if result.is_recommended:
                 save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
-            with unread():
+            with reader_may_leave():
                 if json:
                     say_json(as_json(data))
                 else:
@@ -308,7 +308,7 @@ def _run(
     if not json:
         written = [*(f"{fit.model.name}.json" for fit in result.fits), *([RECOMMENDED] * result.is_recommended)]
         possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
-        with unread():
+        with reader_may_leave():
             say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
 

@@ -11,7 +11,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table, unread, working
+from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -95,14 +95,14 @@ def study(
         result = run(settings, records, control, survey=survey)
     with kept(result, "the study") as result:
         write(out, {"study.json": study_data(result)})
-        with unread():
+        with reader_may_leave():
             if json:
                 say_json(as_json(study_data(result)))
             else:
                 _print(result)
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
     if not json:
-        with unread():
+        with reader_may_leave():
             say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)
 

@@ -377,8 +377,13 @@ def _last_steps(
     if iterations and sum(len(y) for _, y in segments) <= BEGUN_AGAIN:
 
         def search(theta: Array, **options: Any) -> Minimum:
-            given: dict[str, Any] = {"max_iterations": iterations, "tolerance": tolerance, "control": control}
-            return _search(problem, theta, **({"covariances": False} | given | options))
+            given: dict[str, Any] = {
+                "max_iterations": iterations,
+                "tolerance": tolerance,
+                "control": control,
+                "covariances": False,
+            }
+            return _search(problem, theta, **(given | options))
 
         def around(theta: Array, **options: Any) -> Minimum:
             return search(nearer(problem, theta, minimum), **options)

@@ -22,6 +22,7 @@ from emsid.models.blocks.static_maps import (
     CubicSpline,
     DeadZone,
     EvenSpline,
+    HyperbolicTangent,
     MonotoneSpline,
     OddSpline,
     PiecewiseLinear,
@@ -54,6 +55,7 @@ MAPS: dict[str, StaticMap] = {
     "smooth coulomb": CoulombLinear(0.4, 1.2, width=0.3),
     "piecewise-linear": PiecewiseLinear(KNOTS, VALUES),
     "spline": CubicSpline(KNOTS, VALUES),
+    "tanh": HyperbolicTangent(-0.9, 1.2),
     "even-spline": EvenSpline(np.array([0.1, 1.0, 2.0]), np.array([0.2, 0.9, 2.2])),
     "odd-spline": OddSpline(np.array([0.5, 1.0, 2.0]), np.array([0.4, 0.9, 1.2])),
     "monotone-spline": MonotoneSpline(np.array([-1.0, 0.0, 1.5]), 0.3, np.array([0.2, -0.5, 0.1])),
@@ -115,6 +117,28 @@ def test_maps_of_a_shape_begin_at_the_closest_curve() -> None:
             z = sign * np.tanh(x)
             made = kind.started(x, z, 20)
             assert np.sqrt(np.mean((made.value(x) - z - np.mean(made.value(x) - z)) ** 2)) < 0.02
+
+
+@pytest.mark.parametrize("slope", [2.0, -0.5])
+def test_a_hyperbolic_tangent_begins_near_its_numbers_and_is_the_smooth_sign_of_friction(slope: float) -> None:
+    x = np.random.default_rng(9).uniform(-2, 3, 2000)
+    truth = HyperbolicTangent(slope, 0.8)
+    begun = HyperbolicTangent.started(x, truth.value(x) + 4.0, 0)
+    np.testing.assert_allclose(begun.parameters, truth.parameters, rtol=0.1)
+    friction = CoulombLinear(0.8 * np.sign(slope), 0.0, width=0.8 / abs(slope))
+    np.testing.assert_allclose(truth.value(x), friction.value(x), rtol=1e-12)
+    np.testing.assert_allclose(truth.marks()[0], [-0.8 / abs(slope), 0.8 / abs(slope)])
+    assert HyperbolicTangent.started(x, np.ones(2000), 0).limit > 0
+    straight = HyperbolicTangent(0.0, 0.8)
+    assert (straight.pieces().jump, len(straight.marks()[0])) == (0.0, 0)
+
+
+def test_a_limit_of_a_hyperbolic_tangent_is_unseen_where_hardly_any_input_is_beyond_its_bend() -> None:
+    x = np.linspace(-1.0, 3.0, 400)
+    for slope, unseen in ((0.5, ["low"]), (-0.5, ["high"]), (0.3, ["low", "high"]), (2.0, [])):
+        found = HyperbolicTangent(slope, 1.0).findings(x)
+        assert [each.data["side"] for each in found] == unseen
+        assert HyperbolicTangent(slope, 1.0).bends_over(x) is (len(unseen) < 2)
 
 
 @pytest.mark.parametrize("name", BLOCKS)
@@ -228,6 +252,8 @@ def test_inverse_outside_the_fitted_range() -> None:
         Polynomial(np.array([0.0, 1.0])).inverse(9.0)
     with pytest.raises(ModelError, match="between its limits"):
         Saturation(1.0, -1.0, 1.0).inverse(9.0)
+    with pytest.raises(ModelError, match="between its limits ±2"):
+        HyperbolicTangent(1.0, 2.0).inverse([0.5, -2.0])
 
 
 def test_filter_rows_is_lfilter() -> None:
@@ -392,7 +418,9 @@ def test_bad_blocks(make: object, message: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("block", [Rational([1.0], [-1.1]), DeadZone(1.0, -1.0), Saturation(1.0, 2.0, 1.0)])
+@pytest.mark.parametrize(
+    "block", [Rational([1.0], [-1.1]), DeadZone(1.0, -1.0), Saturation(1.0, 2.0, 1.0), HyperbolicTangent(1.0, 0.0)]
+)
 def test_parameters_of_a_block_that_cannot_run_are_infeasible(block: Block) -> None:
     with pytest.raises(Infeasible):
         block.check()

@@ -186,7 +186,7 @@ def test_a_monotone_map_is_tried(seed: int) -> None:
     assert np.std((y[500:] - fit.model.simulate(record[500:]).output[:, 0])[50:]) < 0.5 * noise
 
 
-@pytest.mark.parametrize("static", ["odd-spline", "monotone-spline"])
+@pytest.mark.parametrize("static", ["odd-spline", "monotone-spline", "tanh"])
 def test_a_map_of_a_shape_is_fitted_like_any_other(static: str) -> None:
     rng = np.random.default_rng(4)
     u = np.repeat(rng.uniform(-3, 3, 150), 10)

@@ -178,7 +178,9 @@ def test_redundant_directions_leave_the_output_as_it_is(name: str, make: Callabl
 
 
 @pytest.mark.parametrize("make", [loop, multiplied])
-@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "monotone-spline", "coulomb-linear", "abs"])
+@pytest.mark.parametrize(
+    "name", ["polynomial", "dead-zone", "spline", "monotone-spline", "tanh", "coulomb-linear", "abs"]
+)
 def test_other_forms_of_a_model_have_the_same_output(name: str, make: Callable[[str], FeedbackModel]) -> None:
     model = replace(make(name), centre=X)
     expected = model.output(U, X)

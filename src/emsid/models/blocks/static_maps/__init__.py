@@ -12,6 +12,7 @@ References:
     (4.7) to (4.9). de Boor, *A Practical Guide to Splines*, rev. ed. (2001).
 """
 
+from emsid.models.blocks.static_maps.hyperbolic_tangent import HyperbolicTangent
 from emsid.models.blocks.static_maps.laws import CoulombLinear, DeadZone, Saturation, TwoSlopes
 from emsid.models.blocks.static_maps.numbered_map import NumberedMap
 from emsid.models.blocks.static_maps.polynomial import Polynomial
@@ -30,6 +31,7 @@ for _map in (
     TwoSlopes,
     Saturation,
     CoulombLinear,
+    HyperbolicTangent,
     Abs,
     EvenSpline,
     OddSpline,
@@ -44,6 +46,7 @@ __all__ = [
     "CubicSpline",
     "DeadZone",
     "EvenSpline",
+    "HyperbolicTangent",
     "MonotoneSpline",
     "NumberedMap",
     "OddSpline",

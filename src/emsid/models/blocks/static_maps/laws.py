@@ -128,16 +128,16 @@ class DeadZone(NumberedMap):
         unseen = tuple(
             Finding("dead-zone-side-unseen", data={"side": side, "parameters": names, "share": float(np.mean(there))})
             for side, names, there in sides
-            if _seldom(there)
+            if seldom(there)
         )
         inside = (x > self.b_l) & (x < self.b_r)
         share = float(np.mean(inside))
-        return unseen or ((Finding("dead-zone-unseen", data={"share": share}),) if _seldom(inside) else ())
+        return unseen or ((Finding("dead-zone-unseen", data={"share": share}),) if seldom(inside) else ())
 
     def bends_over(self, x: Array) -> bool:
         """Whether enough inputs are in two of its three parts."""
         left, right = x < self.b_l, x > self.b_r
-        return sum(not _seldom(there) for there in (left, ~(left | right), right)) > 1
+        return sum(not seldom(there) for there in (left, ~(left | right), right)) > 1
 
     def marks(self) -> tuple[Array, str]:
         """The ends of the zone."""
@@ -217,7 +217,7 @@ class TwoSlopes(NumberedMap):
 
     def bends_over(self, x: Array) -> bool:
         """Whether enough inputs are on both sides of the corner."""
-        return not (_seldom(x < self.b) or _seldom(x > self.b))
+        return not (seldom(x < self.b) or seldom(x > self.b))
 
     def marks(self) -> tuple[Array, str]:
         """The corner."""
@@ -302,13 +302,13 @@ class Saturation(NumberedMap):
         return tuple(
             Finding("limit-unseen", data={"side": side, "share": float(np.mean(there))})
             for side, there in limits
-            if _seldom(there)
+            if seldom(there)
         )
 
     def bends_over(self, x: Array) -> bool:
         """Whether enough inputs are at one of the limits."""
         linear = self.slope_between * x
-        return not (_seldom(linear <= self.low) and _seldom(linear >= self.high))
+        return not (seldom(linear <= self.low) and seldom(linear >= self.high))
 
     def marks(self) -> tuple[Array, str]:
         """The inputs at which the limits begin."""
@@ -405,6 +405,6 @@ class CoulombLinear(NumberedMap):
         return sign
 
 
-def _seldom(there: NDArray[np.bool_]) -> bool:
+def seldom(there: NDArray[np.bool_]) -> bool:
     """Whether too few samples are there, of which (N,) says so, to determine that side of a map."""
     return bool(np.mean(there) < SELDOM or np.sum(there) < FEW)

@@ -28,6 +28,7 @@ from emsid.report.page_plots import page_figure
 from emsid.report.views.front import front_figure, front_table
 from emsid.selection.improvement import StretchErrors, better, better_by_ratio, equivalent, front
 from emsid.validation.comparison import as_fit, compare
+from feedback_models import before_sensor, loop
 from independent.cases import motor
 
 DT, POLE = 0.01, 0.9
@@ -566,6 +567,19 @@ def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
         result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
         (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
         assert finding.data["searched"] is taken
+
+
+def test_a_structure_of_magnitudes_is_chosen_by_its_search_in_short_records(monkeypatch):
+    """The search compares models on data left out; a smaller one is chosen though it follows all data less closely."""
+    assert all_data._of_magnitudes(before_sensor())
+    assert not all_data._of_magnitudes(loop())
+    monkeypatch.setattr(all_data, "_of_magnitudes", lambda model: True)
+    worse = {"arx": lambda record, options, control: emsid.fit(emsid.arx(1, 1, nk=40), record)}
+    monkeypatch.setattr(all_data, "CANDIDATES", worse)
+    for shortest, taken in ((1201, True), (1200, False)):
+        monkeypatch.setattr(all_data, "SHORT", shortest)
+        result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
+        assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [taken]
 
 
 # --- the front -------------------------------------------------------------------------------------------------------

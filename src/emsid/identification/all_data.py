@@ -4,8 +4,9 @@ Where few data were held back, its parameters are estimated again from all data,
 (`emsid.models.refitting`). Its structure was chosen on the fitted part alone. Where the error of a feedback model or of
 a plant is much larger on the held-back part, that part shows something that its structure lacks, such as a tank that
 overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order and
-maps, or refinements, are then chosen again from all data, by the same search. Cascades, whose structure differs less,
-gain nothing by that. The errors that are reported stay those of the fit that has not seen the held-back part.
+maps, or refinements, are then chosen again from all data, by the same search. So they are for every short record of a
+sensor that loses the sign, from which a part shows too little. Cascades, whose structure differs less, gain nothing by
+that. The errors that are reported stay those of the fit that has not seen the held-back part.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ from emsid.identification.compared import Compared
 from emsid.identification.options import Options
 from emsid.identification.ranking import MANY
 from emsid.identification.verdict import larger_on_unseen
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import free_run_error
 from emsid.models.model import Model
 from emsid.models.refitting import better_refit, is_safe
 from emsid.record import Record
+from emsid.record.holding_back import SHORT
 from emsid.selection.improvement import matters
 
 MOST = 50_000
@@ -59,15 +62,19 @@ def from_all_data(
     Returns:
         None where the data are so many that it would change little, or where no fit simulates them better.
     """
-    few, doubtful = len(held_back) < MANY, len(whole) < MOST and _structure_is_doubtful(judged)
+    few, of_magnitudes = len(held_back) < MANY, _of_magnitudes(judged.best.model) and len(whole) < SHORT
+    doubtful = of_magnitudes or (len(whole) < MOST and _structure_is_doubtful(judged))
     if not (few or doubtful):
         return None
     refit = _refit(judged, whole, options, control) if few else None
     if doubtful:
         model = judged.best.model if refit is None else refit
         anew = _searched(model.name, whole, options, control)
-        if anew is not None and not matters(free_run_error(model, (whole,)), free_run_error(anew, (whole,))):
-            return FromAllData(anew, True)
+        if anew is not None:
+            # The search chose that of magnitudes by errors on data left out, on which one with fewer numbers may win.
+            error, error_anew = (free_run_error(each, (whole,)) for each in (model, anew))
+            if of_magnitudes or not matters(error, error_anew):
+                return FromAllData(anew, True)
     return None if refit is None else FromAllData(refit, False)
 
 
@@ -87,6 +94,11 @@ def _structure_is_doubtful(judged: Compared) -> bool:
     fitted = next(each for each in judged.on_record.assessments if each.row.model == name)
     unseen = judged.on_unseen.best
     return isinstance(CANDIDATES.get(name), (Feedback, Physical)) and larger_on_unseen(unseen, fitted) is not None
+
+
+def _of_magnitudes(model: Model) -> bool:
+    """Whether it is a feedback model before a sensor that loses the sign."""
+    return isinstance(model, FeedbackModel) and model.sensor is not None
 
 
 def _searched(name: str, whole: Record, options: Options, control: Control) -> Model | None:

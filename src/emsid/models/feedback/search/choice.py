@@ -25,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -33,10 +32,11 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
-from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.blocks.search.map_families import family_of
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.search.consensus import agreeing, leading
 from emsid.models.feedback.search.exchanged_maps import other_families
+from emsid.models.feedback.search.first_map import first_map
 from emsid.models.feedback.search.further_maps import Maps, maps_more, with_map_more
 from emsid.models.feedback.search.magnitudes import with_sensor
 from emsid.models.feedback.search.shared_signals import with_shared_signals
@@ -44,10 +44,7 @@ from emsid.models.feedback.search.starts import with_product
 from emsid.models.feedback.search.step_rates import MOST_IN_THE_END, at_twice_the_rate, faster, finer
 from emsid.models.feedback.search.sticking import sticking
 from emsid.models.feedback.search.trials import (
-    LONGEST,
     MOST_MAPS,
-    MOST_ORDERS,
-    ORDERS,
     Bench,
     FeedbackSearch,
     Steps,
@@ -59,14 +56,10 @@ from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
-# The order of the linear models that show a delay.
-OF_DELAY = 2
 # The number of models with equally many maps that a further one is added to, where they are compared over all data of a
 # short record, or over at most this number of samples of unseen data; over more samples it is one model, as many
 # independent errors distinguish models and every search takes long.
 EXTENDED, SHORT = 4, 2_000
-# Families and sizes that every order is tried with, the last one where these are no better than none.
-FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 # The number of models of a short record whose maps are made to share signals before one is chosen.
 SIMPLIFIED = 6
 
@@ -90,8 +83,11 @@ PLAIN = Palette(
 )
 # The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction.
 MULTIPLIED, BESIDE_PRODUCT = family_of("two-slopes"), (family_of("dead-zone"), family_of("saturation"))
-# The map beside a sensor that loses the sign, such as friction.
-BESIDE_SENSOR: Maps = (("spline", 8),)
+# The map beside a sensor that loses the sign, such as friction, and the one that takes its place. In a short record it
+# does so where the error on parts that are left out falls below this share: a map of many numbers follows a record more
+# closely than it holds on another one.
+BESIDE_SENSOR, FREE_FORM_BESIDE_SENSOR = (("tanh", 0),), (("spline", 8),)
+CLEARLY = 0.8
 FREE_FORM = Palette((("spline", 0), ("monotone-spline", 0)), (("polynomial", 3), ("spline", 0), ("dead-zone", 0)))
 
 
@@ -102,7 +98,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         ModelError: if no feedback model can be fitted.
     """
     bench = Bench.of(records, settings, control)
-    straight, tried = _first_map(bench, settings)
+    straight, tried = first_map(bench, settings)
     best, sensors = _preferred(bench, tried), list(with_sensor(bench, settings))
     if begun := _preferred(bench, sensors):
         for sensor in _before_sensor(Contest(bench, sensors, begun), settings):
@@ -158,9 +154,22 @@ def _before_sensor(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial
     different signs do not tell which model is right.
     """
     yield contest.best
+    alone = Contest(contest.bench, [*contest.tried], contest.best)
     yield from _more_maps(contest, settings, BESIDE_SENSOR, most=2)
+    if settings.maps is not None or not contest.bench.leaves_noise(contest.best):
+        others = list(_more_maps(alone, settings, FREE_FORM_BESIDE_SENSOR, most=2))
+        contest.tried.extend(each for each in alone.tried if each not in contest.tried)
+        yield from contest.entered(each for each in others[-1:] if _clearly_better(contest, each))
     yield from contest.entered(finer(contest.bench, [contest.best], settings))
     yield _best_of(contest, _eligible(contest, settings))
+
+
+def _clearly_better(contest: Contest, trial: Trial) -> bool:
+    """Whether a trial may replace the best one, whose maps have fewer numbers where they are as many."""
+    bench, best = contest.bench, contest.best
+    if bench.compared or len(trial.found.model.maps) > len(best.found.model.maps):
+        return True
+    return bench.left_out(trial).mean < CLEARLY**2 * bench.left_out(best).mean
 
 
 def _completed(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -363,93 +372,6 @@ def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
     others = [each for each in tried if each.family is not best.family]
     near = [each for each in others if np.isfinite(each.errors.mean) and not much_worse(each, best)]
     return sorted(near, key=lambda each: each.errors.mean)[:1]
-
-
-def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
-    """The best linear model over the orders, and those with a map.
-
-    Orders above those of `ORDERS` are tried as long as the highest one was the best. Of two delays, the second is tried
-    with the order that is the best with the first, and one less.
-
-    Raises:
-        ModelError: if no linear model can be fitted.
-    """
-    given, families = settings.order, _families(settings)
-    steps = Steps(settings.oversampling or 1, bool(settings.held))
-    straight: Trial | None = None
-    best: Trial | None = None
-    bent: list[Trial] = []
-    orders: Sequence[int] = range(1, MOST_ORDERS + 1) if given is None else (given,)
-    problem: EmsidError = ModelError("feedback: no model of this record; check channels, units and delay")
-    for delay in _delays(bench, settings, steps):
-        for order in orders:
-            bench.control.doing(f"order {order}", order, max(ORDERS))
-            try:
-                linear = bench.judged(bench.linear(order, steps, delay), *families[0])
-                trials = _bent(bench, linear, families)
-            except EmsidError as error:
-                problem = error
-                continue
-            higher = False
-            if straight is None or bench.prefers(linear, straight):
-                straight, higher = linear, True
-            for trial in trials:
-                if bench.prefers(trial, best or straight):
-                    best, higher = trial, True
-            bent += trials
-            behind = [each.family for each in trials if any(much_worse(each, other) for other in trials)]
-            families = [each for each in families if each[0] not in behind]
-            if order >= max(ORDERS) and not higher:
-                break
-        if given is None and straight is not None:
-            top = (best or straight).found.model.states
-            orders = range(max(top - 1, 1), top + 1)
-    if straight is None:
-        raise problem
-    return straight, bent
-
-
-def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
-    """The delays that are tried: the given one, or none and the longest one that a linear model gains by.
-
-    A long one comes first: without it the order would grow until it makes up for the delay.
-    """
-    if settings.delay is not None:
-        return (settings.delay,)
-    errors, order = {}, OF_DELAY if settings.order is None else settings.order
-    for delay in {*range(LONGEST + 1), settings.longest}:
-        try:
-            errors[delay] = bench.linear(order, steps, delay).error ** 2
-        except EmsidError:
-            errors[delay] = inf
-    longest = max(delay for delay, error in errors.items() if not matters(min(errors.values()), error))
-    if not longest or not matters(errors[longest], errors[0]):
-        return (0,)
-    return (longest, 0) if longest > LONGEST else (0, longest)
-
-
-def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> list[Trial]:
-    """A linear model with one map of the families that are always tried, and with one in reserve.
-
-    Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
-    more than noise to first order, although the map explains far more once it is fitted. The reserve is tried where a
-    direction explains more, but no other map makes the model better. None where the model diverges with each map.
-    """
-    found, trials = linear.found, list[Trial]()
-    for family, size in families:
-        better = any(bench.prefers(trial, linear) for trial in trials)
-        if family.name == RESERVE and (better or not bench.more_than_noise(found)):
-            break
-        with suppress(EmsidError):
-            trials.append(with_map_more(bench, found, family, size))
-    return trials
-
-
-def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
-    """The maps that every order is tried with, and their sizes."""
-    if settings.static:
-        return [(settings.static, settings.size)]
-    return [(family_of(name), size) for name, size in FIRST]
 
 
 def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

@@ -46,7 +46,9 @@ def ratio(model: emsid.Cascade, judge: Record, noise: float) -> float:
     return float(np.sqrt(1 + np.mean(error**2) / noise**2))
 
 
-@pytest.mark.parametrize(("name", "seed"), [("dead zone", 1), ("saturation", 1), ("saturation", 3)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("dead zone", 1), ("saturation", 1), pytest.param("saturation", 3, marks=pytest.mark.long)]
+)
 def test_a_kink_gets_knots_until_noise_hides_it(name: str, seed: int) -> None:
     """With 40 knots the errors are 1.6 to 2.5 times the noise."""
     record, judge, noise = records(MAPS[name], seed, 0.001)
@@ -65,7 +67,9 @@ def test_no_knots_are_added_where_noise_hides_what_they_show(name: str, noise: f
     assert [block.size for block in fit.model.blocks if isinstance(block, CubicSpline)] == [40]
 
 
-@pytest.mark.parametrize("name", ["hyperbolic tangent", "dead zone", "saturation"])
+@pytest.mark.parametrize(
+    "name", ["hyperbolic tangent", "dead zone", pytest.param("saturation", marks=pytest.mark.long)]
+)
 def test_without_options_the_error_is_the_noise_of_a_thousandth(name: str) -> None:
     record, judge, noise = records(MAPS[name], 1, 0.001)
     fit = emsid.fit(emsid.wiener_hammerstein(), record)

@@ -181,10 +181,13 @@ def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of all families, by default; the noise is what is left, on a new record too. No polynomial comes near it."""
-    tried, begin = [], choice.with_map_more
-    monkeypatch.setattr(
-        choice, "with_map_more", lambda *given: (tried.append((given[1].model.states, given[2].name)), begin(*given))[1]
-    )
+    tried, begin = [], first_map.with_map_more
+
+    def noted(*given: Any) -> Trial:
+        tried.append((given[1].model.states, given[2].name))
+        return begin(*given)
+
+    monkeypatch.setattr(first_map, "with_map_more", noted)
     fit = emsid.fit(emsid.feedback(maps=1, delay=0, oversampling=1), sticking(1))
     assert type(fit.model.maps[0]) in (DeadZone, Saturation)
     assert emsid.compare([fit], sticking(2)).best.row.simulation_rmse < 0.0115
@@ -508,7 +511,7 @@ def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
 
 
 def test_a_product_is_found_where_one_map_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "_bent", lambda *_: [])
+    monkeypatch.setattr(first_map, "_bent", lambda *_: [])
     monkeypatch.setattr(choice, "_beside_linear", lambda straight, _: straight)
     record, noise = coasting(1)
     *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)

@@ -61,7 +61,9 @@ def terms(fit: Fit[Narx]) -> dict[str, tuple[float, float]]:
     return found
 
 
-@pytest.mark.parametrize("noise", [of_output, of_output_coloured, of_equation])
+@pytest.mark.parametrize(
+    "noise", [of_output, *(pytest.param(other, marks=pytest.mark.long) for other in (of_output_coloured, of_equation))]
+)
 def test_selection_ends_at_the_terms_of_the_system(noise: Callable[[Array], tuple[Array, Array]]) -> None:
     """Without the last criterion, half of these models have one to nine terms more."""
     found = [set(terms(fitted(seed, noise))) for seed in range(10)]

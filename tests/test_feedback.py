@@ -11,6 +11,7 @@ import pytest
 
 import emsid
 from emsid import ModelError, Record
+from emsid.identification.map_ranges import about_the_maps, map_inputs
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
@@ -26,7 +27,7 @@ from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
 from emsid.models.feedback.search.magnitudes import as_feedback
-from emsid.validation.feedback_curves import feedback_at_rest, rounded_equation
+from emsid.validation.feedback_curves import feedback_at_rest, rounded_equation, visited_in_free_run
 from emsid.validation.feedback_curves import visited as visited_in
 from feedback_models import Array, U, X, loop, multiplied
 from model_examples import DT, LOOP, MAPS, TWO_LOOPS
@@ -153,6 +154,19 @@ def test_a_motor_with_friction_is_a_case_of_it() -> None:
         speed = 0.0 if held else free - c * np.sign(free)
     assert expected.count(0.0) > 10  # the motor sticks
     np.testing.assert_allclose(model.output(u, np.zeros(1)), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_signals_of_a_slow_model_are_those_of_its_free_run() -> None:
+    """Its rest at the first input is a hundred times as far away as the states of the record."""
+    matrix = np.array([[0.9999, 0.02, -0.02], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    model = FeedbackModel(matrix, (Polynomial(np.array([0.0, 0.01, 0.0, 0.0001])),), np.array([0.01]), dt=DT)
+    u = np.random.default_rng(3).normal(size=400)
+    run = model.trajectory(u, np.array([0.5]))
+    record = Record(u, run.y, DT)
+    assert np.abs(model.resting(u[0])).max() > 10 * np.abs(run.z).max()
+    np.testing.assert_allclose(visited_in_free_run(model, record).z, run.z, atol=1e-3)
+    np.testing.assert_array_equal(map_inputs(model, record), visited_in_free_run(model, record).z)
+    assert about_the_maps(model, record[:300], record[300:], False) == []
 
 
 # --- coordinates -----------------------------------------------------------------------------------------------------

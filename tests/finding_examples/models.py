@@ -111,8 +111,14 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-is-straight", data={"block": 2}),
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
-    Finding("fitted-to-all-data", "log.csv", {"model": "feedback", "samples": 1024, "of": 717, "searched": False}),
-    Finding("fitted-to-all-data", "log.csv", {"model": "feedback", "samples": 1024, "of": 717, "searched": True}),
+    *(
+        Finding(
+            "fitted-to-all-data",
+            "log.csv",
+            {"model": "feedback", "samples": 1024, "of": 717, "searched": searched, "larger": larger},
+        )
+        for searched, larger in ((False, False), (True, True), (True, False))
+    ),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": "rigid-motor"}),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": ""}),
     Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),

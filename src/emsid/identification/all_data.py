@@ -41,10 +41,12 @@ class FromAllData(NamedTuple):
     Attributes:
         model: the model.
         searched: whether its structure is chosen from all data too.
+        larger: whether its error on unseen data is much larger than on those fitted.
     """
 
     model: Model
     searched: bool
+    larger: bool
 
 
 def from_all_data(
@@ -63,19 +65,19 @@ def from_all_data(
         None where the data are so many that it would change little, or where no fit simulates them better.
     """
     few, of_magnitudes = len(held_back) < MANY, _of_magnitudes(judged.best.model) and len(whole) < SHORT
-    doubtful = of_magnitudes or (len(whole) < MOST and _structure_is_doubtful(judged))
-    if not (few or doubtful):
+    larger = len(whole) < MOST and _structure_is_doubtful(judged)
+    if not (few or larger or of_magnitudes):
         return None
     refit = _refit(judged, whole, options, control) if few else None
-    if doubtful:
+    if larger or of_magnitudes:
         model = judged.best.model if refit is None else refit
         anew = _searched(model.name, whole, options, control)
         if anew is not None:
             # The search chose that of magnitudes by errors on data left out, on which one with fewer numbers may win.
             error, error_anew = (free_run_error(each, (whole,)) for each in (model, anew))
             if of_magnitudes or not matters(error, error_anew):
-                return FromAllData(anew, True)
-    return None if refit is None else FromAllData(refit, False)
+                return FromAllData(anew, True, larger)
+    return None if refit is None else FromAllData(refit, False, larger)
 
 
 def _refit(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:

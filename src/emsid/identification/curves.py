@@ -33,7 +33,7 @@ from emsid.validation.bands import (
     step_response_band,
     usual_step,
 )
-from emsid.validation.feedback_curves import visited
+from emsid.validation.feedback_curves import visited_in_free_run
 from emsid.validation.map_bands import map_band
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ def _friction(fit: Fit[Any], record: Record) -> list[BandedCurve]:
 def _in_feedback(fit: Fit[FeedbackModel], record: Record) -> list[BandedCurve]:
     """The maps of a feedback model over their inputs in the record, in the coordinates of the model."""
     model, found = fit.model, []
-    seen = visited(model, record).z
+    seen = visited_in_free_run(model, record).z
     for k, (z, w) in enumerate(zip(model.numbered("z"), model.names_of_outputs, strict=True)):
         x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
         found.append(_banded(fit, record, "map in feedback", map_band(fit, record, k, x), (z, ""), (w, "")))

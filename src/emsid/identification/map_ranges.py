@@ -17,7 +17,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.model import FeedbackModel
 from emsid.record import Record
-from emsid.validation.feedback_curves import visited
+from emsid.validation.feedback_curves import visited_in_free_run
 
 Array = NDArray[np.float64]
 
@@ -60,13 +60,15 @@ def about_the_maps(model: Any, record: Record, unseen: Record, seen: bool) -> li
 
 
 def map_inputs(model: FeedbackModel | Cascade, record: Record) -> Array:
-    """(K, m) the inputs of the static maps in the free run over a record, each segment from rest at its first input.
+    """(K, m) the inputs of the static maps in the free run over a record.
+
+    Segments begin in the state that their first samples show, those of a cascade at rest at the first input.
 
     Raises:
         ModelError: if the run of a feedback model diverges.
     """
     if isinstance(model, FeedbackModel):
-        return visited(model, record).z
+        return visited_in_free_run(model, record).z
     at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
     signals = [model.signals_from_rest(segment.input[:, 0]) for segment in record.segments]
     return np.column_stack([np.concatenate([each[k] for each in signals]) for k in at]) if at else np.zeros((0, 0))

@@ -187,7 +187,9 @@ def _findings(
         yield Finding("interrupted", data={"missing": list(found.missing)})
     yield from about_excerpt(judged, task.to_fit)
     if final is not None:
-        yield fitted_to_all_data(final.model.name, task.train, task.record, searched=final.searched)
+        yield fitted_to_all_data(
+            final.model.name, task.train, task.record, searched=final.searched, larger=final.larger
+        )
     if not stopped:
         yield from length_trusted(judged.best, final.model if final else judged.best.model, task.record)
         yield from _difference_of_records(on_unseen, (*task.records, *task.others))

@@ -126,6 +126,20 @@ def visited(model: FeedbackModel, record: Record) -> Visited:
     )
 
 
+def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
+    """The signals of the model over the record, each segment from the state that its first samples show.
+
+    The rest of a model with a slow pole may be far from all states of the data.
+    """
+    runs, inputs = [], []
+    for segment in record.segments:
+        u, y = np.ascontiguousarray(segment.input[:, 0]), segment.output[: model.memory, 0]
+        begun = starting(model, u, y) if len(u) > model.memory else model.resting(float(u[0]))
+        inputs.append(model.entering(u))
+        runs.append(model.trajectory(u, begun))
+    return Visited.of(inputs, runs)
+
+
 def rounded_equation(fit: Fit[Any], record: Record) -> str:
     """The equation of a feedback model with the digits that the data support; a model file has all of them.
 

@@ -148,10 +148,11 @@ def quick_look(f: Finding, argument: Spelling) -> str:
 @words("fitted-to-all-data")
 def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from),
-    searched (whether its structure is chosen again)."""
+    searched (whether its structure is chosen again), larger (whether because its error on unseen data is)."""
     d = f.data
     again = "its structure is chosen again from" if d["searched"] else "it is fitted again to"
-    why = ", as its error on unseen data is much larger than on those fitted" if d["searched"] else ""
+    larger = "its error on unseen data is much larger than on those fitted"
+    why = f", as {larger if d.get('larger', True) else 'a part of them shows it poorly'}" if d["searched"] else ""
     return (
         f"for later use, {again} all {d['samples']:,} samples{why}; the errors shown are those of the fit to "
         f"{d['of']:,} samples"
@@ -289,5 +290,5 @@ def map_beyond_range(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject}: the input of {which} goes from {d['low']:.4g} to {d['high']:.4g} in the free run on "
         f"{data_name(f)}, and from {d['fitted_low']:.4g} to {d['fitted_high']:.4g} in the data of the fit; outside "
-        f"this range, for {100 * d['share']:.2g} % of the samples, the model extrapolates"
+        f"this range, for {100 * d['share']:.3g} % of the samples, the model extrapolates"
     )

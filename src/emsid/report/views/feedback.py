@@ -13,7 +13,7 @@ from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plo
 from emsid.report.views.bands import reach, with_band
 from emsid.report.views.conventions import BAND
 from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
-from emsid.validation.feedback_curves import visited
+from emsid.validation.feedback_curves import visited_in_free_run
 from emsid.validation.map_bands import map_band
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
     model = fit.model
     if not isinstance(model, FeedbackModel) or not model.maps:
         return None
-    seen, plots = visited(model, record), []
+    seen, plots = visited_in_free_run(model, record), []
     z, w = model.numbered("z"), model.names_of_outputs
     for k, each in enumerate(model.maps):
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
@@ -73,7 +73,7 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     model = fit.model
     if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
         return None
-    seen = visited(model, record)
+    seen = visited_in_free_run(model, record)
     step = "step" if model.oversampling > 1 else "sample"
     plots = tuple(_poles_along(model, seen, k) for k in range(len(model.maps)))
     several = "its map" if len(plots) == 1 else "each map, in the samples that have them"

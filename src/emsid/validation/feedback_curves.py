@@ -131,13 +131,11 @@ def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
 
     The rest of a model with a slow pole may be far from all states of the data.
     """
-    runs, inputs = [], []
-    for segment in record.segments:
-        u, y = np.ascontiguousarray(segment.input[:, 0]), segment.output[: model.memory, 0]
-        begun = starting(model, u, y) if len(u) > model.memory else model.resting(float(u[0]))
-        inputs.append(model.entering(u))
-        runs.append(model.trajectory(u, begun))
-    return Visited.of(inputs, runs)
+    runs, inputs = [], [np.ascontiguousarray(segment.input[:, 0]) for segment in record.segments]
+    for segment, u in zip(record.segments, inputs, strict=True):
+        shown = model.memory if len(u) > model.memory else 0
+        runs.append(model.trajectory(u, starting(model, u, segment.output[:shown, 0])))
+    return Visited.of([model.entering(u) for u in inputs], runs)
 
 
 def rounded_equation(fit: Fit[Any], record: Record) -> str:

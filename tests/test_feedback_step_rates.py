@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -11,6 +14,7 @@ from emsid import FeedbackModel, ModelError, Record
 from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import Polynomial
+from emsid.models.feedback.search import step_rates
 from emsid.models.feedback.search.further_maps import with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
 from emsid.models.feedback.search.step_rates import faster, finer
@@ -81,6 +85,28 @@ def test_more_steps_are_tried_with_a_lower_order() -> None:
     assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]
     assert tried[-1].found.error < 0.9 * tried[0].found.error
     assert bench.prefers(tried[-1], high)
+
+
+@pytest.mark.parametrize(("unseen", "both"), [(1.5, False), (30.0, True)])
+def test_a_way_to_take_the_input_that_diverges_is_tried_with_lower_orders(
+    monkeypatch: pytest.MonkeyPatch, unseen: float, both: bool
+) -> None:
+    """Of an oscillator, four states with a continuous input followed the record better and diverged on other data."""
+    asked = []
+
+    def of_steps(bench: Any, like: Any, order: int, steps: Steps) -> Any:
+        asked.append((order, steps.held))
+        model = SimpleNamespace(states=order, held=steps.held)
+        error = 1.1 if steps.held else unseen
+        return SimpleNamespace(found=SimpleNamespace(model=model, error=1.0), errors=SimpleNamespace(mean=error**2))
+
+    monkeypatch.setattr(step_rates, "_of_steps", of_steps)
+    monkeypatch.setattr(step_rates, "finer", lambda *_: ())
+    judge: Any = SimpleNamespace(prefers=lambda trial, best: trial.errors.mean < best.errors.mean)
+    high: Any = SimpleNamespace(found=SimpleNamespace(model=SimpleNamespace(states=3)))
+    list(faster(judge, high, FeedbackSearch()))
+    assert {(3, False), (3, True), (2, True), (1, True)} <= {*asked}
+    assert ((2, False) in asked) is both
 
 
 def with_map(bench: Bench, order: int) -> FeedbackModel:

@@ -22,6 +22,8 @@ from emsid.selection.improvement import matters
 # Steps per sample that are tried: twice the rate, more as long as that is no worse, and twice as many in the chosen
 # model. The error of friction that sticks falls with the steps, so all of its numbers are tried.
 TWICE, MOST_STEPS, MOST_IN_THE_END = 2, 8, 16
+# The root mean square error on unseen data over that on the fitted ones, above which a run diverges.
+DIVERGES = 10.0
 
 
 def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -38,12 +40,18 @@ def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tria
         for each in tried:  # a lower order may do, where the higher one made up for the steps
             if now is None or bench.prefers(each, now):
                 now = each
-        if now is not None and len(tried) == len(ways):  # where one diverges, it may not with a lower order
+        # Where one way to take the input diverges, it may not with a lower order.
+        if now is not None and sum(not _diverges(each) for each in tried) == len(ways):
             ways = (now.found.model.held,)
         if order < top:
             lowest = min(tried, key=lambda each: each.found.error, default=lowest)
     if lowest is not None:
         yield from finer(bench, [lowest], settings)
+
+
+def _diverges(trial: Trial) -> bool:
+    """Whether the error on unseen data is so much larger than on the fitted ones as where a run diverges."""
+    return bool(trial.errors.mean > (DIVERGES * trial.found.error) ** 2)
 
 
 def finer(

@@ -157,7 +157,7 @@ def test_a_motor_with_friction_is_a_case_of_it() -> None:
 
 
 def test_signals_of_a_slow_model_are_those_of_its_free_run() -> None:
-    """Its rest at the first input is a hundred times as far away as the states of the record."""
+    """Its rest at the first input is more than ten times as far away as the states of the record."""
     matrix = np.array([[0.9999, 0.02, -0.02], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     model = FeedbackModel(matrix, (Polynomial(np.array([0.0, 0.01, 0.0, 0.0001])),), np.array([0.01]), dt=DT)
     u = np.random.default_rng(3).normal(size=400)

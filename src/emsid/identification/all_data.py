@@ -72,11 +72,11 @@ def from_all_data(
     if larger or of_magnitudes:
         model = judged.best.model if refit is None else refit
         anew = _searched(model.name, whole, options, control)
-        if anew is not None:
-            # The search chose that of magnitudes by errors on data left out, on which one with fewer numbers may win.
-            error, error_anew = (free_run_error(each, (whole,)) for each in (model, anew))
-            if of_magnitudes or not matters(error, error_anew):
-                return FromAllData(anew, True, larger)
+        # The search chose that of magnitudes by errors on data left out, on which one with fewer numbers may win.
+        if anew is not None and (
+            of_magnitudes or not matters(free_run_error(model, (whole,)), free_run_error(anew, (whole,)))
+        ):
+            return FromAllData(anew, True, larger)
     return None if refit is None else FromAllData(refit, False, larger)
 
 

@@ -7,7 +7,7 @@ J_θ + J_x dx₀/dθ.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -120,21 +120,24 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
 
 def visited(model: FeedbackModel, record: Record) -> Visited:
     """The signals of the model over the record, from rest at the first input."""
-    u = [segment.input[:, 0] for segment in record.segments]
-    return Visited.of(
-        [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
-    )
+    return _visited_from(model, record, [model.resting(float(each.input[0, 0])) for each in record.segments])
 
 
 def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
     """The signals of the model over the record, each segment from the state that its first samples show.
 
-    The rest of a model with a slow pole may be far from all states of the data.
+    The rest of a model with a slow pole may be far from all states of the data. A segment that is too short to show a
+    state begins at rest.
     """
-    runs, inputs = [], [np.ascontiguousarray(segment.input[:, 0]) for segment in record.segments]
-    for segment, u in zip(record.segments, inputs, strict=True):
-        shown = model.memory if len(u) > model.memory else 0
-        runs.append(model.trajectory(u, starting(model, u, segment.output[:shown, 0])))
+    several = [(each.input[:, 0], each.output[: model.memory, 0]) for each in record.segments]
+    states = [starting(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
+    return _visited_from(model, record, states)
+
+
+def _visited_from(model: FeedbackModel, record: Record, states: Sequence[Array]) -> Visited:
+    """The signals of the model over the record, from the states (n,) at the start of its segments."""
+    inputs = [segment.input[:, 0] for segment in record.segments]
+    runs = [model.trajectory(u, x) for u, x in zip(inputs, states, strict=True)]
     return Visited.of([model.entering(u) for u in inputs], runs)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.laws import seldom
+from emsid.models.blocks.static_maps.laws import Mask, seldom, unseen_limits
 from emsid.models.blocks.static_maps.numbered_map import NumberedMap
 from emsid.models.blocks.static_maps.static_map import Pieces, combination
 
@@ -101,11 +101,7 @@ class HyperbolicTangent(NumberedMap):
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """A finding for a limit that the signal rarely comes near."""
-        return tuple(
-            Finding("limit-unseen", data={"side": side, "share": float(np.mean(there))})
-            for side, there in zip(("low", "high"), self._near_limits(x), strict=True)
-            if seldom(there)
-        )
+        return unseen_limits(*self._near_limits(x))
 
     def bends_over(self, x: Array) -> bool:
         """Whether enough inputs are near one of the limits."""
@@ -121,7 +117,7 @@ class HyperbolicTangent(NumberedMap):
     def _tangent(self, x: Array) -> Array:
         return np.asarray(np.tanh(self.slope_at_zero / self.limit * np.asarray(x, dtype=float)))
 
-    def _near_limits(self, x: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _near_limits(self, x: Array) -> tuple[Mask, Mask]:
         """Whether the tangent at zero is beyond the lower and the upper limit."""
         linear = self.slope_at_zero * x
         return linear <= -self.limit, linear >= self.limit

@@ -19,6 +19,7 @@ from emsid.models.blocks.static_maps.static_map import Pieces, closest, combinat
 from emsid.models.terms import sum_of_terms
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # Points of a curve that give the start values of a map.
 POINTS = 2_000
@@ -297,24 +298,22 @@ class Saturation(NumberedMap):
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """A finding for a limit that the signal rarely reaches."""
-        linear = self.slope_between * x
-        limits = (("low", linear <= self.low), ("high", linear >= self.high))
-        return tuple(
-            Finding("limit-unseen", data={"side": side, "share": float(np.mean(there))})
-            for side, there in limits
-            if seldom(there)
-        )
+        return unseen_limits(*self._at_limits(x))
 
     def bends_over(self, x: Array) -> bool:
         """Whether enough inputs are at one of the limits."""
-        linear = self.slope_between * x
-        return not (seldom(linear <= self.low) and seldom(linear >= self.high))
+        return not all(map(seldom, self._at_limits(x)))
 
     def marks(self) -> tuple[Array, str]:
         """The inputs at which the limits begin."""
         if not self.slope_between:
             return np.zeros(0), ""
         return np.sort(np.array([self.low, self.high]) / self.slope_between), "limits"
+
+    def _at_limits(self, x: Array) -> tuple[Mask, Mask]:
+        """Whether an input is at the lower and at the upper limit."""
+        linear = self.slope_between * x
+        return linear <= self.low, linear >= self.high
 
     def _between(self, x: Array) -> Array:
         linear = self.slope_between * x
@@ -405,6 +404,15 @@ class CoulombLinear(NumberedMap):
         return sign
 
 
-def seldom(there: NDArray[np.bool_]) -> bool:
+def unseen_limits(low: Mask, high: Mask) -> tuple[Finding, ...]:
+    """A finding for a limit, lower or upper, that too few samples (N,) reach."""
+    return tuple(
+        Finding("limit-unseen", data={"side": side, "share": float(np.mean(there))})
+        for side, there in (("low", low), ("high", high))
+        if seldom(there)
+    )
+
+
+def seldom(there: Mask) -> bool:
     """Whether too few samples are there, of which (N,) says so, to determine that side of a map."""
     return bool(np.mean(there) < SELDOM or np.sum(there) < FEW)

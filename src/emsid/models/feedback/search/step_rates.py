@@ -41,7 +41,7 @@ def faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tria
             if now is None or bench.prefers(each, now):
                 now = each
         # Where one way to take the input diverges, it may not with a lower order.
-        if now is not None and sum(not _diverges(each) for each in tried) == len(ways):
+        if now is not None and len(tried) == len(ways) and not any(map(_diverges, tried)):
             ways = (now.found.model.held,)
         if order < top:
             lowest = min(tried, key=lambda each: each.found.error, default=lowest)

@@ -17,6 +17,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
 from emsid.models.feedback.coordinates import (
     Visited,
+    check_size,
     coordinates,
     coordinates_in_form,
     directions,
@@ -248,7 +249,7 @@ def test_signals_without_a_size_are_refused() -> None:
     model = loop()
     seen = visited(model)
     with pytest.raises(ModelError, match="diverges"):
-        whitened(model, replace(seen, w=1e200 * np.random.default_rng(0).standard_normal(seen.w.shape)))
+        check_size(model, replace(seen, w=1e200 * np.random.default_rng(0).standard_normal(seen.w.shape)))
 
 
 def test_what_is_no_feedback_model_is_refused() -> None:

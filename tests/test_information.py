@@ -214,6 +214,14 @@ def test_a_column_of_zeros_has_no_estimate_and_an_infinite_condition(seed: int) 
     np.testing.assert_allclose(solution.estimate[[0, 2]], expected, rtol=1e-11)
 
 
+def test_a_column_of_hardly_any_length_has_an_infinite_variance() -> None:
+    rows = np.random.default_rng(1).standard_normal((20, 3)) * [1.0, 1e-158, 1.0]
+    solution = Information.from_rows(rows[:, :2], rows[:, 2]).solve()
+    assert solution.rank == 2
+    assert np.isinf(solution.covariance[1, 1])
+    assert np.isfinite(solution.covariance[0, 0])
+
+
 def test_a_regression_of_zeros_explains_nothing() -> None:
     y = np.arange(10.0)
     solution = Information.from_rows(np.zeros((10, 3)), y).solve()

@@ -178,7 +178,8 @@ class Information:
         variance = residual / freedom if freedom > 0 else np.nan
 
         inverse = inverse_triangle(leading)
-        spread = inverse @ inverse.T / np.outer(length[kept], length[kept])
+        with np.errstate(over="ignore"):  # of a column of hardly any length the variance is infinite
+            spread = inverse @ inverse.T / np.outer(length[kept], length[kept])
         covariance = np.zeros((n, n))
         covariance[np.ix_(kept, kept)] = variance * spread
         covariance[left, left] = np.inf

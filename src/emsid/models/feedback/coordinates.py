@@ -45,6 +45,8 @@ COMPARED = 400
 CONTAINED, DEPENDENT = 1e-7, 1e-9
 # A transformation of the state that is worse conditioned than this is not made.
 WORST_CONDITION = 1e10
+# Signals from this size on have squares that are no numbers.
+LARGEST = 1e150
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +219,16 @@ def weights(model: FeedbackModel, visited: Visited) -> Array:
     of_maps = [np.maximum(part, 1e-6 * part.max() if part.any() else 1.0) for part in parts]
     free = table[model.free_entries]
     return np.concatenate([free, of_factors.ravel(), *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
+
+
+def check_size(model: FeedbackModel, visited: Visited) -> None:
+    """Refuse signals of which the squares are no numbers, though the output may be small.
+
+    Raises:
+        ModelError: if there is one.
+    """
+    if not all(np.abs(each).max(initial=0.0) < LARGEST for each in (visited.x, visited.z, visited.w)):
+        raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
 
 
 def size_of(signals: Array) -> Array:
@@ -430,11 +442,8 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
     """
     n = model.states
     transform = np.eye(n, order="F")
-    with np.errstate(over="ignore", invalid="ignore"):
-        covariance = np.atleast_2d(np.cov(visited.x.T)) if n else np.zeros((0, 0))
-        units_in, units_out = size_of(visited.z), size_of(visited.w)
-    if not all(np.isfinite(each).all() for each in (covariance, units_in, units_out)):
-        raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
+    covariance = np.atleast_2d(np.cov(visited.x.T)) if n else np.zeros((0, 0))
+    units_in, units_out = size_of(visited.z), size_of(visited.w)
     for part, _ in model.parts:
         size, axes = np.linalg.eigh(covariance[part, part])
         if size.max(initial=0.0) > 0:

@@ -27,7 +27,14 @@ from emsid.estimation.nonlinear.restarts import TURNS, Ends, begun_around, confi
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.findings import Finding
-from emsid.models.feedback.coordinates import Visited, coordinates, coordinates_in_form, in_coordinates, whitened
+from emsid.models.feedback.coordinates import (
+    Visited,
+    check_size,
+    coordinates,
+    coordinates_in_form,
+    in_coordinates,
+    whitened,
+)
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
@@ -474,7 +481,9 @@ def visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -
     """The signals of a model over the segments.
 
     Raises:
-        ModelError: if its run diverges.
+        ModelError: if its run diverges, or its signals have no size.
     """
     runs = [model.trajectory(u, x) for (u, _), x in zip(segments, states, strict=True)]
-    return Visited.of([model.entering(u) for u, _ in segments], runs)
+    seen = Visited.of([model.entering(u) for u, _ in segments], runs)
+    check_size(model, seen)
+    return seen

@@ -14,6 +14,7 @@ import emsid
 from emsid import Record
 from emsid.models.blocks.static_maps import Polynomial
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search import choice
 from emsid.models.feedback.search.consensus import agreeing
 from emsid.models.feedback.search.trials import Trial, error_of_use
 from emsid.models.one_channel import segments_longer_than
@@ -95,3 +96,19 @@ def test_a_given_number_of_maps_is_kept_though_one_is_enough() -> None:
     record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
     search = emsid.feedback(2, maps=2, delay=0, oversampling=1)
     assert len(emsid.fit(search, record).model.maps) == 2
+
+
+def test_a_model_with_another_number_of_maps_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, rng = loop(), np.random.default_rng(2)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    search = emsid.feedback(2, maps=1, delay=0, oversampling=1)
+    assert "other-number-of-maps" not in codes(emsid.fit(search, record))
+    monkeypatch.setattr(choice.Contest, "continued", property(lambda self: []))  # as if all others ran away
+    fit = emsid.fit(emsid.feedback(2, maps=2, delay=0, oversampling=1), record)
+    assert len(fit.model.maps) == 1
+    assert "other-number-of-maps" in codes(fit)
+
+
+def codes(fit: emsid.Fit[emsid.FeedbackModel]) -> list[str]:
+    return [each.code for each in fit.findings]

@@ -91,6 +91,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("parameters-undetermined", data={"without_effect": [], "inseparable": [[f"s{k}" for k in range(1, 39)]]}),
     # cascades
     Finding("choices-cut-short", "wiener", {"cancelled": True}),
+    Finding("other-number-of-maps", "feedback", {"maps": 1, "asked": 2}),
     Finding("dead-time-at-input", "wiener", {"model": "wiener", "delay": 1, "moved": 1, "filters": 1}),
     Finding(
         "dead-time-at-input",

@@ -12,6 +12,16 @@ def choices_cut_short(f: Finding, argument: Spelling) -> str:
     return f"the search for the orders and the static map {why}; the best {f.subject} model so far is kept"
 
 
+@words("other-number-of-maps", Severity.WARNING)
+def other_number_of_maps(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: maps (that it has), asked (for)."""
+    asked, maps = (f"{n} static map{'s' * (n != 1)}" for n in (f.data["asked"], f.data["maps"]))
+    return (
+        f"no {f.subject} model with {asked}, as asked for, has a free run that does not diverge; this one has {maps}; "
+        "record longer, or give another order"
+    )
+
+
 @words("zero-cancels-pole", Severity.WARNING)
 def zero_cancels_pole(f: Finding, argument: Spelling) -> str:
     real, imaginary = f.data["pole"]

@@ -94,7 +94,7 @@ class FeedbackStructure:
                 with suppress(ModelError):
                     begun.append(_in_part(begun[0], several, during))
                 control.check()
-            return _fitted(begun, several, during)
+            return self._counted(_fitted(begun, several, during))
         except ModelError as problem:
             if begun or self.search.static is None:
                 raise
@@ -108,6 +108,14 @@ class FeedbackStructure:
             fit = _fitted(begun, several, FREE, 0)
             cut_short = Finding("choices-cut-short", self.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
             return replace(fit, ending=stopped.ending, findings=(cut_short,))
+
+    def _counted(self, fit: Fit[FeedbackModel]) -> Fit[FeedbackModel]:
+        """The fit, with a finding where it has not the number of maps that is asked for."""
+        maps, asked = len(fit.model.maps), self.search.maps
+        if asked in (None, maps):
+            return fit
+        other = Finding("other-number-of-maps", self.name, {"maps": maps, "asked": asked})
+        return replace(fit, findings=(*fit.findings, other))
 
     @one_blas_thread()
     def continued(self, fit: Fit[FeedbackModel], record: Record, control: Control = FREE) -> Fit[FeedbackModel]:

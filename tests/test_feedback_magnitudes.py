@@ -110,8 +110,8 @@ def test_friction_that_levels_off_soon_has_two_numbers() -> None:
 
 
 def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
-    search = emsid.feedback(order=2, static="even-spline", maps=2, delay=0, oversampling=1)
-    fit = emsid.fit(search, magnitudes())
+    search = emsid.feedback(order=3, static="even-spline", maps=2, delay=0, oversampling=1)
+    fit = emsid.fit(search, magnitudes(300))
     assert [type(each) for each in fit.model.maps] == [EvenSpline, EvenSpline]
 
 

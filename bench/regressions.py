@@ -3,7 +3,9 @@
 The systems come from a simulator that is not the program's own (``tests/independent``). Every seed has other
 parameters, inputs and noise; seed 0 has the usual parameters. `emsid.identify` runs without options on one record, and
 all of its models are judged on others of another kind. Errors are multiples of the noise, which no model can do better
-than.
+than. For the oscillators the equation of the simulator is fitted too: where a sweep jumps from one branch of a
+resonance to the other, a little noise in the record moves the jump, and no model that is fitted to it can know when it
+comes.
 """
 
 from __future__ import annotations
@@ -14,12 +16,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from rich.console import Console
 from rich.table import Table
 
 import emsid
 from arguments import asked_parts
 from emsid.estimation.nonlinear.control import Activity, Control
+from emsid.plants import OwnPlant, Parameter
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
@@ -31,6 +35,39 @@ SPREAD = 0.2
 """Standard deviation of the factors by which the parameters of the seeds above 0 differ from the usual ones."""
 
 console = Console(width=150)
+
+
+@njit  # type: ignore[untyped-decorator]
+def spring_rate(x, u, p):  # type: ignore[no-untyped-def]
+    """Change of position and speed: y″ + 2ζω·y′ + ω²·(y + α·y² + κ·y³) = ω²·u."""
+    omega, zeta, alpha, kappa = p
+    force = u[0] - x[0] - alpha * x[0] ** 2 - kappa * x[0] ** 3
+    return np.array([x[1], omega**2 * force - 2 * zeta * omega * x[1]])
+
+
+@njit  # type: ignore[untyped-decorator]
+def position(x, u, p):  # type: ignore[no-untyped-def]
+    """The position."""
+    return x[:1]
+
+
+OSCILLATOR = OwnPlant(
+    spring_rate,
+    position,
+    table=(
+        Parameter("omega", "ω", "rad/s", "natural frequency at small amplitude"),
+        Parameter("zeta", "ζ", "1", "damping ratio"),
+        Parameter("alpha", "α", "1", "difference between the sides"),
+        Parameter("kappa", "κ", "1", "hardening"),
+    ),
+    values=(400.0, 0.1, 0.0, 1.0),  # a rough start
+    states=2,
+    steps=8,
+    name="true equation",
+    between="band-limited",
+)
+EQUATIONS = {"oscillator": OSCILLATOR, "asymmetric oscillator": OSCILLATOR}
+"""Systems whose equation is fitted beside the default models."""
 
 
 def run_error(model: emsid.Model, record: emsid.Record) -> float:
@@ -54,8 +91,14 @@ class Clock:
             self.model, self.begun = model, now
 
 
-def identified(name: str, records: Sequence[emsid.Record], judges: Mapping[str, emsid.Record], noise: float) -> None:
-    """The default models, each in multiples of the noise on every record to judge on."""
+def identified(
+    name: str,
+    records: Sequence[emsid.Record],
+    judges: Mapping[str, emsid.Record],
+    noise: float,
+    equation: OwnPlant | None = None,
+) -> None:
+    """The default models and the true equation, each in multiples of the noise on every record to judge on."""
     clock, start = Clock(), time.process_time()
     result = emsid.identify(list(records), control=Control(report=clock))
     seconds = time.process_time() - start
@@ -65,6 +108,9 @@ def identified(name: str, records: Sequence[emsid.Record], judges: Mapping[str, 
         board.add_column(head, justify="right" if head else "left")
     rows = [(f"{result.chosen.model.name} (recommended)", result.recommended, result.chosen)]
     rows += [(fit.model.name, fit.model, fit) for fit in result.fits]
+    if equation is not None:
+        own = emsid.fit(equation, list(records))
+        rows.append((equation.name, own.model, own))
     for model, run, fit in rows:
         errors = [run_error(run, record) / noise for record in judges.values()]
         spent = clock.spent.get(model, float("nan"))
@@ -86,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             identified(asked, made.fitted, made.unseen, made.noise)
         else:
             one = system(name, int(seed or 0))
-            identified(asked, [one.fitted], one.unseen, one.noise)
+            identified(asked, [one.fitted], one.unseen, one.noise, EQUATIONS.get(name))
 
 
 if __name__ == "__main__":

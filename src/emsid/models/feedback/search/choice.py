@@ -275,10 +275,10 @@ class Contest:
 def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Trial]) -> Iterator[Trial]:
     """With other families of maps in place of the first one, and beside it.
 
-    A map of another family may do with a lower order, and that order with another map again. Models with friction that
-    sticks (``stuck``) take part before maps are added. Maps of free form come last, and beside others only where one
-    map of free form is the best model. Several of them follow the record as well as the right maps, but with many
-    parameters, and then err in other combinations of states.
+    One of another family that leaves noise only may do with a lower order, and that with another map again. Models with
+    friction that sticks (``stuck``) take part before maps are added. Maps of free form come last, and beside others
+    only where one map of free form is the best model. Several of them follow the record as well as the right maps, but
+    with many parameters, and then err in other combinations of states.
     """
     bench = contest.bench
     for each in (contest.best, *_runner_up(contest.tried, contest.best)):
@@ -287,7 +287,7 @@ def _other_maps(contest: Contest, settings: FeedbackSearch, stuck: Sequence[Tria
         yield from contest.entered(finer(bench, others, settings))
     single = contest.best
     yield from contest.entered(other_families(bench, single, settings, PLAIN.others))
-    if contest.best.family is not single.family and contest.best.found.model.oversampling > 1:
+    if contest.best.family is not single.family and bench.leaves_noise(contest.best):
         yield from contest.entered(faster(bench, contest.best, settings))
         yield from contest.entered(other_families(bench, contest.best, settings, PLAIN.others))
     yield from contest.entered(stuck)

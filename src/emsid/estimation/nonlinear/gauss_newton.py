@@ -321,8 +321,9 @@ class _Search:
 
     def _step_is_rounding(self, iterate: _Iterate) -> bool:
         theta = iterate.point.theta[self.box.varied]
-        step = np.linalg.norm(iterate.scale * iterate.remaining)
-        return bool(step <= ROUNDING * np.linalg.norm(iterate.scale * theta))
+        # Lengths whose squares overflow where a run nearly diverges.
+        step, length = (np.hypot.reduce(iterate.scale * each) for each in (iterate.remaining, theta))
+        return bool(step <= ROUNDING * length)
 
 
 def gauss_newton(

@@ -11,8 +11,10 @@ import pytest
 from emsid import Ending, FeedbackModel, Record
 from emsid.blocks import CoulombLinear, Polynomial
 from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.fitting import visited as signals_of
+from emsid.models.feedback.normal_form import normal_form
 from emsid.validation import free_run_band
-from emsid.validation.feedback_curves import visited
+from emsid.validation.feedback_curves import visited, visited_in_free_run
 from emsid.validation.map_bands import map_band, map_shape
 from feedback_models import Array
 
@@ -56,10 +58,38 @@ def test_a_band_contains_the_true_map_as_often_as_it_says(truth, signal) -> None
             band, shape = map_band(fit, record, 0, x), map_shape(fit.model, record, 0, x)
             width[samples].append(band.standard_error[-1] / np.ptp(band.value))
             if samples == 1000:
-                inside.append(np.abs(shape(fit.model) - shape(truth)) <= band.half)
+                alike = normal_form(truth, visited(truth, record)).model  # in the coordinates of the fit
+                inside.append(np.abs(shape(fit.model) - shape(alike)) <= band.half)
     assert np.sum(inside, axis=0).min() >= 16
     assert np.median(width[1000]) < 0.01
     assert 1.5 < np.median(width[1000]) / np.median(width[4000]) < 2.7
+
+
+def test_a_band_of_a_slow_model_belongs_to_the_signals_of_its_free_run() -> None:
+    """From rest, which is far from all data, several of these bands were wider than the map is high."""
+    slow = FeedbackModel(
+        np.array([[0.9995, 0.02, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (CoulombLinear(-0.008, 0.0, 0.3),), dt=DT
+    )
+    inside, width, begin = [], [], np.array([-1.0])
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = held(rng, 400) + 1.0
+        y = slow.output(u, begin)
+        record = Record(u, y + 0.01 * np.std(y) * rng.normal(size=len(u)), DT)
+        fit = fit_feedback(slow, record)
+        z = visited_in_free_run(fit.model, record).z[:, 0]
+        x = np.linspace(z.min(), z.max(), 7)
+        band = map_band(fit, record, 0, x)
+        if band.known:
+            shape, alike = (
+                map_shape(fit.model, record, 0, x),
+                normal_form(slow, signals_of(slow, [(u, y)], [begin])).model,
+            )
+            inside.append(np.abs(shape(fit.model) - shape(alike)) <= band.half)
+            width.append(np.max(band.half) / np.ptp(band.value))
+    assert len(inside) >= 8
+    assert np.sum(inside, axis=0).min() >= 0.75 * len(inside)
+    assert np.max(width) < 0.3
 
 
 def test_a_search_that_ended_before_a_minimum_has_no_bands() -> None:

@@ -34,7 +34,8 @@ from one half of these steps to the other is unstable."""
 
 SHOWN = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
-
+STATE_STEPS, STATE_SAMPLES = 3, 2_000
+"""Steps to the initial state of a model close to another one, and samples that show it."""
 
 EQUATION, UNCHANGED, MOST_DIGITS = 10_000, 0.01, 8
 """An equation has the digits of its intervals, and at most so many more: as many as its free run over so many samples
@@ -129,9 +130,36 @@ def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
     The rest of a model with a slow pole may be far from all states of the data. A segment that is too short to show a
     state begins at rest.
     """
+    return _visited_from(model, record, _first_states(model, record))
+
+
+def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[FeedbackModel], Visited]:
+    """A function from a feedback model close to this one to its signals over the record.
+
+    The free run of this one begins as in `visited_in_free_run`. That of another one begins at the states from which its
+    output is closest to that of this one, as those of a fit move with its parameters.
+    """
+    states, several = _first_states(model, record), [each.input[:, 0] for each in record.segments]
+    begun = [np.ascontiguousarray(u[:STATE_SAMPLES]) for u in several]
+    shown = [model.output(u, x) for u, x in zip(begun, states, strict=True)]
+
+    def signals(other: FeedbackModel) -> Visited:
+        moved = []
+        for u, y, state in zip(begun, shown, states, strict=True):
+            x = state
+            for _ in range(STATE_STEPS):
+                run, rows = other.with_state_gradient(u, x)
+                x = x + np.linalg.lstsq(rows[other.edge :], (y - run)[other.edge :], rcond=None)[0]
+            moved.append(x)
+        return _visited_from(other, record, moved)
+
+    return signals
+
+
+def _first_states(model: FeedbackModel, record: Record) -> list[Array]:
+    """The states (n,) that the first samples of every segment show; those of rest if it is too short."""
     several = [(each.input[:, 0], each.output[: model.memory, 0]) for each in record.segments]
-    states = [starting(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
-    return _visited_from(model, record, states)
+    return [starting(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
 
 
 def _visited_from(model: FeedbackModel, record: Record, states: Sequence[Array]) -> Visited:

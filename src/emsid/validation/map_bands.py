@@ -31,7 +31,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import power_of, squared_gains
 from emsid.record import Record
 from emsid.validation.bands import Band, with_error
-from emsid.validation.feedback_curves import visited
+from emsid.validation.feedback_curves import visited_alongside
 
 Array = NDArray[np.float64]
 
@@ -67,8 +67,8 @@ def map_shape(model: FeedbackModel, record: Record, k: int, x: Array) -> Callabl
         k: the map, from 0.
         x: (m,) inputs of the map.
     """
-    begin = record[:LONGEST]
-    run = visited(model, begin)
+    of = visited_alongside(model, record[:LONGEST])
+    run = of(model)
     power = power_of(run.w[:, k])
     mean, unit_in, unit_out = _units(model, run, k, power)
     low, high = np.quantile(run.z[:, k], MIDDLE)
@@ -79,7 +79,7 @@ def map_shape(model: FeedbackModel, record: Record, k: int, x: Array) -> Callabl
     without = lines @ np.linalg.pinv(compared)
 
     def shape(other: FeedbackModel) -> Array:
-        centre, into, out = _units(other, visited(other, begin), k, power)
+        centre, into, out = _units(other, of(other), k, power)
         values, seen = (
             other.maps[k].value(centre + (each - mean) * into / unit_in) * out / unit_out for each in (x, at)
         )

@@ -107,3 +107,22 @@ def test_noise_is_not_model_error_where_parameters_are_hardly_identifiable() -> 
         spread = np.sqrt(np.diag(model_error_covariance(problem, estimate, BOTH, NONE, problem)))
         held.append(np.abs(estimate - truth) < 1.96 * spread)
     assert np.all(np.abs(np.mean(held, axis=0) - 0.95) < 0.035)
+
+
+def test_a_step_to_a_derivative_that_overflows_shows_no_curvature() -> None:
+    """A model close to the fitted one nearly diverges, as an unstable filter does."""
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 1.0, 100)
+    y = 1.0 + 2.0 * x + 0.1 * rng.standard_normal(100)
+
+    class Steep(Line):
+        def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+            (residual, rows), *_ = super().linearised(theta)
+            return [(residual, rows * (1 + 1e160 * (theta[1] - slope)))]
+
+    line = Line(x, y)
+    minimum = gauss_newton(line, [0.0, 0.0])
+    slope = minimum.estimate[1]
+    steep = Steep(x, y)
+    both = [model_error_covariance(each, minimum.estimate, BOTH, NONE, each) for each in (line, steep)]
+    np.testing.assert_allclose(both[1], both[0])

@@ -42,6 +42,8 @@ Indices = NDArray[np.intp]
 STEP = 1.5
 # The second term of H is an estimate, so its effect on the curvature in any direction is limited to these factors.
 FLATTEST, STEEPEST = 0.2, 5.0
+# A derivative from this size on, where a run nearly diverges, is no number once it is squared twice.
+LARGEST = 1e75
 
 
 def model_error_covariance(
@@ -122,6 +124,6 @@ def _jacobians(problem: Problem, theta: Array) -> list[Array]:
     with np.errstate(over="ignore", invalid="ignore"):
         problem.residuals(theta)  # raises Infeasible if there is none
         jacobians = [jacobian for _, jacobian in problem.linearised(theta)]
-    if not all(np.isfinite(jacobian).all() for jacobian in jacobians):
+    if not all(np.abs(jacobian).max(initial=0.0) < LARGEST for jacobian in jacobians):
         raise Infeasible("a derivative that is not finite")
     return jacobians

@@ -372,6 +372,8 @@ def test_bad_problems() -> None:
         gauss_newton(Curves(decay().residual, lambda t: [np.ones((240, 2))]), [1, 1, 1])
     with pytest.raises(ModelError, match=r"parameters \[1\] is not finite"):
         gauss_newton(Curves(decay().residual, lambda t: [np.full((240, 3), [1, np.nan, 1])]), [1, 1, 1])
+    with pytest.raises(ModelError, match=r"parameters \[1, 2\] is not finite"):
+        gauss_newton(Curves(decay().residual, lambda t: [np.full((240, 3), [1, np.inf, -np.inf])]), [1, 1, 1])
     with pytest.raises(ModelError, match="1 samples for 2"):
         gauss_newton(Curves(lambda t: [np.ones(1)], lambda t: [np.ones((1, 2))]), [1, 1])
     with pytest.raises(ModelError, match="positive number"):

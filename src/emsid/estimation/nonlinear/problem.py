@@ -147,7 +147,9 @@ def linearised(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> L
         columns[-1] = -residual
         if loss is not SQUARES:
             columns *= np.sqrt(loss.weight(residual))
-        if not np.isfinite(columns.sum()):
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = np.isfinite(columns.sum())
+        if not finite:
             bad = varied[own][~np.isfinite(columns[:-1]).all(axis=1)]
             raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")
         information = (

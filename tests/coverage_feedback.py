@@ -173,7 +173,7 @@ def _shifted(model: FeedbackModel, i: int, shift: float) -> FeedbackModel:
 
 
 def _visited(model: FeedbackModel, u: Array) -> Visited:
-    return Visited.of([model.entering(u)], [model.trajectory(u, model.resting(float(u[0])))])
+    return Visited.of(model, [u], [model.resting(float(u[0]))])
 
 
 @dataclass(frozen=True, eq=False)

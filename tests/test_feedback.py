@@ -174,7 +174,7 @@ def test_signals_of_a_slow_model_are_those_of_its_free_run() -> None:
 
 
 def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
-    return Visited.of([model.entering(u)], [model.trajectory(u, x)])
+    return Visited.of(model, [u], [x])
 
 
 @pytest.mark.parametrize("make", [loop, multiplied])

@@ -30,7 +30,7 @@ LONG = ("polynomial", "product", "sensor")
 
 
 def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
-    return Visited.of([model.entering(u)], [model.trajectory(u, x)])
+    return Visited.of(model, [u], [x])
 
 
 # --- the form --------------------------------------------------------------------------------------------------------

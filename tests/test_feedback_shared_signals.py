@@ -40,7 +40,7 @@ X = np.zeros(2)
 
 
 def visited(model: FeedbackModel, x: Array = X) -> Visited:
-    return Visited.of([model.entering(U)], [model.trajectory(U, x)])
+    return Visited.of(model, [U], [x])
 
 
 def sharing(*pairs: tuple[str, str]) -> FeedbackModel:

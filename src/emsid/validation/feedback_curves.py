@@ -7,7 +7,7 @@ J_θ + J_x dx₀/dθ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -121,7 +121,8 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
 
 def visited(model: FeedbackModel, record: Record) -> Visited:
     """The signals of the model over the record, from rest at the first input."""
-    return _visited_from(model, record, [model.resting(float(each.input[0, 0])) for each in record.segments])
+    inputs = _inputs(record)
+    return Visited.of(model, inputs, [model.resting(float(u[0])) for u in inputs])
 
 
 def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
@@ -130,7 +131,7 @@ def visited_in_free_run(model: FeedbackModel, record: Record) -> Visited:
     The rest of a model with a slow pole may be far from all states of the data. A segment that is too short to show a
     state begins at rest.
     """
-    return _visited_from(model, record, _first_states(model, record))
+    return Visited.of(model, _inputs(record), _first_states(model, record))
 
 
 def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[FeedbackModel], Visited]:
@@ -139,8 +140,8 @@ def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[Feedbac
     The free run of this one begins as in `visited_in_free_run`. That of another one begins at the states from which its
     output is closest to that of this one, as those of a fit move with its parameters.
     """
-    states, several = _first_states(model, record), [each.input[:, 0] for each in record.segments]
-    begun = [np.ascontiguousarray(u[:STATE_SAMPLES]) for u in several]
+    states, inputs = _first_states(model, record), _inputs(record)
+    begun = [u[:STATE_SAMPLES] for u in inputs]
     shown = [model.output(u, x) for u, x in zip(begun, states, strict=True)]
 
     def signals(other: FeedbackModel) -> Visited:
@@ -151,22 +152,20 @@ def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[Feedbac
                 run, rows = other.with_state_gradient(u, x)
                 x = x + np.linalg.lstsq(rows[other.edge :], (y - run)[other.edge :], rcond=None)[0]
             moved.append(x)
-        return _visited_from(other, record, moved)
+        return Visited.of(other, inputs, moved)
 
     return signals
 
 
 def _first_states(model: FeedbackModel, record: Record) -> list[Array]:
     """The states (n,) that the first samples of every segment show; those of rest if it is too short."""
-    several = [(each.input[:, 0], each.output[: model.memory, 0]) for each in record.segments]
+    several = zip(_inputs(record), [each.output[: model.memory, 0] for each in record.segments], strict=True)
     return [starting(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
 
 
-def _visited_from(model: FeedbackModel, record: Record, states: Sequence[Array]) -> Visited:
-    """The signals of the model over the record, from the states (n,) at the start of its segments."""
-    inputs = [segment.input[:, 0] for segment in record.segments]
-    runs = [model.trajectory(u, x) for u, x in zip(inputs, states, strict=True)]
-    return Visited.of([model.entering(u) for u in inputs], runs)
+def _inputs(record: Record) -> list[Array]:
+    """(N,) the input of every segment."""
+    return [np.ascontiguousarray(segment.input[:, 0]) for segment in record.segments]
 
 
 def rounded_equation(fit: Fit[Any], record: Record) -> str:

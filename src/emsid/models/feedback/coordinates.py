@@ -23,6 +23,7 @@ Criterion Matrices*, 1973).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -30,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.nonlinear.problem import LARGEST
 from emsid.models.blocks.static_maps import Scaling, StaticMap
-from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.sharing import Pair, multiple
 
@@ -45,8 +46,6 @@ COMPARED = 400
 CONTAINED, DEPENDENT = 1e-7, 1e-9
 # A transformation of the state that is worse conditioned than this is not made.
 WORST_CONDITION = 1e10
-# Signals from this size on have squares that are no numbers.
-LARGEST = 1e150
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +64,11 @@ class Visited:
     y: Array
 
     @classmethod
-    def of(cls, u: list[Array], runs: list[LoopSignals]) -> Visited:
-        """From the inputs at the steps of the model, and its runs."""
+    def of(cls, model: FeedbackModel, inputs: Sequence[Array], states: Sequence[Array]) -> Visited:
+        """Of the runs of a model for several inputs (N,), each from states (n,)."""
+        runs = [model.trajectory(u, x) for u, x in zip(inputs, states, strict=True)]
         x, z, w, y = (np.concatenate([getattr(each, name) for each in runs]) for name in "xzwy")
-        return cls(x, z, w, np.concatenate(u), y)
+        return cls(x, z, w, np.concatenate([model.entering(u) for u in inputs]), y)
 
     def thinned(self, most: int) -> Visited:
         """At most this many steps of it."""

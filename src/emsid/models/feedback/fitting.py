@@ -483,7 +483,6 @@ def visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -
     Raises:
         ModelError: if its run diverges, or its signals have no size.
     """
-    runs = [model.trajectory(u, x) for (u, _), x in zip(segments, states, strict=True)]
-    seen = Visited.of([model.entering(u) for u, _ in segments], runs)
+    seen = Visited.of(model, [u for u, _ in segments], states)
     check_size(model, seen)
     return seen

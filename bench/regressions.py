@@ -3,9 +3,8 @@
 The systems come from a simulator that is not the program's own (``tests/independent``). Every seed has other
 parameters, inputs and noise; seed 0 has the usual parameters. `emsid.identify` runs without options on one record, and
 all of its models are judged on others of another kind. Errors are multiples of the noise, which no model can do better
-than. For the oscillators the equation of the simulator is fitted too: where a sweep jumps from one branch of a
-resonance to the other, a little noise in the record moves the jump, and no model that is fitted to it can know when it
-comes.
+than. For the oscillators the equation of the simulator is fitted too. Where a sweep jumps from one branch of a
+resonance to the other, small errors of all parameters move the jump; the fit of the equation shows by how much.
 """
 
 from __future__ import annotations
@@ -37,16 +36,16 @@ SPREAD = 0.2
 console = Console(width=150)
 
 
-@njit  # type: ignore[untyped-decorator]
-def spring_rate(x, u, p):  # type: ignore[no-untyped-def]
+@njit
+def spring_rate(x, u, p):
     """Change of position and speed: y″ + 2ζω·y′ + ω²·(y + α·y² + κ·y³) = ω²·u."""
     omega, zeta, alpha, kappa = p
     force = u[0] - x[0] - alpha * x[0] ** 2 - kappa * x[0] ** 3
     return np.array([x[1], omega**2 * force - 2 * zeta * omega * x[1]])
 
 
-@njit  # type: ignore[untyped-decorator]
-def position(x, u, p):  # type: ignore[no-untyped-def]
+@njit
+def position(x, u, p):
     """The position."""
     return x[:1]
 

@@ -13,7 +13,7 @@ import emsid
 from coverage_feedback import CASES, Signal, fitted, noisy, white
 from emsid import FeedbackModel
 from emsid.blocks import Polynomial
-from emsid.models.feedback.coordinates import Visited, always_fixed, free_lines
+from emsid.models.feedback.coordinates import always_fixed, free_lines
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
 from emsid.models.feedback.observer_form import observer_form
@@ -23,14 +23,10 @@ from emsid.validation.map_bands import map_band
 from feedback_models import Array, U, X, loop, multiplied
 from independent.nonlinear_systems import duffing
 from model_examples import DT, MAPS
-from test_feedback import wiener_hammerstein
+from test_feedback import visited, wiener_hammerstein
 from test_map_bands import MOTOR, SPRING, held, smooth
 
 LONG = ("polynomial", "product", "sensor")
-
-
-def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
-    return Visited.of(model, [u], [x])
 
 
 # --- the form --------------------------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ import pytest
 
 from emsid import Ending, FeedbackModel, Record
 from emsid.blocks import CoulombLinear, Polynomial
+from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.fitting import fit_feedback
-from emsid.models.feedback.fitting import visited as signals_of
 from emsid.models.feedback.normal_form import normal_form
 from emsid.validation import free_run_band
 from emsid.validation.feedback_curves import visited, visited_in_free_run
@@ -81,10 +81,8 @@ def test_a_band_of_a_slow_model_belongs_to_the_signals_of_its_free_run() -> None
         x = np.linspace(z.min(), z.max(), 7)
         band = map_band(fit, record, 0, x)
         if band.known:
-            shape, alike = (
-                map_shape(fit.model, record, 0, x),
-                normal_form(slow, signals_of(slow, [(u, y)], [begin])).model,
-            )
+            shape = map_shape(fit.model, record, 0, x)
+            alike = normal_form(slow, Visited.of(slow, [u], [begin])).model
             inside.append(np.abs(shape(fit.model) - shape(alike)) <= band.half)
             width.append(np.max(band.half) / np.ptp(band.value))
     assert len(inside) >= 8

@@ -17,8 +17,8 @@ def other_number_of_maps(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: maps (that it has), asked (for)."""
     asked, maps = (f"{n} static map{'s' * (n != 1)}" for n in (f.data["asked"], f.data["maps"]))
     return (
-        f"no {f.subject} model with {asked}, as asked for, has a free run that does not diverge; this one has {maps}; "
-        "record longer, or give another order"
+        f"the search found no {f.subject} model with {asked} whose free run does not diverge, so this one has {maps}; "
+        "record longer, or give another order or number of maps"
     )
 
 

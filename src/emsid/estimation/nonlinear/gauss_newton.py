@@ -321,7 +321,7 @@ class _Search:
 
     def _step_is_rounding(self, iterate: _Iterate) -> bool:
         theta = iterate.point.theta[self.box.varied]
-        # Lengths whose squares overflow where a run nearly diverges.
+        # Without squares, which overflow where a run nearly diverges.
         step, length = (np.hypot.reduce(iterate.scale * each) for each in (iterate.remaining, theta))
         return bool(step <= ROUNDING * length)
 

@@ -72,7 +72,8 @@ def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch, in_any_case: 
     if key in bench.doubled:
         return bench.doubled[key][1]
     finer, at = list[Trial](), sticking_map(model)
-    for held in settings.ways if at is None or model.oversampling == 1 else (model.held,):
+    ways = settings.ways if at is None or model.oversampling == 1 else (model.held,)
+    for held in ways:
         bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
         with suppress(EmsidError):
             start = with_steps_doubled(model, held) if at is None else with_sticking_steps_doubled(model, at, held)

@@ -73,8 +73,11 @@ def motor(seed: int, samples: int = 4000) -> Case:
     return Case(truth, fitted, unseen, False)
 
 
-def axis(seed: int, drifts: bool, samples: int = 8000) -> Case:
-    """An axis under position control: command to position, by an encoder of 0.2 mm with 0.3 mm noise."""
+def axis(seed: int, drifts: bool, samples: int = 8000, judged: float = 1.0) -> Case:
+    """An axis under position control: command to position, by an encoder of 0.2 mm with 0.3 mm noise.
+
+    The reference of the second record is multiplied by ``judged``.
+    """
     rng = np.random.default_rng([2, seed, drifts])
     dt = float(rng.choice([1e-3, 2e-3, 5e-3]))
     time_constant = dt * np.exp(rng.uniform(np.log(100), np.log(1000)))
@@ -99,7 +102,7 @@ def axis(seed: int, drifts: bool, samples: int = 8000) -> Case:
         steps = lfilter([1 - decay], [1, -decay], steps)
     fitted, unseen = (
         _controlled(truth, 0.15 * reference, dt, largest, rng, 0.04 * level if drifts else 0.0)
-        for reference in (wave, steps)
+        for reference in (wave, judged * steps)
     )
     return Case(truth, fitted, unseen, True)
 

@@ -47,6 +47,27 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("searches-agreeing", data={"searches": 1, "agreeing": 1, "compared": 1}),
     Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
     Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),
+    Finding(
+        "effect-missing",
+        "rigid-motor",
+        {"effect": "stribeck", "or": [], "parameters": ["rotor_friction.stribeck"], "share": 0.85},
+    ),
+    Finding(
+        "effect-missing",
+        "rigid-motor",
+        {"effect": "lag", "or": ["average", "delay"], "parameters": ["sensor.lag"], "share": 0.66},
+    ),
+    Finding(
+        "value-contradicted",
+        "voltage_dead_zone.half_width",
+        {"value": 0.4, "better": 0.0, "unit": "V", "share": 0.93, "or": []},
+    ),
+    Finding(
+        "value-contradicted",
+        "motor_constant",
+        {"value": 0.05, "better": 0.0594, "unit": "N*m/A", "share": 0.93, "or": ["viscous"]},
+    ),
+    Finding("parameter-changes", "resistance", {"halves": [1.02, 1.14], "unit": "ohm", "share": 0.55, "or": []}),
     Finding("parameter-drifts", "offset", {"halves": [-3.247, -3.532], "unit": "N"}),
     Finding(
         "parameters-by-record",

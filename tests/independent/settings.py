@@ -71,7 +71,7 @@ class Setting:
     def record(self, seed: int, samples: int = 1500) -> Record:
         """One record."""
         rng = np.random.default_rng([3, seed])
-        command, within = _sines(rng, samples) if self.continuous else _levels(rng, samples)
+        command, within = _sines(rng, samples) if self.continuous else levels(rng, samples)
         speed, position = (each[:samples] for each in mass_of(self.truth).run(within, DT))
         if self.counts:
             counted = np.round((position + self.noise / self.counts * rng.standard_normal(samples)) * self.counts)
@@ -84,7 +84,7 @@ class Setting:
         return Record(command, speed, DT, input_units=("V",), output_units=("rad/s",))
 
 
-def _levels(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
+def levels(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
     """(N,) volts held over every sample: levels and a sine on them."""
     t = np.arange(samples) * DT
     levels = np.repeat(rng.uniform(-2, 2, samples // 50 + 1), 50)[:samples]

@@ -121,6 +121,54 @@ def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
     )
 
 
+EFFECTS = {
+    "coulomb": "a Coulomb level",
+    "viscous": "viscous friction",
+    "dead-zone": "a dead zone",
+    "quadratic": "friction with the square of the speed",
+    "stribeck": "a Stribeck level",
+    "delay": "a delay of the command",
+    "lag": "a lag of the sensor",
+    "average": "a speed averaged over the sample",
+    "inductance": "an inductance",
+    "load": "a constant load",
+    "gain-by-direction": "another gain backward",
+    "cogging": "a force that repeats every turn",
+    "sensor-offset": "an offset of the sensor",
+    "coulomb-by-direction": "a Coulomb level for each direction",
+    "viscous-by-direction": "viscous friction for each direction",
+}
+"""What may be added to a plant, by the names that searches give it."""
+
+
+@words("effect-missing", Severity.WARNING)
+def effect_missing(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: effect, or (others that promise as much), parameters, share (of the squared error)."""
+    effects = " or ".join(EFFECTS[name] for name in (f.data["effect"], *f.data["or"]))
+    return f"{effects} would lower the squared error by {100 * f.data['share']:.0f} %"
+
+
+@words("value-contradicted", Severity.WARNING)
+def value_contradicted(f: Finding, argument: Spelling) -> str:
+    """Subject: a parameter. Data: value (kept), better, unit, share (of the squared error), or (effects)."""
+    value, better = (with_unit(f"{each:.4g}", f.data["unit"]) for each in (f.data["value"], f.data["better"]))
+    others = "".join(f", or {EFFECTS[name]}" for name in f.data["or"])
+    return (
+        f"these data contradict {f.subject} = {value}: {better}{others} would lower the squared error by "
+        f"{100 * f.data['share']:.0f} %"
+    )
+
+
+@words("parameter-changes", Severity.WARNING)
+def parameter_changes(f: Finding, argument: Spelling) -> str:
+    """Subject: a parameter. Data: halves, unit, share (of the squared error), or (effects)."""
+    first, second = (with_unit(f"{value:.4g}", f.data["unit"]) for value in f.data["halves"])
+    return (
+        f"{f.subject} changes during the record: {first} in its first half and {second} in its second would lower the "
+        f"squared error by {100 * f.data['share']:.0f} %"
+    )
+
+
 @words("parameter-drifts")
 def parameter_drifts(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit."""

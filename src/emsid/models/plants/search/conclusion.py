@@ -21,6 +21,7 @@ from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
+from emsid.models.plants.search.missing import missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.task import Task
@@ -47,7 +48,10 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
-    more = [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)] if reached.unended else []
+    more: list[Finding] = []
+    if reached.unended:
+        more += [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)]
+        more += missing(task, problem, names, minimum)
     findings = (*(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))

@@ -1,0 +1,260 @@
+r"""What a fitted plant lacks, by one score test for every move that was not taken (`emsid.models.search.score`).
+
+Three kinds of parameters are scored at a minimum, each with the derivative of one free run:
+
+- the known additions (`additions`), at their neutral values;
+- every value that was given, kept or built in: whether the data contradict it;
+- every parameter as a linear function of the time of the record. Where a plant forgets fast compared with the record,
+  the derivative of its run by a slope over the record is that by the parameter times the time, from −1 to 1.
+
+A move is named only if noise does not explain its promise, its promise matters, and a refit with it keeps the promise.
+The best one is named first. The others are scored again beside it, since what is missing shows in many of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.nonlinear.control import Stopped
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.findings import Finding
+from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.parameters import Signal, parts
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search import continuation
+from emsid.models.plants.search.additions import Addition, additions
+from emsid.models.plants.search.conditions import held_names
+from emsid.models.plants.search.task import Task
+from emsid.models.search.score import Promise, Score
+from emsid.selection.improvement import NEGLIGIBLE
+
+Array = NDArray[np.float64]
+
+CHANCE = 0.01
+"""The probability that noise alone makes any of the moves of one fit seem to matter."""
+TRIED = 3
+"""The most promising moves that are fitted; a refit seldom refutes one of them."""
+NAMED = 2
+"""The most moves that are named: the search that follows the advice begins with one."""
+ALIKE = 0.9
+"""Additions that promise this part of the best one are named beside it: these data hardly tell them apart."""
+STEPS = 20
+"""Steps of the fit of a move; it begins at the step that the score promises."""
+EXACT = 1e3
+"""Noise below this many times the rounding errors of a free run is rounding: the data are exact."""
+MANY = 12_000
+"""A plant that is not one mass is scored on no more samples: its free run takes twenty times as long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One move and its derivative.
+
+    Attributes:
+        code: of the finding that names it.
+        names: its parameters.
+        columns: (Nᵢ, k) of every segment and channel.
+        lower, upper: (k,) bounds of the change.
+        start: the plant where its parameters have these columns.
+        addition: of a known addition; None for others.
+    """
+
+    code: str
+    names: tuple[str, ...]
+    columns: list[Array]
+    lower: Array
+    upper: Array
+    start: Plant
+    addition: Addition | None = None
+
+
+def missing(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> list[Finding]:
+    """Findings about what would lower the error of a fit, the best first; none where the search was stopped.
+
+    Args:
+        task: what was asked.
+        problem: begun at the minimum.
+        names: (p,) the parameters that were estimated.
+        minimum: where the search ended.
+    """
+    found: list[Finding] = []
+    if not minimum.cost > 0 or np.sqrt(minimum.noise_variance) <= EXACT * problem.precision:
+        return found
+    with suppress(EmsidError, Stopped):
+        moves, beside = list(_moves(task, problem, names)), list[Move]()
+        for _ in range(NAMED):
+            kept = _kept_promise(task, problem, names, minimum, _score(task, problem, minimum, beside), moves)
+            if kept is None:
+                break
+            beside.append(kept[0])
+            found.append(kept[1])
+            moves = [each for each in moves if set(each.names).isdisjoint(kept[0].names)]
+    return found
+
+
+def _kept_promise(
+    task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum, score: Score, moves: Sequence[Move]
+) -> tuple[Move, Finding] | None:
+    """The most promising move whose refit lowers the error, with its finding."""
+    chance = CHANCE / max(len(moves), 1)
+    promises = [(score.promise(each.columns, each.lower, each.upper, NEGLIGIBLE), each) for each in moves]
+    likely = [pair for pair in promises if pair[0].share > NEGLIGIBLE and pair[0].chance < chance]
+    for promise, move in sorted(likely, key=lambda pair: -pair[0].share)[:TRIED]:
+        with suppress(EmsidError):
+            finding = _tried(task, problem, names, minimum, promise, move)
+            if finding is not None:
+                others = {
+                    each.addition.effect
+                    for other, each in likely
+                    if each.addition is not None and other.share > ALIKE * promise.share
+                }
+                same = {move.addition.effect} if move.addition is not None else set()
+                return move, replace(finding, data={**finding.data, "or": sorted(others - same)})
+    return None
+
+
+def _score(task: Task, problem: FreeRunError, minimum: Minimum, beside: Sequence[Move]) -> Score:
+    """The score at a minimum; beside moves, these count as present and are taken at their best."""
+    free = np.flatnonzero(minimum.free)
+    blocks = problem.exactly(problem.start)
+    residuals = [part for residual, _ in blocks for part in _by_channel(task, residual)]
+    jacobians = [part for _, jacobian in blocks for part in _by_channel(task, jacobian[:, free])]
+    channels = [k % len(task.signals) for k in range(len(residuals))]
+    for move in beside:
+        promise = Score(residuals, jacobians, channels).promise(move.columns, move.lower, move.upper)
+        residuals = [each + column @ promise.step for each, column in zip(residuals, move.columns, strict=True)]
+        jacobians = [np.column_stack(each) for each in zip(jacobians, move.columns, strict=True)]
+    return Score(residuals, jacobians, channels)
+
+
+def _by_channel(task: Task, rows: Array) -> list[Array]:
+    return np.split(rows, len(task.signals))
+
+
+# --- the moves ------------------------------------------------------------------------------------------------------
+
+
+def _moves(task: Task, problem: FreeRunError, names: Sequence[str]) -> Iterator[Move]:
+    plant = problem.plant
+    driven = plant.of_record(0)
+    slow = isinstance(driven, DrivenPlant) and not driven.is_one_mass
+    if slow and (driven.secondary or sum(map(len, task.segments)) > MANY):
+        return
+    held = held_names(task, plant, names)
+    if isinstance(plant, DrivenPlant):
+        for row in additions(plant, names, (*task.fixed, *task.asked), task.segments, task.signals):
+            yield from _of(task, problem, "effect-missing", row.names, row)
+    for name in held:
+        yield from _of(task, problem, "value-contradicted", (name,))
+    if Signal.POSITION not in task.signals and not isinstance(task.weighting, tuple):
+        yield from _over_time(task, problem, names, held)
+
+
+def _of(
+    task: Task, problem: FreeRunError, code: str, names: tuple[str, ...], row: Addition | None = None
+) -> Iterator[Move]:
+    """The move of some parameters; none if the plant cannot be simulated with them."""
+    task.control.check()
+    with suppress(EmsidError):
+        start = problem.plant.with_values(row.beside) if row is not None and row.beside else problem.plant
+        blocks = _columns(task, problem, start, names, 0.0 if row is None else row.probe)
+        handles = [start.handles[name] for name in names]
+        values = [start.value(name) for name in names]
+        lower, upper = (
+            np.array([each - value for each, value in zip(ends, values, strict=True)])
+            for ends in zip(*((h.lower, h.upper) for h in handles), strict=True)
+        )
+        yield Move(code, names, [part for each in blocks for part in _by_channel(task, each)], lower, upper, start, row)
+
+
+def _columns(task: Task, problem: FreeRunError, plant: Plant, names: Sequence[str], probe: float) -> list[Array]:
+    """(Nᵢ, k) the derivative of the residual of every segment, by a difference to a probe where there is one."""
+    states = problem.states(problem.start)
+    fixed: list[tuple[int, ...]] = [() for _ in states]
+
+    def run(plant: Plant, free: Sequence[str]) -> FreeRunError:
+        return FreeRunError(plant, task.signals, task.segments, free, states, fixed, task.weighting, task.threads)
+
+    if not probe:
+        other = run(plant, names)
+        return [jacobian for _, jacobian in other.exactly(other.start)]
+    here, there = (run(each, ()) for each in (plant, plant.with_values(dict.fromkeys(names, probe))))
+    both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
+    return [((b - a) / probe)[:, None] for a, b in both]
+
+
+def _over_time(task: Task, problem: FreeRunError, names: Sequence[str], held: Sequence[str]) -> Iterator[Move]:
+    """Every parameter as a linear function of time, from −1 at the first sample to 1 at the last."""
+    samples = [len(segment) for segment in task.segments]
+    times = np.split(np.linspace(-1.0, 1.0, sum(samples)), np.cumsum(samples)[:-1])
+    whole = task.problem(problem.plant, (*names, *held), problem.states(problem.start))
+    blocks = [jacobian for _, jacobian in whole.exactly(whole.start)]
+    unbounded = np.full(1, np.inf)
+    for k, name in enumerate(whole.free):
+        if problem.plant.own_parameter(name) is None:
+            columns = [
+                part * time[:, None]
+                for jacobian, time in zip(blocks, times, strict=True)
+                for part in _by_channel(task, jacobian[:, k : k + 1])
+            ]
+            yield Move("parameter-changes", (name,), columns, -unbounded, unbounded, problem.plant)
+
+
+# --- the refit ------------------------------------------------------------------------------------------------------
+
+
+def _tried(
+    task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum, promise: Promise, move: Move
+) -> Finding | None:
+    """The finding about a move whose refit keeps its promise; None for others."""
+    if move.code == "parameter-changes":
+        return _halves(task, problem, minimum, move.names[0])
+    row = move.addition
+    values = {name: float(move.start.value(name) + step) for name, step in zip(move.names, promise.step, strict=True)}
+    free = (*(name for name in names if row is None or name != row.instead), *move.names)
+    if row is not None and row.instead:
+        free = (*free, *(side for side in parts(move.start, row.instead) if side not in free))
+    start = move.start.with_values(values)
+    handles = start.handles
+    limits = {**{name: (handles[name].lower, handles[name].upper) for name in free}, **task.limits}
+    begun = task.problem(start, free, problem.states(problem.start))
+    refit = continuation.search_once(begun, replace(task, limits=limits), STEPS)
+    share = 1.0 - refit.cost / minimum.cost
+    if not share > NEGLIGIBLE:
+        return None
+    reached = begun.plant_at(refit.estimate)
+    if row is not None:
+        return Finding(
+            "effect-missing", problem.plant.name, {"effect": row.effect, "parameters": list(move.names), "share": share}
+        )
+    (name,) = move.names
+    data = {"value": problem.plant.value(name), "better": reached.value(name), "unit": handles[name].parameter.unit}
+    return Finding("value-contradicted", name, {**data, "share": share})
+
+
+def _halves(task: Task, problem: FreeRunError, minimum: Minimum, name: str) -> Finding | None:
+    """The finding that a parameter differs between the halves of the records, if that lowers the error."""
+    states = problem.states(problem.start)
+    fixed: list[tuple[int, ...]] = [() for _ in states]
+    samples = [len(segment) for segment in task.segments]
+    whole = np.arange(sum(samples)) < sum(samples) // 2
+    handle, values, cost = problem.plant.handles[name], [], 0.0
+    for half in (whole, ~whole):
+        counted = [each.astype(float) for each in np.split(half, np.cumsum(samples)[:-1])]
+        begun = FreeRunError(
+            problem.plant, task.signals, task.segments, (name,), states, fixed, task.weighting, task.threads, counted
+        )
+        found = continuation.search_once(begun, replace(task, limits={name: (handle.lower, handle.upper)}), STEPS)
+        values.append(float(found.estimate[0]))
+        cost += found.cost
+    share = 1.0 - cost / minimum.cost
+    if not share > NEGLIGIBLE:
+        return None
+    return Finding("parameter-changes", name, {"halves": values, "unit": handle.parameter.unit, "share": share})

@@ -158,9 +158,9 @@ def test_what_a_file_is_called_is_never_obeyed_by_the_terminal(run, tmp_path):
     words = ("identify", path, "-u", "u", "-y", "y", "--dt", "1", "--models", "arx", "--out", tmp_path / "out")
     assert run(*words)[0] == 0
 
-    from emsid.io import load, save
+    from emsid.io import load_model, save
 
-    model = load(tmp_path / "out" / "arx.json")
+    model = load_model(tmp_path / "out" / "arx.json")
     save(replace(model, structure=replace(model.structure, name="[/red]")), tmp_path / "red.json")
     status, out, _ = run("validate", tmp_path / "red.json", path, "-u", "u", "-y", "y", "--dt", "1")
     assert status == 0

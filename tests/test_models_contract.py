@@ -9,7 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emsid import DrivenMotor, LinearAxis, ModelError, Record, concatenate, load, save
+from emsid import (
+    ChannelNames,
+    DrivenMotor,
+    Ending,
+    Estimate,
+    Fit,
+    LinearAxis,
+    ModelError,
+    Record,
+    concatenate,
+    load,
+    save,
+)
+from emsid.estimation.estimates import Status
+from emsid.findings import Finding
+from emsid.io import load_model
 from emsid.models import MODELS
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.static_maps import STATIC_MAPS
@@ -283,3 +298,85 @@ def test_more_inputs_than_a_model_has_are_refused() -> None:
         ALL["arx"].at_rest([1.0, 2.0])
     with pytest.raises(ModelError, match="one number for each"):
         ALL["hammerstein"].advance(ALL["hammerstein"].at_rest(), [1.0, 2.0])
+
+
+# --- parameters by name, and files that carry a fit -------------------------------------------------------------------
+
+
+@every_model
+def test_parameters_are_given_by_name(model: Any) -> None:
+    u, values = inputs(), model.parameter_values()
+    same_again = model.with_parameters(**dict(list(values.items())[:2]))
+    if same_again.parameter_values().keys() == values.keys():  # a form with states of every output has more
+        np.testing.assert_allclose(list(same_again.parameter_values().values()), list(values.values()), atol=1e-12)
+    expected = model.simulate(u, dt=DT).output
+    scale = np.max(np.abs(expected))
+    np.testing.assert_allclose(same_again.simulate(u, dt=DT).output, expected, rtol=1e-9, atol=1e-9 * scale)
+    with pytest.raises(ModelError, match="has no parameter 'no_such'"):
+        model.with_parameters(no_such=1.0)
+
+
+@pytest.mark.parametrize("name", ["arx", "armax", "state space", "hammerstein", "feedback, dead-zone", "linear axis"])
+def test_another_value_of_a_parameter_is_another_model(name: str) -> None:
+    model: Any = ALL[name]
+    values = model.parameter_values()
+    key = "motor_constant" if name.endswith("motor") else next(n for n, v in values.items() if 0 < abs(v) < np.inf)
+    other = model.with_parameters(**{key: 0.9 * values[key]})
+    assert other.parameter_values()[key] == pytest.approx(0.9 * values[key])
+    assert other.parameter_values().keys() == values.keys()
+
+
+def fitted(model: Any) -> Fit[Any]:
+    """A fit of a model with a covariance, one undetermined parameter, findings and a table with units."""
+    rng = np.random.default_rng(4)
+    values = {name: value for name, value in model.parameter_values().items() if np.isfinite(value)}
+    factor = rng.standard_normal((len(values), len(values)))
+    covariance = factor @ factor.T + np.eye(len(values))
+    covariance[-1, -1] = np.inf
+    table = tuple(
+        Estimate(name, "s", "kg*m^2", "what it is", value, 0.1, Status.CONDITIONAL, 1.0, None, ("a",), (-1.0, np.inf))
+        for name, value in values.items()
+    )
+    found = Finding("parameter-at-bound", "a", {"bound": 1.0, "because": None, "names": ["a", "b"]})
+    channels = ChannelNames(DT, (("voltage", "V"),), (("speed", "rad/s"),))
+    return Fit(
+        model, tuple(values), np.array(list(values.values())), covariance, 0.3, 100.0, np.inf, len(values) - 1,
+        Ending.STALLED, "gn", 7, None, (found,), 1, table, channels,
+    )  # fmt: skip
+
+
+@every_model
+@pytest.mark.parametrize("with_table", [True, False])
+def test_a_saved_fit_has_the_same_table(
+    model: Any, with_table: bool, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    fit = fitted(model) if with_table else replace(fitted(model), table=())
+    if any(name in request.node.name for name in UNSAVED):
+        with pytest.raises(ModelError, match=r"cannot be saved|functions"):
+            save(fit, tmp_path / "fit.json")
+        return
+    save(fit, tmp_path / "fit.json")
+    again: Any = load(tmp_path / "fit.json")
+    assert type(again) is Fit
+    for name in ("names", "noise_variance", "samples", "condition", "rank", "ending", "method", "iterations"):
+        assert getattr(again, name) == getattr(fit, name)
+    assert (again.parameters, again.findings, again.dependent) == (fit.parameters, fit.findings, fit.dependent)
+    assert again.channels == fit.channels
+    np.testing.assert_array_equal(again.estimate, fit.estimate)
+    np.testing.assert_array_equal(again.covariance, fit.covariance)
+    np.testing.assert_array_equal(again.interval(), fit.interval())
+    record = measured(model)
+    np.testing.assert_array_equal(again.simulate(record).output, model.simulate(record).output)
+    assert (again.name, again.memory) == (model.name, model.memory)
+    assert type(load_model(tmp_path / "fit.json")) is type(model)
+
+
+def test_of_very_many_parameters_only_variances_are_saved(tmp_path: Path) -> None:
+    many = 260
+    model = Narx(arx(0, many), np.zeros(many), DT)
+    covariance = np.full((many, many), 0.5) + np.eye(many)
+    fit = Fit(model, model.structure.parameter_names, model.parameters, covariance, 1.0, 1e3, 1.0, many)
+    save(fit, tmp_path / "fit.json")
+    again: Any = load(tmp_path / "fit.json")
+    np.testing.assert_array_equal(again.interval(), fit.interval())
+    assert np.isnan(again.covariance[~np.eye(many, dtype=bool)]).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from base64 import b64decode
 from dataclasses import replace
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.identification.options import KEYWORDS
 
 
 @pytest.fixture(scope="session")
@@ -158,6 +160,58 @@ def test_what_cannot_be_compared_is_answered(linear_record, linear_fit, wrong):
         wrong(linear_fit, linear_record)
 
 
+# --- the table of a fit ----------------------------------------------------------------------------------------------
+
+
+def test_a_fit_is_a_table_by_name(linear_fit, plant_fit):
+    row = linear_fit["a1"]
+    assert (row.value, row.standard_error) == (linear_fit.estimate[0], linear_fit.standard_error[0])
+    assert row.interval == tuple(linear_fit.interval()[0])
+    assert list(linear_fit.parameters) == ["a1", "b1"]
+    inertia = plant_fit["rotor_inertia"]
+    assert inertia.unit == "kg*m^2"
+    assert inertia.interval[0] < inertia.value < inertia.interval[1]
+    assert plant_fit["J_m"] is inertia
+    assert plant_fit["resistance"].status == "fixed"
+    assert plant_fit["resistance"].interval is None
+    with pytest.raises(emsid.ModelError, match=r"no parameter 'rotor_inertja'.*did you mean rotor_inertia"):
+        _ = plant_fit["rotor_inertja"]
+    with pytest.raises(TypeError):
+        iter(linear_fit)
+
+
+def test_a_fit_has_what_its_model_has(linear_fit, linear_record):
+    assert linear_fit.dt == 0.01
+    assert np.array_equal(linear_fit.simulate(linear_record).output, linear_fit.model.simulate(linear_record).output)
+    assert {"simulate", "with_parameters", "interval"} <= set(dir(linear_fit))
+    with pytest.raises(AttributeError):
+        _ = linear_fit.no_such_thing
+
+
+def test_a_fit_is_saved_with_its_table(plant_fit, linear_record, tmp_path):
+    emsid.save(plant_fit, tmp_path / "motor.json")
+    again = emsid.load(tmp_path / "motor.json")
+    assert again.parameters == plant_fit.parameters
+    assert np.array_equal(again.covariance, np.tril(plant_fit.covariance) + np.tril(plant_fit.covariance, -1).T)
+    assert str(again) == str(plant_fit)
+    voltage = np.ones(50)
+    simulated = emsid.simulate(again, voltage, dt=0.01)
+    assert np.array_equal(simulated.output, emsid.simulate(plant_fit, voltage, dt=0.01).output)
+
+
+def test_what_if_a_parameter_were_another(plant_fit):
+    warm = plant_fit.with_parameters(resistance=2.6)
+    assert warm.plant.value("resistance") == 2.6
+    slower = emsid.simulate(warm, 3.0 * np.ones(200), dt=0.01).output[-1, 0]
+    assert slower < emsid.simulate(plant_fit, 3.0 * np.ones(200), dt=0.01).output[-1, 0]
+
+
+def test_the_recommended_fit_has_the_values_of_the_recommended_model(identification):
+    fit = identification.recommended_fit
+    assert fit.model is identification.recommended
+    assert [fit[name].value for name in fit.names] == list(fit.model.parameters)
+
+
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
@@ -178,6 +232,30 @@ def test_an_input_is_enough(linear_fit):
     assert simulated.output[:, 0] == pytest.approx(expected, abs=1e-12)
     alone = emsid.simulate(linear_fit.model, emsid.Record(u, dt=0.01))
     assert np.array_equal(alone.output, simulated.output)
+
+
+def test_simulated_outputs_have_names_and_units(linear_record, plant_fit):
+    named = replace(
+        linear_record, input_names=("voltage",), output_names=("speed",), input_units=("V",), output_units=("rad/s",)
+    )
+    fit = emsid.fit(emsid.arx(na=1, nb=1), named)
+    simulated = emsid.simulate(fit, np.ones(20))
+    assert (simulated.input_names, simulated.input_units) == (("voltage",), ("V",))
+    assert (simulated.output_names, simulated.output_units) == (("speed",), ("rad/s",))
+    motor = emsid.simulate(emsid.plants.rigid_motor(), np.ones(20), dt=0.01)
+    assert (motor.output_names, motor.output_units) == (("speed",), ("rad/s",))
+
+
+@pytest.mark.parametrize("library", ["polars", "pandas"])
+def test_a_record_becomes_a_frame_and_back(linear_record, library):
+    frame = linear_record.to_frame(library)
+    assert type(frame).__module__.split(".")[0] == library
+    again = emsid.Record.from_frame(frame, input="u1", output="y1", time="t")
+    assert np.array_equal(again.input, linear_record.input)
+    assert np.array_equal(again.output, linear_record.output)
+    assert again.dt == pytest.approx(linear_record.dt)
+    with pytest.raises(emsid.DataError, match="give 'polars' or 'pandas'"):
+        linear_record.to_frame("excel")
 
 
 def test_plants_are_simulated_from_an_input():
@@ -241,6 +319,17 @@ def test_models_may_be_one_text(linear_record):
 def test_what_identify_cannot_use_is_answered(linear_record, wrong):
     with pytest.raises(emsid.DataError, match=r"emsid\.Record"):
         wrong(linear_record)
+
+
+def test_options_are_keywords(linear_record):
+    keywords = inspect.signature(emsid.identify).parameters
+    defaults = emsid.Options()
+    for name in KEYWORDS:
+        assert keywords[name].default in (getattr(defaults, name), None)
+    found = emsid.identify(linear_record, models="arx", na=2, nb=3, nk=1)
+    assert found.chosen.names == ("a1", "a2", "b1", "b2", "b3")
+    with pytest.raises(emsid.ModelError, match="options and na are given"):
+        emsid.identify(linear_record, models="arx", na=2, options=emsid.Options(nb=1))
 
 
 def test_options_understand_a_name_for_a_family_and_for_a_list():

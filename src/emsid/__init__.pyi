@@ -13,6 +13,7 @@ from .errors import DataError as DataError
 from .errors import EmsidError as EmsidError
 from .errors import FormatError as FormatError
 from .errors import ModelError as ModelError
+from .estimation.estimates import Estimate as Estimate
 from .estimation.fit import Ending as Ending
 from .estimation.fit import Fit as Fit
 from .estimation.linear.information import Information as Information
@@ -69,6 +70,7 @@ from .plant import Bench as Bench
 from .plant import DeadZoneLaw as DeadZoneLaw
 from .plant import Friction as Friction
 from .plant import Motor as Motor
+from .record import ChannelNames as ChannelNames
 from .record import Record as Record
 from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate

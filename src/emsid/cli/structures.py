@@ -80,10 +80,10 @@ def _in_file(path: str) -> "Structure":
     Raises:
         DataError: for another kind of model.
     """
-    from emsid.io import load
+    from emsid.io import load_model
     from emsid.models.regression.narx import Narx
 
-    model = load(path)
+    model = load_model(path)
     if not isinstance(model, Narx):
         raise DataError(f"{path}: a {model.name} is not linear in its parameters; name a regression")
     return model.structure

@@ -50,7 +50,7 @@ def write(
     Args:
         folder: the folder.
         documents: content by name of the file.
-        fits: fits whose models are saved.
+        fits: fits that are saved with their tables.
         origin: the record that a fit was identified from.
         reading: arguments with which that record was read.
     """
@@ -58,7 +58,7 @@ def write(
     from emsid.io.files import write_several
 
     def save_one(fit: Any) -> None:
-        save(fit.model, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
+        save(fit, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
 
     write_several(save_one, fits)
     for name, content in documents.items():  # after the model files, which it names

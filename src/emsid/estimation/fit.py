@@ -1,18 +1,26 @@
-"""`Fit`: the result of an estimator, with its uncertainty and how the search ended."""
+"""`Fit`: the result of an estimator, with its uncertainty and how the search ended.
+
+A fit is its model with a table of what was found: ``fit["b1"].interval``, and ``fit.simulate(record)`` is that of the
+model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Generic, TypeVar
+from math import isfinite
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
+from emsid.arguments import did_you_mean
+from emsid.errors import ModelError, some
+from emsid.estimation.estimates import Estimate, Status
 from emsid.findings import Finding, plain
 from emsid.presentation import Presented
+from emsid.record.channels import ChannelNames
 
 Array = NDArray[np.float64]
 M = TypeVar("M", covariant=True)
@@ -54,6 +62,11 @@ class Fit(Presented, Generic[M]):
         history: (k, p) estimate after every sample or step, if requested.
         findings: facts about the estimate and the end of the search; `emsid.wording` makes sentences of them.
         dependent: how many of the estimates follow from the others, as where the unit of a signal is that of a sum.
+        table: a row for every parameter with what is known of it besides the estimate, such as its unit; empty where
+            there is no more. It may have rows for parameters that are fixed or kept.
+        channels: name and unit of the channels of its records; None where not known.
+
+    Everything else is looked up in the model: ``fit.simulate``, ``fit.dt``, ``fit.equation``.
     """
 
     model: M
@@ -70,9 +83,78 @@ class Fit(Presented, Generic[M]):
     history: Array | None = None
     findings: tuple[Finding, ...] = ()
     dependent: int = 0
+    table: tuple[Estimate, ...] = ()
+    channels: ChannelNames | None = None
+
+    __iter__ = None  # it is looked up by name, and no sequence
+
+    if not TYPE_CHECKING:  # a type checker does not know what a model of any kind has
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_") or "model" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            return getattr(self.model, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(name for name in dir(self.model) if not name.startswith("_"))})
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The row of a parameter by its name or symbol.
+
+        Raises:
+            ModelError: for an unknown name, with the known ones.
+        """
+        rows = self.parameters
+        if name in rows:
+            return rows[name]
+        called = [row for row in rows.values() if row.symbol and row.symbol == name]
+        if len(called) == 1:
+            return called[0]
+        near = did_you_mean(str(name), rows)
+        raise ModelError(f"{self.model_name} has no parameter {name!r}; it has {some(rows)}{near}")
+
+    @property
+    def model_name(self) -> str:
+        """The name of its model, for tables and messages."""
+        return getattr(self.model, "name", type(self.model).__name__)
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Every parameter with value, standard error, 95 % interval, unit and status, by name."""
+        return {row.name: row for row in self.table or self._rows()}
+
+    def _rows(self) -> tuple[Estimate, ...]:
+        """A row for every estimate, from estimates and covariance alone."""
+        rows = []
+        for name, value, error, ends in zip(
+            self.names, self.estimate.tolist(), self.standard_error.tolist(), self.interval().tolist(), strict=True
+        ):
+            known = not self.biased and isfinite(error)
+            status = Status.PREDICTOR if self.biased else Status.ESTIMATED if known else Status.UNDETERMINED
+            interval = (ends[0], ends[1]) if known else None
+            rows.append(Estimate(name, "", "", "", value, error if known else None, status, interval=interval))
+        return tuple(rows)
+
+    def at(self, model: Any) -> Fit[Any]:
+        """The fit with a model of the same structure whose parameters are from more data; it keeps standard errors.
+
+        Args:
+            model: with ``parameter_values``; one of other parameters has no estimates here.
+        """
+        values = model.parameter_values()
+        if not set(self.names) <= values.keys():
+            empty = np.empty(0)
+            return Fit(model, (), empty, np.empty((0, 0)), self.noise_variance, self.samples, np.nan, 0, self.ending)
+        rows = []
+        for row in self.table:
+            value = values.get(row.name, row.value)
+            shift = value - row.value
+            interval = None if row.interval is None else (row.interval[0] + shift, row.interval[1] + shift)
+            rows.append(replace(row, value=value, interval=interval))
+        return replace(self, model=model, estimate=np.array([values[n] for n in self.names]), table=tuple(rows))
 
     def __repr__(self) -> str:
-        name = getattr(self.model, "name", type(self.model).__name__)
+        name = self.model_name
         short = name if len(name) <= 40 else f"{name[:39]}…"
         count = f"{self.size} parameter{'s' * (self.size != 1)}"
         return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
 from emsid.arguments import as_names
-from emsid.errors import ModelError
+from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
@@ -99,6 +99,24 @@ class Options:
 
 
 _DEFAULTS = Options()
+KEYWORDS = tuple(each.name for each in fields(Options) if each.name not in ("comparing", "delay_shown"))
+"""The options that `emsid.identify` also takes as keywords: all but those that a search sets itself."""
+
+
+def options_of(options: Options | None, keywords: Mapping[str, Any]) -> Options:
+    """The options, given as one value or as keywords.
+
+    Raises:
+        ModelError: for both at once.
+    """
+    given = {name: value for name, value in keywords.items() if value is not None and value != getattr(_DEFAULTS, name)}
+    if options is None:
+        return Options(**given)
+    if given:
+        raise ModelError(
+            f"options and {listed(list(given))} are given; put all into one of them", arguments=tuple(given)
+        )
+    return options
 
 
 class ModelKind(Protocol):

@@ -16,6 +16,7 @@ from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
+from emsid.record.channels import ChannelNames
 from emsid.validation.regions import RecordError, RegionError, by_region
 
 if TYPE_CHECKING:
@@ -80,6 +81,12 @@ class Identification(Presented):
         """The model to use: `on_all_data`, or that of `chosen`, which the errors are from."""
         model: Model = self.chosen.model
         return model if self.on_all_data is None else self.on_all_data
+
+    @property
+    def recommended_fit(self) -> Fit[Any]:
+        """`recommended` with its table of parameters; standard errors are those of `chosen`, which saw less data."""
+        fit = self.chosen if self.on_all_data is None else self.chosen.at(self.on_all_data)
+        return replace(fit, channels=ChannelNames.of(self.record))
 
     def data_of(self, fit: Fit[Any]) -> Record:
         """The data that one of the models was fitted to."""

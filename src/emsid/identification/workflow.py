@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -22,13 +22,15 @@ from emsid.identification.compared import Compared
 from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
 from emsid.identification.long_records import about_excerpt, on_all_samples
 from emsid.identification.observations import built_in_values, fitted_to_all_data, length_trusted, observations
-from emsid.identification.options import Options
+from emsid.identification.options import KEYWORDS, Options, options_of
 from emsid.identification.profiles import Profiles, profiles_of
 from emsid.identification.records import Records
 from emsid.identification.requests import model_names
 from emsid.identification.result import Identification
 from emsid.identification.task import Task
 from emsid.identification.verdict import model_verdicts
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.plants.drive import Bridge, Hold
 from emsid.record import Record
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison
@@ -50,6 +52,26 @@ def identify(
     control: Control = FREE,
     finished: Callable[[Fit[Any]], None] | None = None,
     elsewhere: Elsewhere | None = None,
+    na: int | None = None,
+    nb: int | None = None,
+    nk: int | None = None,
+    degree: int | None = None,
+    taps: int | None = None,
+    knots: int | None = None,
+    orders: tuple[int, ...] = (),
+    static: Family | str | None = None,
+    period: int | None = None,
+    ridge: float = 0.0,
+    forgetting: float | None = None,
+    fixed: Mapping[str, Any] | None = None,
+    datasheet: Mapping[str, Any] | None = None,
+    codes: tuple[tuple[float, Bridge], ...] = (),
+    free: str | Sequence[str] = (),
+    recent: float | None = None,
+    hold: Hold | str | None = None,
+    per_record: str | Sequence[str] = (),
+    profile: str | Sequence[str] = (),
+    held_back: float = 0.25,
     **reading: Any,
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
@@ -67,13 +89,28 @@ def identify(
         quick: fit linear models and the regressions that need no search only, in seconds.
         budget: time in s for all searches. Each model may take its share of the time that is left; a search that runs
             out of time keeps its best result.
-        options: given orders, delay, knots and others; by default all are chosen.
+        options: the keywords from ``na`` to ``held_back`` as one value, in place of these.
         transient: samples that start a free run where a segment begins in motion; they enter no error.
         bootstrap, seed: number and seed of the fits to drawn pieces of the data that give intervals, see
             `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.
         finished: called with every fit as soon as it is found, for instance to save it.
         elsewhere: where some of the models are fitted at the same time, without a budget.
+        na, nb, nk: coefficients of past outputs and inputs, and delay in samples; chosen where not given, as are
+        degree, taps, knots: of regressions and static maps;
+        orders, static: of the filters of a cascade, and the family of its static map;
+        period: of a periodic input in samples.
+        ridge, forgetting: weight of the squared parameters, and forgetting factor of a recursion, for regressions.
+        fixed: physical parameters that are known, by name or symbol: ``{"resistance": 2}`` in SI units, or texts with a
+            unit, ``{"resistance": "2 ohm ± 5 %"}``.
+        datasheet: starting values and tolerances of other parameters, likewise.
+        codes: values of an input that are not a command, and the state of the motor bridge that they mean.
+        free: exactly the physical parameters to estimate; by default the usual ones, with refinements.
+        recent: time in s after which errors of physical models are forgotten.
+        hold: the course of the input between its samples: ``"zero"``, ``"first"`` or ``"record"``.
+        per_record: physical parameters that have a value of their own in every record, such as the load.
+        profile: physical parameters whose likelihood profiles are computed.
+        held_back: fraction of the record on which structures are chosen. `Options` describes all of these.
         reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
             `emsid.read`.
 
@@ -87,17 +124,24 @@ def identify(
             record.
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
+    chosen = {name: value for name, value in locals().items() if name in KEYWORDS}
+    options = options_of(options, chosen)
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
     with cancelled_with(control):
-        task = Task.of(records, unseen, names, options or Options(), transient, reading)
+        task = Task.of(records, unseen, names, options, transient, reading)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget else elsewhere
         searches = Searches(task.names, task.train, task.options, control, finished, there, later=int(one_more))
         searches.begin()  # while questions are asked
         asked = task.findings(quick=quick)
         found = with_bootstrap(searches.all(), task.train, bootstrap, seed, control)
+    return _judged(task, asked, found, control, excerpt=one_more)
+
+
+def _judged(task: Task, asked: Sequence[Finding], found: Fits, control: Control, *, excerpt: bool) -> Identification:
+    """The result of the searches: the models ranked and judged, and the recommended one fitted to all data."""
     judged = _compared(task, found.fits, control)
-    if one_more and not found.stopped:
+    if excerpt and not found.stopped:
         judged = on_all_samples(judged, task.to_fit, task.options, control)
     taken = profiles_of(judged.fits, () if found.stopped else task.options.profile, control)
     no_final = found.stopped or bool(task.others)
@@ -115,7 +159,7 @@ def identify(
         model_verdicts=model_verdicts(judged.on_record, judged.on_unseen, judged.findings, tests=not stopped),
         ranking=judged.ranking,
         on_all_data=final and final.model,
-        by_record=by_record(judged.fits, (*task.records, *task.others), transient),
+        by_record=by_record(judged.fits, (*task.records, *task.others), task.transient),
         whole=judged.whole,
     )
 

@@ -4,7 +4,7 @@ Only this package opens files.
 """
 
 from emsid.io.files import atomic_write
-from emsid.io.model_file import Origin, load, origin, read_options, save
+from emsid.io.model_file import Origin, load, load_model, origin, read_options, save
 from emsid.io.motor_file import datasheet_template, motor_template, read_datasheet, read_motor
 from emsid.io.other_files import file_and_column
 from emsid.io.reading import READERS, ParsedFile, read, read_columns
@@ -19,6 +19,7 @@ __all__ = [
     "datasheet_template",
     "file_and_column",
     "load",
+    "load_model",
     "motor_template",
     "origin",
     "read",

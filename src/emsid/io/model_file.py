@@ -2,7 +2,8 @@
 
 ::
 
-    {"format": "emsid model", "schema": 2, "type": "narx", "model": {…}, "sha256": "…", "origin": {…}, "reading": {…}}
+    {"format": "emsid model", "schema": 3, "type": "narx", "model": {…}, "sha256": "…", "origin": {…}, "reading": {…},
+     "fit": {…}}
 
 ========  =============================================================================================================
 format    ``emsid model``
@@ -13,9 +14,11 @@ sha256    checksum of all other entries with their keys sorted and no blanks: a 
 origin    may be missing: ``dt`` in s, ``inputs`` and ``outputs`` as [name, unit] of what the model was identified from,
           and a ``fingerprint`` in base 64 that shows whether a record contains some of these data
 reading   may be missing: how the file of that record was read, the arguments of `emsid.io.read` but path and rows
+fit       may be missing: estimates, covariance, units and findings of the fit, see `emsid.io.fit_data`
 ========  =============================================================================================================
 
-Schema 1 had no ``reading``; it is still read. What a kind of model has added to its data since then is optional there.
+Schema 1 had no ``reading`` and schema 2 no ``fit``; both are still read.
+What a kind of model has added to its data since then is optional there.
 Floats are written with enough digits to be read back exactly.
 """
 
@@ -32,9 +35,12 @@ import msgspec
 from msgspec.structs import asdict
 
 from emsid.errors import EmsidError, FormatError, ModelError, listed
+from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.io.files import atomic_write, read_bytes
+from emsid.io.fit_data import FitData, fit_data, fit_of
 from emsid.io.limits import check_limits
+from emsid.record.channels import ChannelNames
 from emsid.record.overlap import fingerprint, has_fingerprint
 from emsid.units import channel_and_unit
 
@@ -43,8 +49,8 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 FORMAT = "emsid model"
-SCHEMA = 2
-READABLE = (1, 2)
+SCHEMA = 3
+READABLE = (1, 2, 3)
 """The schemas that this version reads."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3
@@ -59,7 +65,7 @@ class _Head(msgspec.Struct):
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The channels and sample time of the record that a model was identified from.
+    """The channels and sample time of the record that a model was identified from, as `ChannelNames`.
 
     Attributes:
         dt: sample time in seconds.
@@ -81,6 +87,16 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
             tuple(zip(record.output_names, record.output_units, strict=True)),
             fingerprint(record),
         )
+
+    @classmethod
+    def named(cls, channels: ChannelNames) -> Origin:
+        """The same without data, which have a fingerprint."""
+        return cls(channels.dt, channels.inputs, channels.outputs)
+
+    @property
+    def channels(self) -> ChannelNames:
+        """The channels without the fingerprint."""
+        return ChannelNames(self.dt, self.inputs, self.outputs)
 
     def seen(self, record: Record) -> bool:
         """Whether a record contains data that the model was fitted to."""
@@ -112,20 +128,22 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     sha256: str
     origin: Origin | None = None
     reading: dict[str, Any] | None = None
+    fit: FitData | None = None
 
 
 def save(
-    model: Model,
+    model: Model | Fit[Any],
     path: str | os.PathLike[str],
     origin: Record | None = None,
     reading: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a model to a file, from which `load` reads it back exactly.
+    """Write a model, or a fit with its table, to a file, from which `load` reads it back exactly.
 
     Args:
-        model: the model.
+        model: the model, or a fit: then estimates, covariance, units and findings are in the file too.
         path: the file.
-        origin: the record that it was identified from; its channels, sample time and fingerprint are written.
+        origin: the record that it was identified from; its channels, sample time and fingerprint are written. By
+            default the channels that the fit knows.
         reading: arguments of `emsid.io.read` with which that record was read, to read other files in the same way.
 
     Raises:
@@ -135,6 +153,8 @@ def save(
     """
     from emsid.models import MODELS
 
+    found = model if isinstance(model, Fit) else None
+    model = model if found is None else found.model
     name = next((name for name, kind in MODELS.items() if kind is type(model)), None)
     if name is None:
         raise ModelError(f"a {type(model).__name__} cannot be saved; models are {', '.join(MODELS)}")
@@ -142,23 +162,49 @@ def save(
     _check_finite(data, "model")
     _check_texts(data)
     check_limits(data, "the model")
-    source = None if origin is None else Origin.of(origin)
+    known = None if found is None or found.channels is None else Origin.named(found.channels)
+    source = known if origin is None else Origin.of(origin)
     how = dict(reading) if reading else None
-    document = _Document(FORMAT, SCHEMA, name, data, "", source, how)
+    estimated = None if found is None or not (found.names or found.table) else fit_data(found)
+    _check_texts(msgspec.to_builtins(estimated))
+    document = _Document(FORMAT, SCHEMA, name, data, "", source, how, estimated)
     document.sha256 = _checksum(document)
     atomic_write(path, msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n")
 
 
-def load(path: str | os.PathLike[str]) -> Model:
-    """Read a model from a file.
+def load(path: str | os.PathLike[str]) -> Model | Fit[Any]:
+    """Read what `save` wrote: a fit with its table of parameters, or a model; a fit has all that its model has.
+
+    Args:
+        path: the file.
 
     Raises:
         FormatError: where the file cannot be read, is no model file, is of another version, has been altered, or
             describes no possible model.
     """
+    document = _read(path)
+    model = _model(path, document)
+    if document.fit is None:
+        return model
+    try:
+        _check_texts(msgspec.to_builtins(document.fit))
+        return fit_of(model, document.fit, None if document.origin is None else document.origin.channels)
+    except (EmsidError, ValueError) as problem:
+        raise FormatError(f"{path}: {problem}; identify the model again") from None
+
+
+def load_model(path: str | os.PathLike[str]) -> Model:
+    """Read a model alone from a file, without the table of its fit.
+
+    Raises:
+        FormatError: as `load` does.
+    """
+    return _model(path, _read(path))
+
+
+def _model(path: str | os.PathLike[str], document: _Document) -> Model:
     from emsid.models import MODELS
 
-    document = _read(path)
     if document.type not in MODELS:
         raise FormatError(f"{path}: unknown type of model {document.type!r}; there are {', '.join(MODELS)}")
     try:
@@ -211,6 +257,7 @@ def _read(path: str | os.PathLike[str]) -> _Document:
     try:
         document = msgspec.json.decode(text, type=_Document)
         check_limits([document.model, document.origin and asdict(document.origin), document.reading], "the model file")
+        check_limits(msgspec.to_builtins(document.fit), "the fit in the model file")
     except EmsidError as problem:
         raise FormatError(f"{path}: {problem}") from None
     except (msgspec.MsgspecError, RecursionError, ValueError) as problem:

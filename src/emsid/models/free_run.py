@@ -12,13 +12,15 @@ standstill, or missing, only a run that is not finite has diverged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import DataError, ModelError
+from emsid.arguments import did_you_mean
+from emsid.errors import DataError, ModelError, some
 from emsid.models.model import Model, Run, check_samples
 from emsid.record import Record
 
@@ -73,6 +75,23 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
     return _over_segments(model, record, transient, lambda segment, samples: model.ahead(segment, samples, horizon))
 
 
+class Named(Protocol):
+    """A model whose parameters have names."""
+
+    @property
+    def name(self) -> str:
+        """Its name in messages."""
+        ...
+
+    def parameter_values(self) -> dict[str, float]:
+        """The value of every parameter by name."""
+        ...
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> Any:
+        """The same model with other values of some parameters, by name."""
+        ...
+
+
 class RunMethods:
     """`simulate`, `predict` and `ahead` of a model, for a class that has the rest of `emsid.models.model.Model`.
 
@@ -81,6 +100,23 @@ class RunMethods:
 
     def __str__(self: Model) -> str:
         return self.equation()
+
+    def with_parameters(self: Named, **values: float) -> Any:
+        """The same model with other values of some parameters, by name: ``model.with_parameters(resistance=1.2)``.
+
+        Args:
+            values: by name, in the unit of each parameter. A name with a point in it is given as
+                ``**{"dead_zone.half_width": 0.3}``.
+
+        Raises:
+            ModelError: for an unknown name, with the known ones, or values of a model that cannot be run.
+        """
+        known = self.parameter_values()
+        for name in values:
+            if name not in known:
+                near = did_you_mean(name, known)
+                raise ModelError(f"{self.name} has no parameter {name!r}; it has {some(known)}{near}")
+        return self.with_estimates(tuple(values), np.array(list(values.values()), dtype=float))
 
     def simulate(
         self: Model, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None

@@ -31,7 +31,7 @@ class Adjustable(Protocol):
         """(p,) their values."""
         ...
 
-    def with_parameters(self, theta: Array) -> Self:
+    def with_parameters(self, theta: Array, /) -> Self:
         """The same model with other parameters (p,), unchecked."""
         ...
 
@@ -58,6 +58,10 @@ class OneChannelMethods(RunMethods):
             ModelError: with the channels to choose from.
         """
         check_one_channel(self.name, record, outputs=(0, 1))
+
+    def parameter_values(self: Adjustable) -> dict[str, float]:
+        """The value of every parameter by name."""
+        return dict(zip(self.names, self.parameters.tolist(), strict=True))
 
     def with_estimates(self: Adjusted, names: Sequence[str], values: Array) -> Adjusted:
         """The same model with other values of some parameters, by name.

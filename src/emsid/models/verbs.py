@@ -37,7 +37,7 @@ from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
-from emsid.record import Record
+from emsid.record import ChannelNames, Record
 
 Estimator = Callable[..., Fit[Any]]
 
@@ -82,7 +82,10 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
         Stopped: if the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
     """
     estimator, subject = _estimator(what)
-    return estimator(subject, as_records(records), **_checked(what, estimator, options))
+    data = as_records(records)
+    found = estimator(subject, data, **_checked(what, estimator, options))
+    first = data if isinstance(data, Record) else data[0] if isinstance(data, Sequence) else None
+    return replace(found, channels=ChannelNames.of(first)) if first is not None and isinstance(found, Fit) else found
 
 
 def _regression(
@@ -235,7 +238,8 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
         dt: sample time of the input in seconds, for a model without its own; a record has its own.
 
     Returns:
-        A record with the input and the simulated outputs.
+        A record with the input and the simulated outputs, which have the names and units of the data of a fit, or those
+        of a plant.
 
     Raises:
         ModelError: for an object that cannot be simulated, wrong inputs, another sample time, or a run that diverges.
@@ -248,11 +252,38 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
     if isinstance(input, Record) and dt is not None and not np.isclose(dt, input.dt, rtol=1e-6, atol=0.0):
         raise DataError(f"{input.name} has a sample time of {input.dt:g} s and dt is {dt:g} s; leave dt out")
     subject = as_model(model, input if isinstance(input, Record) else None)
-    record = as_record(subject, input, dt)
+    record = _named(as_record(subject, input, dt), model, subject)
     run = subject.simulate(record)
     if run.diverged_at is not None:
         raise ModelError(f"{subject.name}: the free run diverges at sample {run.diverged_at}; give a smaller input")
-    return replace(record, output=run.output, name=f"{subject.name} driven by {record.name}")
+    names, units = _output_channels(model, subject, run.output.shape[1], record)
+    return replace(
+        record,
+        output=run.output,
+        output_names=names,
+        output_units=units,
+        name=f"{subject.name} driven by {record.name}",
+    )
+
+
+def _named(record: Record, model: Any, subject: Model) -> Record:
+    """A record of inputs alone with the names and units of the inputs that a fit knows."""
+    channels = model.channels if isinstance(model, Fit) else None
+    nameless = record.input_names == tuple(f"u{k + 1}" for k in range(record.input.shape[1]))
+    if channels is None or not nameless or len(channels.inputs) != record.input.shape[1]:
+        return record
+    names, units = zip(*channels.inputs, strict=True)
+    return replace(record, input_names=names, input_units=units)
+
+
+def _output_channels(model: Any, subject: Model, count: int, record: Record) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the outputs of a run: of the record, of the fit, of the plant, or none."""
+    if record.output.shape[1] == count:
+        return record.output_names, record.output_units
+    known = model.channels.outputs if isinstance(model, Fit) and model.channels is not None else ()
+    known = known or (subject.output_channels if isinstance(subject, GreyBox) else ())
+    free = len(known) == count and not {name for name, _ in known} & set(record.input_names)
+    return tuple(zip(*known, strict=True)) if free else ((), ())  # type: ignore[return-value]
 
 
 def as_model(thing: Any, record: Record | None = None) -> Model:

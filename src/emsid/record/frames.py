@@ -1,11 +1,11 @@
-"""Columns of a data frame as arrays: a pandas frame, a Polars frame or a dictionary of arrays.
+"""Columns of a data frame as arrays, and arrays as a data frame: of pandas or Polars.
 
-All of them are read by ``frame[name]``, so neither library is imported.
+Frames and dictionaries of arrays are read by ``frame[name]``, so neither library is imported. Narwhals makes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,24 @@ from numpy.typing import NDArray
 from emsid.errors import DataError
 
 Array = NDArray[np.float64]
+
+
+def frame(columns: Mapping[str, Array], library: str = "polars") -> Any:
+    """A data frame of this library.
+
+    Args:
+        columns: (N,) arrays by name.
+        library: ``"polars"``, ``"pandas"``, or another one that narwhals knows.
+
+    Raises:
+        DataError: for a library that is unknown or not installed.
+    """
+    import narwhals
+
+    try:
+        return narwhals.from_dict(dict(columns), backend=library).to_native()  # type: ignore[arg-type]
+    except (ImportError, ValueError, TypeError) as problem:
+        raise DataError(f"no frame of {library!r} can be made ({problem}); give 'polars' or 'pandas'") from None
 
 
 def numbers(frame: Any, names: Sequence[str]) -> Array:

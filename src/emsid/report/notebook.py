@@ -57,7 +57,7 @@ class ParameterRow(NamedTuple):
 
 def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
     """Every parameter with estimate, unit, and 95 % interval or the reason why there is none."""
-    if isinstance(fit, GreyBoxFit):
+    if fit.table:
         half = {name: (high - low) / 2 for name, (low, high) in zip(fit.names, fit.interval(), strict=True)}
         return [_row(row.name, row.value, half.get(row.name), row.unit, row.status, row.how) for row in fit.table]
     halves = [None] * len(fit.names) if fit.biased else (np.diff(fit.interval(), axis=1)[:, 0] / 2).tolist()

@@ -298,7 +298,7 @@ def _run(
         with kept(result, "identification") as result:
             write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
             if result.is_recommended:
-                save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+                save(result.recommended_fit, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
             with reader_may_leave():
                 if json:
                     say_json(as_json(data))

@@ -105,11 +105,11 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
 
     The file is read as the model file remembers and as is given; its outputs are read only to estimate the start.
     """
-    from emsid.io import load, origin, read, read_options
+    from emsid.io import load_model, origin, read, read_options
     from emsid.models.verbs import simulate as run
     from emsid.units import column_of, name_and_unit
 
-    model, source = load(path), origin(path)
+    model, source = load_model(path), origin(path)
     reading = reader.after(read_options(path)).given
     if source is None or "input" not in reading:
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")

@@ -144,9 +144,9 @@ def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, mo
 
     fixed = None
     if model is not None:
-        from emsid.io import load
+        from emsid.io import load_model
 
-        fixed = load(model)
+        fixed = load_model(model)
     return Session(Tracker(RecursiveLeastSquares(structure, rule=rule), None, adapts, fixed), source)
 
 
@@ -261,5 +261,5 @@ def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]
         write_record(segment, out / name)
     atomic_write(out / "track.json", as_json(session.to_data()))
     save_state(tracking.state, session.tracker.recursion.structure, out / "state.json")
-    save(fit.model, out / f"{fit.model.name}.json", record)
+    save(fit, out / f"{fit.model.name}.json", record)
     return ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]

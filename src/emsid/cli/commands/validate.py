@@ -65,12 +65,12 @@ def validate(
       emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
       emsid validate emsid-result/rigid-motor.json heavier.csv --free rotor_inertia
     """
-    from emsid.io import load, origin, read_options
+    from emsid.io import load_model, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
     from emsid.validation.regions import errors_by_region
 
-    loaded, source = load(model), origin(model)
+    loaded, source = load_model(model), origin(model)
     reader = reader.after(read_options(model))
     if "input" not in reader.given or "output" not in reader.given:
         raise DataError(

@@ -168,8 +168,10 @@ class Cascade(OneChannelMethods):
         """The delay of the output in samples; see `InputPath.latency`."""
         return self._input_path.latency
 
-    def with_parameters(self, theta: Array) -> Cascade:
-        """The same cascade with other parameters (p,)."""
+    def with_parameters(self, theta: Array | None = None, /, **values: float) -> Cascade:
+        """The same cascade with all parameters (p,) given, unchecked, or with some by name; see `RunMethods`."""
+        if theta is None:
+            return super().with_parameters(**values)  # type: ignore[no-any-return]
         blocks = tuple(block.with_parameters(theta[span]) for block, span in zip(self.blocks, self.spans, strict=True))
         new = copy(self)  # same structure: no new checks, same names and spans
         vars(new).update(blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))

@@ -239,8 +239,10 @@ class FeedbackModel(OneChannelMethods):
         edges = np.cumsum([first, *(len(each.parameters) for each in self.maps)])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
 
-    def with_parameters(self, theta: Array) -> FeedbackModel:
-        """The same model with other parameters (p,)."""
+    def with_parameters(self, theta: Array | None = None, /, **values: float) -> FeedbackModel:
+        """The same model with all parameters (p,) given, unchecked, or with some by name; see `RunMethods`."""
+        if theta is None:
+            return super().with_parameters(**values)  # type: ignore[no-any-return]
         matrix, factors, count = np.zeros(self.matrix.shape), self.factors, int(self.free_entries.sum())
         matrix[self.free_entries] = theta[:count]
         if len(self.multiplied):

@@ -146,18 +146,28 @@ class PolynomialModel(RunMethods):
         """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""
         return self.form.response(frequency)
 
+    @property
+    def _sizes(self) -> tuple[int, int, int, int, int]:
+        return len(self.a), self.b.shape[1], self.f.shape[1], len(self.c), len(self.d)
+
+    def parameter_values(self) -> dict[str, float]:
+        """The value of every coefficient by its name in `coefficient_names`."""
+        values = np.concatenate([self.a, self.b.ravel(), self.f.ravel(), self.c, self.d, [self.constant]])
+        return dict(zip(coefficient_names(*self._sizes, len(self.b), True), values.tolist(), strict=True))
+
     def with_estimates(self, names: Sequence[str], values: Array) -> PolynomialModel:
-        """The model with other coefficients, in the order of `coefficient_names`.
+        """The model with other values of some coefficients, by name.
 
         Raises:
             ModelError: for the names of other parameters.
         """
-        inputs, constant = len(self.b), "offset" in names
-        sizes = len(self.a), self.b.shape[1], self.f.shape[1], len(self.c), len(self.d)
-        if tuple(names) != coefficient_names(*sizes, inputs, constant):
+        sizes, known = self._sizes, self.parameter_values()
+        if not set(names) <= known.keys():
             raise ModelError(f"{self.name}: {', '.join(names)} are not its coefficients, so it has no band")
+        known |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
+        inputs = len(self.b)
         a, b, f, c, d, level = np.split(
-            np.asarray(values, dtype=float),
+            np.array(list(known.values())),
             np.cumsum([sizes[0], inputs * sizes[1], inputs * sizes[2], sizes[3], sizes[4]]),
         )
         return replace(
@@ -167,7 +177,7 @@ class PolynomialModel(RunMethods):
             f=f.reshape(self.f.shape),
             c=c,
             d=d,
-            constant=float(level[0]) if constant else self.constant,
+            constant=float(level[0]),
         )
 
     def equation(self) -> str:

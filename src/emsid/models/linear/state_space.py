@@ -202,8 +202,15 @@ class StateSpaceModel(RunMethods):
             values += list(np.poly(self.a - self.k @ self.c)[1:])
         return coefficient_names(n, outputs, inputs, direct, noise), np.asarray(np.real([*values, *self.level]))
 
+    def parameter_values(self) -> dict[str, float]:
+        """The value of every coefficient by name, see `coefficients`."""
+        names, values = self.coefficients(bool(self.d.any()), bool(self.k.any()) and len(self.level) == 1)
+        return dict(zip(names, values.tolist(), strict=True))
+
     def with_estimates(self, names: Sequence[str], values: Array) -> StateSpaceModel:
         """The model with these coefficients, see `coefficients`, in observer form: n states for every output.
+
+        Of `parameter_values`, some are enough; others keep their values.
 
         With several outputs it has no noise model, since the coefficients do not describe it.
 
@@ -211,6 +218,10 @@ class StateSpaceModel(RunMethods):
             ModelError: for the names of other parameters.
         """
         n, (outputs, inputs) = self.order, self.d.shape
+        own = self.parameter_values()
+        if set(names) < own.keys():
+            own |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
+            names, values = tuple(own), np.array(list(own.values()))
         for direct, noise in product((False, True), (False, True)):
             if tuple(names) == coefficient_names(n, outputs, inputs, direct, noise and outputs == 1):
                 break

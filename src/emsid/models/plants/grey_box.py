@@ -69,9 +69,19 @@ class GreyBox(RunMethods):
         """That of the plant: zero unless it needs the next input to interpolate."""
         return self.plant.latency
 
+    def parameter_values(self) -> dict[str, float]:
+        """The value of every parameter of the plant by name, in SI units."""
+        return {name: self.plant.value(name) for name in self.plant.handles}
+
     def with_estimates(self, names: Sequence[str], values: Array) -> GreyBox:
         """The same with other values of some parameters of the plant, by name, in SI units."""
         return replace(self, plant=self.plant.with_values(dict(zip(names, map(float, values), strict=True))))
+
+    @property
+    def output_channels(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of every output."""
+        units = {} if self.plant.channels is None else self.plant.channels.units
+        return tuple((signal.value, units.get(signal, "")) for signal in self.signals)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> PlantState:
         """The plant at standstill at position zero, with a constant command in the past.

@@ -363,6 +363,10 @@ class Narx(RunMethods):
         """Whether all regressors are past outputs, past inputs or a constant."""
         return all(each.is_linear or not each.factors for each in self.structure.regressors)
 
+    def parameter_values(self) -> dict[str, float]:
+        """The value of every parameter by its name in the structure."""
+        return dict(zip(self.structure.parameter_names, self.parameters.tolist(), strict=True))
+
     def with_estimates(self, names: Sequence[str], values: Array) -> Narx:
         """The same model with other parameters (n,), by name."""
         parameters = self.parameters.copy()

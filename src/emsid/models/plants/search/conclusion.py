@@ -60,7 +60,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
     return _with_bounds_profiled(
         GreyBoxFit(
-            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations")},
+            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations", "table")},
             iterations=steps,
             findings=findings,
             table=rows,

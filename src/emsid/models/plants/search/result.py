@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.estimates import Estimate as Estimate
+from emsid.estimation.estimates import Status as Status
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
@@ -32,52 +33,6 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 ZONE_ENDS = ("dead_zone.half_width", "dead_zone.b_l", "dead_zone.b_r")
 """Ends of the names of parameters that are the ends of a dead zone."""
-
-
-class Status(StrEnum):
-    """The source of the value of a parameter."""
-
-    ESTIMATED = "estimated"
-    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
-    KEPT = "not identifiable: kept at start"
-    FIXED = "fixed"  # by the user
-    AT_BOUND = "at a bound"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A row of the table of parameters.
-
-    Attributes:
-        name, symbol, unit, description: of the parameter.
-        value: in that unit.
-        standard_error: of it; None for one that was not estimated.
-        status: the source of the value.
-        start: the value the search began with.
-        datasheet: the value in the datasheet; None without one.
-        given: the fixed and kept values that the estimate depends on, by name; its interval holds only if they are
-            right.
-        interval: its 95 % interval, None without one; at a bound that of the likelihood profile.
-        record: of a parameter that differs by record, the record; else empty.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    description: str
-    value: float
-    standard_error: float | None
-    status: Status
-    start: float
-    datasheet: float | None
-    given: tuple[str, ...] = ()
-    interval: tuple[float, float] | None = None
-    record: str = ""
-
-    @property
-    def how(self) -> str:
-        """The source of the value, in a few words for a table."""
-        return f"given {', '.join(self.given)}" if self.given else str(self.status)
 
 
 @dataclass(frozen=True)
@@ -110,10 +65,9 @@ class Combination:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GreyBoxFit(Fit[GreyBox]):
-    """A `Fit` with physical parameters.
+    """A `Fit` with physical parameters; its table has a row for every one that was asked for or fixed.
 
     Attributes:
-        table: every parameter that was asked for or fixed.
         combinations: all identifiable quantities of the plant, if some parameters had to be kept.
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
@@ -125,7 +79,6 @@ class GreyBoxFit(Fit[GreyBox]):
         colour: (p,) how many times larger the variance of every parameter is than with a white residual.
     """
 
-    table: tuple[Estimate, ...] = ()
     combinations: tuple[Combination, ...] = ()
     identifiability: Identifiability | None = None
     segments: tuple[Record, ...] = ()

@@ -1,0 +1,54 @@
+"""The rows of the table of a fit: what was found of every parameter, and where its value is from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """The source of the value of a parameter."""
+
+    ESTIMATED = "estimated"
+    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
+    KEPT = "not identifiable: kept at start"
+    FIXED = "fixed"  # by the user
+    AT_BOUND = "at a bound"
+    UNDETERMINED = "not determined by these data"
+    PREDICTOR = "of the one-step predictor"  # which is not the system
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A row of the table of parameters.
+
+    Attributes:
+        name, symbol, unit, description: of the parameter.
+        value: in that unit.
+        standard_error: of it; None for one that was not estimated.
+        status: the source of the value.
+        start: the value the search began with; None without a search.
+        datasheet: the value in the datasheet; None without one.
+        given: the fixed and kept values that the estimate depends on, by name; its interval holds only if they are
+            right.
+        interval: its 95 % interval, None without one; at a bound that of the likelihood profile.
+        record: of a parameter that differs by record, the record; else empty.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    description: str
+    value: float
+    standard_error: float | None
+    status: Status
+    start: float | None = None
+    datasheet: float | None = None
+    given: tuple[str, ...] = ()
+    interval: tuple[float, float] | None = None
+    record: str = ""
+
+    @property
+    def how(self) -> str:
+        """The source of the value, in a few words for a table."""
+        return f"given {', '.join(self.given)}" if self.given else str(self.status)

@@ -143,6 +143,10 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": "rigid-motor"}),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": ""}),
+    *(
+        Finding("end-shows-little", "log.csv", {"share": 0.12, "first": 850, "last": 1149, "moved": moved})
+        for moved in (True, False)
+    ),
     Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),
     Finding("input-taken-as-linear", "force", {"between": "band-limited", "ratio": 2.72}),
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),

@@ -76,7 +76,7 @@ class Plant:
     pole: float = 0.0
     units: tuple[str, str] = ("", "")
     later: Simulate | None = None
-    samples: int = 1500
+    samples: int = 1000
 
     def pair(self, seed: int) -> Pair:
         """The two records of a seed."""

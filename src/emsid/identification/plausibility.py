@@ -106,7 +106,7 @@ class Plausibility:
         samples, lead = len(record), min(LEAD, len(record) // 4)
         levels = record.input[rng.integers(samples, size=samples)]
         held = np.repeat(levels, rng.integers(1, HELD + 1, size=samples), axis=0)
-        return replace(record, input=np.concatenate([record.input[:lead], held])[:samples])
+        return replace(record, input=np.concatenate([record.input[:lead], held])[:samples], before=())
 
     def findings(self, fit: Fit[Any]) -> list[Finding]:
         """Why a model is implausible, without what the fit itself has found."""

@@ -21,7 +21,7 @@ from emsid.identification.requests import check_physics, codes_of_channel, plant
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.plant import Plant
 from emsid.record import Record
-from emsid.record.holding_back import hold_back_records
+from emsid.record.holding_back import FAIR, hold_back_records, shares
 
 FEWEST, FEWEST_FITTED = 20, 10
 """With fewer samples nothing is left to test a model on after it is fitted, and too little to fit it to."""
@@ -108,11 +108,25 @@ class Task:
         """
         return [
             *self.record.findings,
+            *self._about_the_unseen_part(),
             *questions(self.records, self.responses),
             *self.about_delay,
             *unused_requests(self.plants, self.names, self.asked, self.record, quick=quick),
             *(each.about(name) for name, plant in self.plants.items() for each in self._assumptions(plant)),
         ]
+
+    def _about_the_unseen_part(self) -> list[Finding]:
+        """That another part than the end is unseen, or that no part of the record is fit to be unseen."""
+        size = len(self.unseen)
+        if self.others or len(self.unseen.segments) > 1 or len(self.unseen) + len(self.to_fit) != len(self.record):
+            return []
+        share = float(shares(self.record, len(self.record) - size, len(self.record))[0])
+        first = round((self.unseen.time[0] - self.record.time[0]) / self.record.dt)
+        if share >= FAIR or self.record.breaks:
+            return []
+        moved = first + size < len(self.record)
+        data = {"share": share, "first": first, "last": first + size - 1, "moved": moved}
+        return [Finding("end-shows-little", self.record.name, data)]
 
     def _assumptions(self, plant: Plant) -> list[Finding]:
         """The units that are assumed of channels without one; none where the input cannot drive the plant."""

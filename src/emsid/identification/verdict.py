@@ -126,13 +126,14 @@ def _verdict(
 def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
     """Why a model cannot be used at all, from its free run on unseen data.
 
-    Where the output moves little, as while an input is constant, a good model may be no better than its mean there. It
-    can be used if its error is small beside the deviation of the output over fitted and unseen data (`EXPLAINED`).
+    While no input changes, as after a step, the output is at rest but for noise, and a good model is no better than its
+    mean. It can be used if its error is small beside the deviation of the output over fitted and unseen data
+    (`EXPLAINED`).
     """
     row = unseen.row
     if row.diverged_at is not None:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
-    if row.fit_percent <= 0 and _share_of_deviation(unseen, fitted) > EXPLAINED:
+    if row.fit_percent <= 0 and (unseen.input_moves or _share_of_deviation(unseen, fitted) > EXPLAINED):
         return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
     return []
 
@@ -146,7 +147,7 @@ def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:
 
 
 def _poor(unseen: Assessment, fitted: Assessment) -> list[Reason]:
-    """A poor fit on unseen data; or none, because the output moves little or not at all."""
+    """A poor fit on unseen data; or none, because no input changes or the output does not move."""
     row = unseen.row
     if np.isnan(row.fit_percent):
         return [{"code": "output-at-rest"}]

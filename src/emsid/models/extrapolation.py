@@ -44,13 +44,13 @@ class Extremes:
         """The record with inputs that are larger by `LARGER`, about the middle of their range."""
         u = self.record.input
         middle = 0.5 * (u.min(axis=0) + u.max(axis=0))
-        return replace(self.record, input=middle + LARGER * (u - middle))
+        return replace(self.record, input=middle + LARGER * (u - middle), before=())
 
     @cached_property
     def backwards(self) -> Record:
         """The longest segment of the larger record backwards in time: another input of the same spectrum and range."""
         segment = max(self.larger.segments, key=len)
-        return replace(segment, input=segment.input[::-1], output=segment.output[::-1])
+        return replace(segment, input=segment.input[::-1], output=segment.output[::-1], before=())
 
     @cached_property
     def held(self) -> Record:
@@ -65,7 +65,7 @@ class Extremes:
         inputs = np.concatenate([begun.input, largest, begun.input, smallest])
         ends = np.stack([segment.output.min(axis=0), segment.output.max(axis=0)])
         outputs = np.resize(ends, (len(inputs) - len(begun), ends.shape[1]))
-        return replace(begun, input=inputs, output=np.concatenate([begun.output, outputs]))
+        return replace(begun, input=inputs, output=np.concatenate([begun.output, outputs]), before=())
 
 
 def runs_away(model: Model, extremes: Extremes) -> bool:

@@ -1,7 +1,9 @@
 """The free run of a model over a record: segments, initial state, transient and divergence.
 
 Every segment is run on its own. With measured outputs, its first samples give the initial state (`Model.initial`);
-after them the model sees only the input, and they enter no error. A segment that begins at rest (`begins_at_rest`) or
+after them the model sees only the input, and they enter no error. A segment whose preceding samples are known
+(`Record.part`) is run with these: their first samples give the state, the run goes on through the segment, and all of
+its samples count. A segment that begins at rest (`begins_at_rest`) or
 in a steady state (`begins_steady`) was in that state before. There the first sample, repeated, gives the initial state,
 and all samples count. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow
 another constant input before the start.
@@ -271,11 +273,20 @@ def _until_change(values: Array) -> int:
 
 
 def from_rest(segment: Record, samples: int) -> Record:
-    """A segment whose first ``samples`` samples start a model and enter no error.
+    """A segment with what is known before it, whose first ``samples`` samples start a model and enter no error.
 
-    A segment in motion is that itself. Before one that begins at rest or in a steady state, its first sample is
-    repeated ``samples`` times.
+    A segment in motion is that itself, behind the samples right before it. Before one that begins at rest or in a
+    steady state, its first sample is repeated ``samples`` times.
     """
+    lead = segment.before[0] if segment.before else None
+    if lead is not None:
+        segment = replace(
+            segment,
+            input=np.concatenate([lead.input, segment.input]),
+            output=np.concatenate([lead.output, segment.output]),
+            times=lead.times,
+            before=(),
+        )
     if not (samples and (begins_at_rest(segment) or begins_steady(segment, samples))):
         return segment
     both = ((samples, 0), (0, 0))
@@ -313,7 +324,8 @@ def _over_segments(
             lost = _first_beyond(values, bound)
             if lost is not None:
                 values[lost:] = np.nan
-                diverged_at = stop - len(values) + lost if diverged_at is None else diverged_at
+                diverged_at = max(stop - len(values) + lost, first) if diverged_at is None else diverged_at
+            values = values[-len(segment) :]
             if output is None:
                 output = np.zeros((len(record), values.shape[1]))
             output[stop - len(values) : stop] = values

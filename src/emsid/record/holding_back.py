@@ -3,6 +3,11 @@
 Normally the end of a record is held back. In a series of experiments, such as steps of ascending height, the last ones
 differ from the rest; there every k-th experiment is held back, so that both parts cover all conditions. In a short
 record one part holds too few samples; there cross-validation holds back each part once, at the cost of several fits.
+Where the end shows little, as a drive at standstill, another part takes its place: there any model is about as good
+as the mean of the output.
+
+A part of a record that is held back knows the samples before it (`Record.part`), so that a free run over it begins in
+the state that the record has led to.
 
 The error of the best of several models is too small on the data that it was chosen on. Where the unseen data are long
 enough, one part of them chooses and the other gives the error of the model that was chosen.
@@ -20,6 +25,7 @@ from numpy.typing import NDArray
 from emsid.record.joining import concatenate
 from emsid.record.record import Record
 
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 # The records to fit and the unseen records to test on.
 Split = tuple[Sequence[Record], Sequence[Record]]
@@ -30,6 +36,9 @@ NEAR = 0.25
 """A stretch ends at a gap that is nearer to its end than this share of its length."""
 LEAST_PART = 1_000
 """Unseen data are divided into a part that chooses and one that does not where each gets at least this many samples."""
+FAIR = 1 / 3
+"""A part shows little where the deviation of an output is less than this share of that in the record: a model that
+explains two thirds of the output, as few do that are of no use, would be no better than the mean there."""
 
 
 def hold_back(record: Record, fraction: float) -> tuple[Record, Record]:
@@ -68,10 +77,41 @@ def hold_back_records(
     k = round(1 / fraction)
     if k < 2 or len(records) < 2 * k:
         whole = together(records)
-        train, rest = whole.split(1 - fraction)
-        return train, replace(rest, name=f"{whole.name}, unseen part")
+        whole.split(1 - fraction)  # refuses what leaves nothing
+        first, stop = unseen_part(whole, fraction)
+        place = np.arange(len(whole))
+        train = whole[:first] if stop == len(whole) else whole.mask((place >= first) & (place < stop))
+        return train, replace(whole.part(first, stop), name=f"{whole.name}, unseen part")
     train, test = (together(part) for part in every(records, k))
     return train, replace(test, name=f"one in {k} of {len(records)} records")
+
+
+def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
+    """The first and the last but one sample of the part to hold back: the last one that shows enough, or the end.
+
+    Args:
+        record: all data.
+        fraction: of the samples.
+    """
+    first = round((1 - fraction) * len(record))
+    size = len(record) - first
+    parts = [(k, k + size) for k in range(first, -1, -max(size // 2, 1))]
+    return next((each for each in parts if shares(record, *each).min() >= FAIR), parts[0])
+
+
+def shares(record: Record, first: int, stop: int) -> Array:
+    """(2,) the deviation of the outputs in a part and in the rest, over that in the record; the least of all outputs.
+
+    Zero where no input changes, and one where an output is constant in the whole record.
+    """
+    place = np.arange(len(record))
+    inside = (place >= first) & (place < stop)
+    whole = record.output.std(axis=0)
+    moving, found = whole > 0, np.zeros(2)
+    for number, part in enumerate((inside, ~inside)):
+        if part.any() and np.ptp(record.input[part], axis=0).any():
+            found[number] = np.min(record.output[part].std(axis=0)[moving] / whole[moving], initial=1.0)
+    return found
 
 
 def choice_and_headline(unseen: Record) -> tuple[Record, Record] | None:
@@ -81,12 +121,14 @@ def choice_and_headline(unseen: Record) -> tuple[Record, Record] | None:
         unseen: of two segments or more every second one is in the second part; of one segment the second half.
 
     Returns:
-        None where a part would have fewer than `LEAST_PART` samples.
+        None where a part would have fewer than `LEAST_PART` samples, or shows little.
     """
     if len(unseen.segments) > 1:
         first, second = (concatenate(part) for part in every(unseen.segments, 2))
     else:
         first, second = unseen.split(0.5)
+        if shares(unseen, 0, len(first)).min() < FAIR:
+            return None
     if min(len(first), len(second)) < LEAST_PART:
         return None
     return replace(first, name=f"{unseen.name}, to choose"), replace(second, name=f"{unseen.name}, after the choice")
@@ -123,7 +165,7 @@ def parted(record: Record, folds: int) -> list[Record]:
     """
     if is_series(record, folds):
         return [concatenate(record.segments[k::folds]) for k in range(folds)]
-    return [record[first:stop] for first, stop in pairwise(_edges(record, folds))]
+    return [record.part(first, stop) for first, stop in pairwise(_edges(record, folds))]
 
 
 def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:
@@ -198,5 +240,5 @@ def _without_fold(records: Sequence[Record], k: int) -> Split:
         gone = np.zeros(len(record), dtype=bool)
         gone[first:last] = True
         rest.append(record.mask(gone))
-        parts.append(record[first:last])
+        parts.append(record.part(first, last))
     return rest, parts

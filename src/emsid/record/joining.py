@@ -43,6 +43,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         sources=_sources(pieces),
         time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
         findings=_of_all(pieces),
+        before=tuple(each for piece in pieces for each in piece.before or (None,) * (len(piece.breaks) + 1)),
     )
 
 
@@ -56,7 +57,10 @@ def continuing(before: Record | None, piece: Record) -> Record:
     Raises:
         DataError: where sample times, channel names or units differ.
     """
-    return piece if before is None else replace(concatenate([before, piece]), breaks=(), times=(), sources=())
+    if before is None:
+        return piece
+    joined = concatenate([before, piece])
+    return replace(joined, breaks=(), times=joined.times[:1], sources=(), before=())
 
 
 def _sources(pieces: Sequence[Record]) -> tuple[str, ...]:

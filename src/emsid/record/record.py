@@ -52,6 +52,9 @@ class Record(Presented):
         findings: what was noticed when the file was read.
         conversions: by channel, gain and offset from the numbers of the file to the values of the channel; empty for a
             record that was not read from a file.
+        before: by segment, the samples right before it, or None; empty where nothing is known before any. They are no
+            part of the record. A free run begins with them, so that it enters the segment in the state that the inputs
+            have led to (see `part`).
 
     Raises:
         DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
@@ -72,6 +75,7 @@ class Record(Presented):
     time_axis: TimeAxis | None = None
     findings: tuple[Finding, ...] = ()
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    before: tuple[Record | None, ...] = ()
 
     def __post_init__(self) -> None:
         for each in ("input_names", "output_names", "input_units", "output_units"):
@@ -131,8 +135,10 @@ class Record(Presented):
         if len(self.times) != len(edges) - 1:
             raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
         self._put("sources", tuple(self.sources))
-        if self.sources and len(self.sources) != len(edges) - 1:
-            raise DataError(f"{self.name}: {len(self.sources)} segment sources for {len(edges) - 1} segments")
+        self._put("before", tuple(self.before) if any(self.before) else ())
+        for what, values in (("sources", self.sources), ("parts before", self.before)):
+            if values and len(values) != len(edges) - 1:
+                raise DataError(f"{self.name}: {len(values)} segment {what} for {len(edges) - 1} segments")
 
     @classmethod
     def from_frame(
@@ -250,7 +256,10 @@ class Record(Presented):
         return tuple(self[a:b] for a, b in pairwise(edges)) if self.breaks else (self,)
 
     def __getitem__(self, rows: slice) -> Record:
-        """Samples ``rows`` (a slice without a step), keeping breaks and time."""
+        """Samples ``rows`` (a slice without a step), keeping breaks and time.
+
+        What is before the first of them is left out, unless a segment begins there; see `part`.
+        """
         if not isinstance(rows, slice) or rows.step not in (None, 1):
             raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
         start, stop, _ = rows.indices(len(self))
@@ -266,10 +275,37 @@ class Record(Presented):
             breaks=tuple(b - start for b, _ in inside),
             times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
             sources=self.sources[first : first + len(inside) + 1],
+            before=(self.before[first] if start == edges[first] else None, *self.before[first + 1 :])[: len(inside) + 1]
+            if self.before
+            else (),
         )
+
+    def part(self, first: int, stop: int) -> Record:
+        """Samples ``first`` to ``stop``, with the samples before them from the beginning of the segment.
+
+        A free run over the part begins with these and goes on through it; errors are those of the part alone.
+        """
+        here = self[first:stop]
+        number = int(np.searchsorted(self.breaks, first, "right"))
+        edge = (0, *self.breaks)[number]
+        if first == edge:
+            return here
+        known = self.before[number] if self.before else None
+        lead = replace(self[edge:first], before=())
+        if known is not None:
+            lead = replace(
+                lead,
+                input=np.concatenate([known.input, lead.input]),
+                output=np.concatenate([known.output, lead.output]),
+                times=known.times,
+            )
+        rest = self.before[number + 1 : number + 1 + len(here.breaks)] or (None,) * len(here.breaks)
+        return replace(here, before=(lead, *rest))
 
     def split(self, fraction: float) -> tuple[Record, Record]:
         """The first ``fraction`` of the samples, to fit, and the rest, as unseen data.
+
+        A free run over the rest begins with the first part, see `part`.
 
         Raises:
             DataError: for a fraction that leaves either part without a sample.
@@ -279,7 +315,7 @@ class Record(Presented):
         at = round(fraction * len(self))
         if not 0 < at < len(self):
             raise DataError(f"{self.name}: {len(self)} samples cannot be split at {fraction:g}; record longer")
-        return self[:at], self[at:]
+        return self[:at], self.part(at, len(self))
 
     def mask(self, leave_out: ArrayLike) -> Record:
         """The record without the samples where ``leave_out`` (N,) is true. Every gap starts a new segment.
@@ -305,6 +341,12 @@ class Record(Presented):
             output=self.output[kept],
             breaks=tuple(int(b) for b in starts),
             times=tuple(float(t) for t in self.time[kept[first]]),
+            before=tuple(
+                self.before[k] if at in (0, *self.breaks) else None
+                for k, at in zip(np.searchsorted(self.breaks, kept[first], "right"), kept[first], strict=True)
+            )
+            if self.before
+            else (),
             sources=tuple(self.sources[k] for k in np.searchsorted(self.breaks, kept[first], "right"))
             if self.sources
             else (),
@@ -344,7 +386,7 @@ class Record(Presented):
         if order > LARGEST_TREND:
             raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
         u, y = (without_trend(values, self.time, order) for values in (self.input, self.output))
-        return replace(self, input=u, output=y)
+        return replace(self, input=u, output=y, before=())
 
     def decimate(self, factor: int) -> Record:
         """Every ``factor``-th sample after a zero-phase FIR anti-alias filter, segment by segment.
@@ -372,6 +414,7 @@ class Record(Presented):
             dt=self.dt * factor,
             breaks=tuple(np.cumsum([len(piece) for piece in inputs[:-1]])),
             time_axis=None,
+            before=(),
         )
 
     def resample(self, time: ArrayLike, dt: float | None = None) -> Record:
@@ -396,7 +439,7 @@ class Record(Presented):
             u, y = equidistant(t, self.input, self.output, step)
         except DataError as error:
             raise DataError(f"{self.name}: {error}") from None
-        return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None)
+        return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None, before=())
 
     def lowpass(self, cutoff: float) -> Record:
         """Every channel through a Butterworth low-pass filter of order 4, forwards and backwards, segment by segment.
@@ -426,12 +469,12 @@ class Record(Presented):
             return np.concatenate([low_passed(getattr(piece, side), cutoff, self.dt) for piece in self.segments])
 
         output = filtered("output") if self.output.shape[1] else self.output
-        return replace(self, input=filtered("input"), output=output)
+        return replace(self, input=filtered("input"), output=output, before=())
 
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
         """Channel ``name`` replaced by gain·x + offset, with its new unit."""
         name = self._own_name(name)
-        changes: dict[str, Any] = {}
+        changes: dict[str, Any] = {"before": [each and each.scale(name, gain, offset, unit) for each in self.before]}
         for side in ("input", "output"):
             names: tuple[str, ...] = getattr(self, f"{side}_names")
             if name in names:

@@ -159,6 +159,17 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("end-shows-little", Severity.WARNING)
+def end_shows_little(f: Finding, argument: Spelling) -> str:
+    """Subject: the data. Data: share (of the deviation of the output), first, last (samples of the unseen part), moved
+    (whether it is another part than the end)."""
+    d = f.data
+    little = f"the end of {f.subject} has {100 * d['share']:.0f} % of the deviation of the output"
+    if d["moved"]:
+        return f"{little}, so samples {d['first']:,} to {d['last']:,} are the unseen part"
+    return f"{little}, and no other part is fit to test a model; give other data as {argument('unseen')}"
+
+
 @words("fitted-to-excerpt")
 def fitted_to_excerpt(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: samples (of the excerpt), of (of all data to fit), finished (the model that was then

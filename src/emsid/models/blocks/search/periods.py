@@ -91,7 +91,10 @@ def steady_state(records: Sequence[Record], period: int | None) -> Steady | None
     freedom = sum(each.averages - 1 for each in several)
     noise = sum(each.variance * (each.averages - 1) for each in several) / freedom if freedom else None
     return Steady(
-        [replace(segment[-period:], output=each.output[:, None]) for segment, each in zip(segments, made, strict=True)],
+        [
+            replace(segment[-period:], output=each.output[:, None], before=())
+            for segment, each in zip(segments, made, strict=True)
+        ],
         period,
         sum(each.averages for each in made),
         None if noise is None else float(np.sqrt(noise)),
@@ -101,4 +104,4 @@ def steady_state(records: Sequence[Record], period: int | None) -> Steady | None
 def _turned(record: Record, ahead: int) -> Record:
     """A period with its last samples put ahead of it."""
     around = [np.concatenate([each[len(each) - ahead :], each]) for each in (record.input, record.output)]
-    return replace(record, input=around[0], output=around[1])
+    return replace(record, input=around[0], output=around[1], before=())

@@ -89,7 +89,7 @@ class Scaling:
         """A record in these units; a second input holds codes and stays as it is."""
         outputs = [self.command if signal is Signal.CURRENT else self.output for signal in signals]
         inputs = [self.command, *[1.0] * (record.input.shape[1] - 1)]
-        return replace(record, input=record.input / inputs, output=record.output / outputs)
+        return replace(record, input=record.input / inputs, output=record.output / outputs, before=())
 
     def to(self, plant: DrivenPlant, inputs: int) -> DrivenPlant:
         """A plant in these units.

@@ -49,7 +49,8 @@ def _thinned(segment: Record, every: int, straight: bool) -> Record:
         following = np.concatenate([segment.input[1:], segment.input[-1:]])[: blocks * every]
         inputs = 0.5 * (inputs + following)
     means = inputs.reshape(blocks, every, -1).mean(axis=1)
-    return replace(segment, input=means, output=segment.output[: blocks * every : every], dt=every * segment.dt)
+    output = segment.output[: blocks * every : every]
+    return replace(segment, input=means, output=output, dt=every * segment.dt, before=())
 
 
 def _smooth(record: Record, every: int) -> bool:

@@ -51,6 +51,14 @@ def test_si_of_the_units_that_drives_are_logged_in(unit: str, gain: float, si: s
         assert "rad" not in converted.unit  # a frequency is not a speed
 
 
+@pytest.mark.parametrize(
+    ("unit", "same"), [("m/s²", "m/s^2"), ("kg·m²", "kg*m^2"), ("N·s⁻²", "N/s^2"), ("ｒａｄ／ｓ", "rad/s")]
+)
+def test_a_raised_or_wide_sign_is_read_as_its_usual_form(unit: str, same: str) -> None:
+    assert conversion(unit).gain == conversion(same).gain
+    assert conversion(unit, same).gain == 1.0
+
+
 def test_temperatures_have_an_offset() -> None:
     assert conversion("°C") == (pytest.approx(1.0), pytest.approx(273.15), "K")
 
@@ -98,7 +106,13 @@ def test_what_is_no_unit(unit: str, target: str | None, meanings: dict[str, floa
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["9**9**9**9", "m**9**9**9", "((9**9)**9)**9", "m^99", "m^1e5", "V" * 100])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("9**9**9**9", "m**9**9**9", "((9**9)**9)**9", "m^99", "m^1e5", "V" * 100),
+        *("9⁹⁹⁹⁹⁹⁹⁹⁹⁹", "V²²²²²²²²²", "m⁹²", "9^9⁹", "(m²)³", "9＾９＾９＾９", "9**٩٩٩", "9 squared squared cubed"),
+    ],
+)
 def test_powers_without_end_are_refused_at_once(text: str) -> None:
     with pytest.raises(DataError, match="is not understood"):
         conversion(text)

@@ -10,6 +10,7 @@ import sys
 
 def main() -> None:
     """Run the command line. Once imported, `emsid.cli` handles Ctrl-C."""
+    _occupy_closed()
     sys.unraisablehook = _unraisable
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, _leave)
@@ -23,10 +24,20 @@ def main() -> None:
         _end(int(ending.code or 0))
 
 
+def _occupy_closed() -> None:
+    """Open the null device in place of standard streams that are closed: no file may get their numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number
+
+
 def _end(status: int) -> None:
     """End without waiting for threads that still compute, and without taking all modules apart, which takes 0.3 s."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:  # it is closed
+            stream.flush()
     os._exit(status)
 
 

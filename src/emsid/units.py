@@ -11,6 +11,7 @@ from collections.abc import Container, Mapping
 from functools import cache
 from math import inf, pi
 from typing import TYPE_CHECKING, NamedTuple
+from unicodedata import normalize
 
 from emsid.errors import DataError
 
@@ -25,6 +26,7 @@ SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/s
 # Exponents of more than one digit are refused: pint would compute such a power exactly, which may never end.
 _LONG_POWER = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?:\^|\*\*)[^*^/]*(?:\^|\*\*)")
 MOST_LETTERS = 80
+_WORDS_OF_POWERS = re.compile(r"\b(squared|cubed|square|cubic|sq)\b")
 
 
 _LOGGED = (
@@ -209,6 +211,7 @@ def in_unit(name: str, unit: str) -> str:
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LOWERED = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 
 
 class Conversion(NamedTuple):
@@ -259,7 +262,8 @@ def conversion(
         raise DataError(f"pwm_full_scale is {pwm_full_scale:g}; give a positive number", arguments=("pwm_full_scale",))
 
     for text in (unit, target or ""):
-        if len(text) > MOST_LETTERS or _LONG_POWER.search(text):
+        spelt = _spelling(text)
+        if max(len(text), len(spelt)) > MOST_LETTERS or _LONG_POWER.search(spelt) or _several_powers(spelt):
             raise DataError(f"unit {text[:MOST_LETTERS]!r} is not understood; write it as V, rpm, deg/s, N*m/s^2, …")
     if unit in SI and target in (None, unit):
         return Conversion(1.0, 0.0, unit)
@@ -288,6 +292,11 @@ def conversion(
     return Conversion(float(one - zero), float(zero), target)
 
 
+def _several_powers(unit: str) -> bool:
+    """Whether pint would raise a power to a power for the words of a unit: ``9 squared cubed``."""
+    return len(_WORDS_OF_POWERS.findall(unit)) > 1
+
+
 def _sizes(unit: str, target: str, given: Mapping[str, tuple[float | None, str]]) -> dict[str, float]:
     """The sizes of the units that depend on the hardware and occur in one of the two.
 
@@ -313,12 +322,14 @@ def _sizes(unit: str, target: str, given: Mapping[str, tuple[float | None, str]]
 
 
 def _spelling(unit: str) -> str:
-    """The unit with the signs and words that pint reads."""
+    """The unit with the signs and words that pint reads; raised digits become powers."""
+    unit = re.sub("[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda power: f"^{power[0].translate(_LOWERED)}", unit)
     for sign, word in {"·": "*", "²": "^2", "Ω": "ohm", "%": "percent", "°": "deg", "PWM": "pwm", "RPM": "rpm"}.items():
         unit = unit.replace(sign, word)
     unit = re.sub(r"\bcounts?\b", "encoder_count", unit)  # pint's own count is a number without unit
     unit = re.sub(r"\brevs?\b", "revolution", unit)
-    return re.sub(r"\b([mk]?N)m\b", r"\1*m", unit)  # a torque; pint alone would read nanometres
+    unit = re.sub(r"\b([mk]?N)m\b", r"\1*m", unit)  # a torque; pint alone would read nanometres
+    return normalize("NFKC", unit)
 
 
 @cache

@@ -56,7 +56,7 @@ EXAMPLES: tuple[Finding, ...] = (
         for samples, cause in ((7, "lost"), (1, "unusable"), (None, "backwards"), (500, "disconnected"), (9, "skipped"))
     ),
     Finding("samples-not-tracked", "socket://board:7000", {"samples": 1200}),
-    Finding("source-disconnected", "serial:///dev/ttyACM0"),
+    Finding("source-disconnected", "serial:///dev/ttyACM0", {"wait": 30.0}),
     Finding("source-silent", "serial:///dev/ttyACM0", {"seconds": 5.2}),
     Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 0, "example": "1.2,x"}),
     Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 2, "example": "1.2,x"}),

@@ -16,6 +16,8 @@ from math import inf
 from threading import Thread
 from time import monotonic, sleep
 
+from emsid.cli.streams import write_error
+
 INTERRUPTED, TERMINATED = 130, 128 + signal.SIGTERM
 """The exit status of a command that Ctrl-C or SIGTERM ended."""
 
@@ -43,7 +45,7 @@ class Interruption:
         self.own_process = False
         self.pressed = self.late = self._deferred = False
         self._notify: Callable[[str], None] = print_notice
-        self._answer, self._when = "", -inf
+        self._answer, self._when, self._by_sigterm = "", -inf, False
         self.begin()
 
     def __call__(self, *_: object) -> None:
@@ -60,7 +62,14 @@ class Interruption:
             raise KeyboardInterrupt
 
     def terminate(self, *_: object) -> None:
-        """Answer SIGTERM: end by an exception, so that cleaning up takes place, and soon without it."""
+        """Answer SIGTERM: end by an exception, so that cleaning up takes place, and soon without it.
+
+        Work that `asked` for it ends as with Ctrl-C.
+        """
+        if self._answer and self._by_sigterm and not self.pressed:
+            self.pressed = True
+            self._notify(self._answer)
+            return
         self.pressed = True  # searches in other threads end as well
         if self.own_process:
             Thread(target=self._leave_soon, name="leaving", daemon=True).start()
@@ -117,14 +126,17 @@ class Interruption:
         self.pressed = self.pressed or self.late or interrupted
 
     @contextmanager
-    def asked(self, answer: str, notify: Callable[[str], None] | None = None) -> Iterator[None]:
+    def asked(
+        self, answer: str, notify: Callable[[str], None] | None = None, by_sigterm: bool = False
+    ) -> Iterator[None]:
         """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once.
 
         Args:
             answer: what the first Ctrl-C is answered at once.
             notify: shows the answer, by default `print_notice`; called by a handler of a signal.
+            by_sigterm: whether SIGTERM, too, is answered and ends the work with its results.
         """
-        self._answer, self._notify = answer, notify or print_notice
+        self._answer, self._notify, self._by_sigterm = answer, notify or print_notice, by_sigterm
         try:
             yield
         finally:
@@ -142,8 +154,8 @@ class Interruption:
 
 def print_notice(words: str) -> None:
     """Print a line on standard error, in place of a progress bar, which goes on below; safe in a signal handler."""
-    in_place = ERASED if sys.stderr.isatty() else ""
-    os.write(2, f"{in_place}emsid: {words}\n".encode())
+    in_place = ERASED if sys.stderr is not None and sys.stderr.isatty() else ""
+    write_error(f"{in_place}emsid: {words}\n")
 
 
 def leave_quietly() -> None:

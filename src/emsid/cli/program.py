@@ -13,8 +13,10 @@ from emsid.cli import commands
 from emsid.cli.app import FIRST_STEPS, app
 from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly
 from emsid.cli.options import with_options
+from emsid.cli.streams import open_streams, output_is_lost
 from emsid.cli.terminal import SPELT_OUT, say, warn
 from emsid.errors import EmsidError
+from emsid.replacing import sources_kept
 
 USER_ERROR = 2
 
@@ -23,6 +25,11 @@ __all__ = ["commands", "main"]
 
 def main() -> None:
     """Run the command line. An error of the user is printed as one line on standard error; its exit status is 2."""
+    with sources_kept(), open_streams():
+        _main()
+
+
+def _main() -> None:
     INTERRUPTION.begin()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # warnings are for programmers
@@ -45,6 +52,8 @@ def main() -> None:
             sys.stdout.flush()
         if INTERRUPTION.pressed:
             _end_interrupted()
+        if output_is_lost():
+            _end("the output cannot be written: standard output is closed", USER_ERROR)
         sys.exit(status)
     except typer.TyperException as problem:  # an unknown option or argument, or one of another type
         message = getattr(problem, "format_message", problem.__str__)()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from emsid.cli.interruption import INTERRUPTION, print_notice
 from emsid.cli.terminal import say, working
-from emsid.errors import DataError
+from emsid.errors import DataError, EmsidError
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -63,6 +63,18 @@ def write(
     write_several(save_one, fits)
     for name, content in documents.items():  # after the model files, which it names
         atomic_write(folder / name, as_json(content))
+
+
+def attempted(work: Callable[[], object]) -> EmsidError | None:
+    """Do what writes files, and return the error if that fails, to raise it after the result was printed.
+
+    A full disk must not take a result away that was computed for minutes.
+    """
+    try:
+        work()
+    except EmsidError as problem:
+        return problem
+    return None
 
 
 def as_json(content: Any) -> bytes:

@@ -18,6 +18,7 @@ from secrets import token_hex
 from typing import Any
 
 from emsid.errors import FormatError
+from emsid.replacing import is_source, note_result, note_source
 
 _SIGNATURES = (
     (b"\x89PNG", "a PNG image"),
@@ -41,12 +42,23 @@ AT_ONCE = 8
 _OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
 
 
-def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") -> bytes:
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Refuse to write to a file that this command has read.
+
+    Raises:
+        FormatError: that names the file.
+    """
+    if is_source(path):
+        raise FormatError(f"{path}: this command reads this file and would replace it; write to another place")
+
+
+def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again", *, replaceable: bool = False) -> bytes:
     """The content of a file.
 
     Args:
         path: the file; a pipe only where it is open already, as ``/dev/stdin`` is, since another may never end.
         if_empty: what to do about an empty one.
+        replaceable: whether a command that reads it may write a new version of it.
 
     Raises:
         FormatError: where it is missing (naming files with a similar name), a folder, a pipe or device, empty or
@@ -54,10 +66,13 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") 
     """
     path = Path(path)
     try:
-        kind = path.stat().st_mode
+        status = path.stat()
+        kind = status.st_mode
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind) or path.resolve().as_posix().startswith(_OPEN_FILES)):
             raise FormatError(f"{path}: this is a pipe or a device, which may never end; name a file")
         content = path.read_bytes()
+        if not replaceable:
+            note_source(status)
     except FileNotFoundError:
         raise FormatError(f"{path}: there is no such file{_similar(path)}") from None
     except IsADirectoryError:
@@ -104,8 +119,10 @@ def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
         content: text is written as UTF-8.
 
     Raises:
-        FormatError: where the folder cannot be made or written to, or ``path`` is itself a folder.
+        FormatError: where the folder cannot be made or written to, ``path`` is itself a folder, or a file that the
+            command has read (`emsid.replacing`).
     """
+    check_target(path)
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
     temporary = path.with_name(f".{path.name}.{token_hex(4)}.tmp")
@@ -116,6 +133,7 @@ def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
+                note_result(os.fstat(file.fileno()))
             os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):

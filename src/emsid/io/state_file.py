@@ -46,7 +46,7 @@ def load_state(path: str | os.PathLike[str], structure: LinearStructure[object])
     Raises:
         FormatError: where the file cannot be read, is no state file, or belongs to another structure.
     """
-    content = read_bytes(path, "track again")
+    content = read_bytes(path, "track again", replaceable=True)  # a tracking that goes on
     try:
         document = msgspec.json.decode(content)
     except (msgspec.MsgspecError, RecursionError, ValueError):

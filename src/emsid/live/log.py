@@ -11,12 +11,15 @@ temporary files.
 
 from __future__ import annotations
 
+import errno
 import os
+import sys
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from threading import Event, Lock, Thread
+from threading import Event, Thread
+from threading import Lock as ThreadLock
 
 from emsid.errors import FormatError
 
@@ -43,12 +46,17 @@ class Log:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path, self.problem = Path(path), ""
-        self._pending, self._lock, self._ended = bytearray(), Lock(), Event()
+        self._pending, self._lock, self._ended = bytearray(), ThreadLock(), Event()
         self._in_line = False
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._held = Lock(self.path.with_name(f".{self.path.name}.lock"))
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             self.begin = os.fstat(self._file).st_size
+        except _Taken as other:
+            raise FormatError(
+                f"{self.path}: {other.by} writes into this log; end it, or choose another place", arguments=("out",)
+            ) from None
         except OSError as problem:
             raise FormatError(
                 f"{self.path}: the log cannot be written ({_reason(problem)}); choose another place", arguments=("out",)
@@ -95,6 +103,7 @@ class Log:
             with suppress(OSError):
                 os.fsync(self._file)
             os.close(self._file)
+            self._held.release()
         if self._pending:
             lines = self._pending.count(b"\n")
             raise FormatError(
@@ -127,6 +136,70 @@ class Log:
                     self._drain()
             with suppress(OSError):  # a pipe or a terminal cannot be forced to the disk
                 os.fsync(self._file)
+
+
+class _Taken(Exception):
+    """Another process holds a lock.
+
+    Args:
+        by: its name, with its number where that is known.
+    """
+
+    def __init__(self, by: str) -> None:
+        self.by = by
+
+
+class Lock:
+    """A file with the number of the process that holds it, which the system gives free when that process ends.
+
+    So the file that a killed process has left is no obstacle.
+
+    Args:
+        path: the file.
+
+    Raises:
+        _Taken: where another process holds it.
+        OSError: where it cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        while True:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            if not _locked(self._file):
+                number = os.read(self._file, 20).decode("ascii", "replace").strip()
+                os.close(self._file)
+                raise _Taken(f"another process{f' (number {number})' if number.isdigit() else ''}")
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(self._file), os.stat(path)):
+                    break
+            os.close(self._file)  # its holder has deleted it meanwhile
+        os.truncate(self._file, 0)
+        os.write(self._file, b"%d\n" % os.getpid())
+
+    def release(self) -> None:
+        """Delete the file, and let others have it."""
+        with suppress(OSError):
+            self._path.unlink()
+        os.close(self._file)
+
+
+def _locked(file: int) -> bool:
+    """Lock an open file; false if another process has done so, true also where the disk knows no locks."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(file, 1 << 20, os.SEEK_SET)  # beyond the number, which others read
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+            os.lseek(file, 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as problem:
+        return problem.errno not in (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+    return True
 
 
 def read_from(path: str | os.PathLike[str], begin: int = 0) -> bytes:

@@ -1,7 +1,7 @@
 """Receives a source in a thread of its own: every byte goes into the log first, and then waits for the tracker.
 
-A connection that breaks is opened again until it comes back. Where the tracker is slower than the source, bytes that
-wait too long are skipped, and counted; they are in the log.
+A connection that breaks is opened again until it comes back, or until a stated time is over. Where the tracker is
+slower than the source, bytes that wait too long are skipped, and counted; they are in the log.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from emsid.live.sources import Disconnected, Ended, Source
 
 RETRY = 0.5
 """Seconds between two attempts to open a source that was disconnected."""
+AWAY = 30.0
+"""Seconds in which a connection that broke may come back: a board that starts again, or is plugged in again, needs a
+few."""
 MOST_WAITING = 1 << 25
 """Bytes that wait for the tracker."""
 
@@ -44,13 +47,16 @@ class Receiver:
 
     Attributes:
         source: the open source.
+        log: where every byte goes first; None for a file, which is its own log.
         heard: when bytes came last, on the clock of `time.monotonic`.
+        away: seconds after which a source that was disconnected is given up.
 
     Args:
         source: the open source.
-        log: where every byte goes first; None for a file, which is its own log.
+        log: see above.
         again: opens the source again after it was disconnected; None to give up then.
         most_waiting: bytes that wait for the tracker.
+        away: see above.
     """
 
     def __init__(
@@ -59,8 +65,10 @@ class Receiver:
         log: Log | None,
         again: Callable[[], Source] | None = None,
         most_waiting: int = MOST_WAITING,
+        away: float = AWAY,
     ) -> None:
-        self.source, self._log, self._again, self._most = source, log, again, most_waiting
+        self.source, self.log, self._again, self._most = source, log, again, most_waiting
+        self.away = away
         self.heard = time.monotonic()
         self._pieces: deque[Piece] = deque()
         self._waiting, self._arrived, self._ended, self._room = 0, Event(), Event(), Event()
@@ -108,8 +116,8 @@ class Receiver:
                     continue
                 if data:
                     self.heard = time.monotonic()
-                    if self._log is not None:
-                        self._log.write(data)
+                    if self.log is not None:
+                        self.log.write(data)
                     self._pass_on(data)
         except Ended:
             self._put(Piece("ended"))
@@ -119,7 +127,7 @@ class Receiver:
             self._put(Piece("failed", text=f"{self.source.name}: {(problem.strerror or str(problem)).lower()}"))
 
     def _pass_on(self, data: bytes) -> None:
-        while self._waiting > self._most and self._log is None and not self._ended.is_set():
+        while self._waiting > self._most and self.log is None and not self._ended.is_set():
             self._room.clear()
             self._room.wait(0.1)
         if self._waiting > self._most:
@@ -138,20 +146,21 @@ class Receiver:
         self._arrived.set()
 
     def _reconnected(self, reason: str) -> bool:
-        """Open the source again, as often as it takes; false where that is not wanted."""
+        """Open the source again, as often as it takes; false where that is not wanted, or takes too long."""
+        until = time.monotonic() + self.away
         self.source.close()
-        if self._log is not None:
-            self._log.mark("disconnected")
+        if self.log is not None:
+            self.log.mark("disconnected")
         self._put(Piece("disconnected", text=reason))
-        while self._again is not None and not self._ended.is_set():
+        while self._again is not None and not self._ended.is_set() and time.monotonic() < until:
             try:
                 self.source = self._again()
             except EmsidError:
                 self._ended.wait(RETRY)
                 continue
-            if self._log is not None:
-                self._log.mark("connected again")
+            if self.log is not None:
+                self.log.mark("connected again")
             self._put(Piece("connected"))
             return True
-        self._put(Piece("ended", text=reason))
+        self._put(Piece("ended", text=f"{reason}; it did not come back within {self.away:g} s"))
         return False

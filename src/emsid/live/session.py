@@ -165,6 +165,7 @@ def messages(
         FormatError: where the log cannot be written.
     """
     work = _Work(session, parser, settings, log, state)
+    work.away = receiver.away
     while control.ending is None and not session.reason:
         for piece in receiver.wait(0.05):
             yield from work.take(piece)
@@ -190,7 +191,7 @@ class _Work:
 
     def __init__(self, session: Session, parser: LineParser, settings: Settings, log: Log | None, state: Any) -> None:
         self.session, self.parser, self.settings, self.log = session, parser, settings, log
-        self.timeline = Timeline(settings.dt)
+        self.timeline, self.away = Timeline(settings.dt), 0.0
         self.state, self.begun = state, time.monotonic()
         self.shown = self.done = self.begun
         self.quiet = self.behind = False
@@ -225,7 +226,7 @@ class _Work:
                 yield self.found(Finding("samples-not-tracked", session.name, {"samples": piece.lines}))
             elif piece.kind == "disconnected":
                 self.timeline.cut("disconnected")
-                yield self.found(Finding("source-disconnected", session.name))
+                yield self.found(Finding("source-disconnected", session.name, {"wait": self.away}))
 
     def finish(self) -> Iterator[Message]:
         """The last line, and samples that waited for a sample time."""

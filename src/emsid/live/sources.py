@@ -5,23 +5,31 @@
 ``-``                       lines on standard input
 ``serial:///dev/ttyACM0``   a serial port, also ``serial://COM3`` or the path of the device alone
 ``socket://host:7000``      a TCP port
-other URLs                  what pyserial opens: ``rfc2217://host:port``, ``loop://``, ``spy://…``
+``rfc2217://host:7000``     a serial port that another machine serves
+``loop://``                 a port that sends back what is written to it, for tests
 ==========================  ===========================================================================================
+
+Other kinds of URLs that pyserial knows are refused: ``spy://`` writes files.
 """
 
 from __future__ import annotations
 
 import os
 import select
+import socket
 import stat
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 from emsid.errors import DataError
+from emsid.replacing import note_source
 
 CHUNK = 1 << 16
 """Bytes that are read at a time."""
+CONNECTING, SENDING = 5.0, 1.0
+"""Seconds in which a host has to answer, and in which a connection has to take a command."""
 
 
 class Ended(Exception):
@@ -84,9 +92,11 @@ def open_source(text: str, baud: int = 115200) -> Source:
     if text == "-":
         return Descriptor(0, "standard input")
     if is_connection(text):
-        return Port(text, baud)
+        return TcpPort(text) if _kind(text) == "socket" else SerialPort(text, baud)
     try:
-        return Descriptor(os.open(text, os.O_RDONLY), text, lasting=True)
+        # Without O_NONBLOCK, a named pipe is opened only when another program opens it for writing.
+        descriptor = os.open(text, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        return Descriptor(descriptor, text, lasting=not stat.S_ISFIFO(os.fstat(descriptor).st_mode))
     except IsADirectoryError:
         reason = "this is a folder; name a file in it"
     except FileNotFoundError:
@@ -122,7 +132,9 @@ class Descriptor:
 
     def __init__(self, descriptor: int, name: str, lasting: bool = False) -> None:
         self._descriptor, self.name, self.lasting = descriptor, name, lasting
-        if lasting and stat.S_ISDIR(os.fstat(descriptor).st_mode):
+        status = os.fstat(descriptor)
+        note_source(status)
+        if lasting and stat.S_ISDIR(status.st_mode):
             os.close(descriptor)
             raise DataError(f"{name}: this is a folder; name a file in it")
 
@@ -145,8 +157,54 @@ class Descriptor:
             os.close(self._descriptor)
 
 
-class Port:
-    """A serial port or a socket, by pyserial.
+class TcpPort:
+    """A connection to a TCP port. pyserial is not used: it throws away what arrives while it opens a socket.
+
+    Args:
+        text: its URL.
+
+    Raises:
+        DataError: where it cannot be opened, with the reason and what to do.
+    """
+
+    lasting = False
+
+    def __init__(self, text: str) -> None:
+        self.name = text
+        try:
+            self._socket = socket.create_connection(_address(text), CONNECTING)
+        except OSError as problem:
+            raise DataError(f"{text}: {_advice(problem)}") from None
+        self._socket.settimeout(SENDING)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def read(self, timeout: float) -> bytes:
+        """See `Source.read`."""
+        try:
+            if not select.select([self._socket], [], [], timeout)[0]:
+                return b""
+            data = self._socket.recv(CHUNK)
+        except (OSError, ValueError) as problem:  # ValueError: it was closed meanwhile
+            raise Disconnected(str(problem)) from None
+        if not data:
+            raise Disconnected("the other side has closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See `Source.write`."""
+        try:
+            self._socket.sendall(data)
+        except OSError as problem:
+            raise Disconnected(str(problem)) from None
+
+    def close(self) -> None:
+        """Close it."""
+        with suppress(OSError):
+            self._socket.close()
+
+
+class SerialPort:
+    """A serial port of this machine or another one, by pyserial.
 
     Args:
         text: its URL or device.
@@ -162,7 +220,11 @@ class Port:
         import serial
 
         self.name, self._lost = text, (serial.SerialException, OSError)
-        url = text.removeprefix("serial://")
+        url = text.partition("://")[2] if "://" in text and _kind(text) == "serial" else text
+        if _kind(text) == "rfc2217":
+            _address(text)
+        elif _kind(text) != "loop" and (not url or "://" in url):
+            raise DataError(f"{text}: {KINDS}")
         try:
             options: dict[str, Any] = {} if url.startswith("rfc2217:") else {"write_timeout": 1.0}
             if "://" not in url and os.name == "posix":
@@ -200,6 +262,43 @@ class Port:
             self._port.close()
 
 
+KINDS = "no such kind of source; there are serial:///dev/ttyACM0, socket://host:7000, rfc2217://host:7000 and loop://"
+"""The advice about an unknown URL."""
+
+
+def _kind(text: str) -> str:
+    """The kind of a URL, ``serial`` for the path of a device.
+
+    Raises:
+        DataError: for a kind that is not known.
+    """
+    kind = text.partition("://")[0].lower() if "://" in text else "serial"
+    if kind not in ("serial", "socket", "rfc2217", "loop"):
+        raise DataError(f"{text}: {KINDS}")
+    return kind
+
+
+def _address(text: str) -> tuple[str, int]:
+    """Host and port of a URL.
+
+    Raises:
+        DataError: where one is missing, or no port has that number.
+    """
+    try:
+        parts = urlsplit(text)
+        host = parts.hostname
+    except ValueError:
+        host = None
+    if not host:
+        raise DataError(f"{text}: the host is missing; write {_kind(text)}://host:port, as in socket://localhost:7000")
+    _, colon, number = parts.netloc.rpartition("@")[2].rpartition("]")[2].rpartition(":")
+    number = number if colon else ""
+    shown = repr(number) if number else "nothing"
+    if not (number.isascii() and number.isdigit() and len(number) <= 5 and 0 < int(number) < 2**16):
+        raise DataError(f"{text}: {shown} is no port; write a number from 1 to 65535 after the host")
+    return host, int(number)
+
+
 def _is_device(text: str) -> bool:
     """Whether this is the device of a serial port."""
     if os.name != "posix":
@@ -227,6 +326,5 @@ def _advice(problem: Exception) -> str:
         return "the host does not answer; check the address and the network"
     if "rfc2217" in text and "remote" in text:
         return "nothing there speaks RFC 2217; for a plain connection, write socket://"
-    if "protocol" in text and "not known" in text:
-        return "no such kind of source; there are serial://, socket://, rfc2217:// and loop://"
-    return f"it cannot be opened ({problem})"
+    reason = os.strerror(number).lower() if isinstance(number, int) and number > 0 else "the port does not work"
+    return f"it cannot be opened ({reason}); check that it is a serial port, its name and its settings"

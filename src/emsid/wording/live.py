@@ -52,8 +52,11 @@ def samples_not_tracked(f: Finding, argument: Spelling) -> str:
 
 @words("source-disconnected", Severity.WARNING)
 def source_disconnected(f: Finding, argument: Spelling) -> str:
-    """Subject: the source."""
-    return f"{f.subject} was disconnected; it is opened again as soon as it is back"
+    """Subject: the source. Data: wait (seconds in which it may come back)."""
+    return (
+        f"{f.subject} was disconnected; it is opened again as soon as it is back, and the tracking ends if it is not "
+        f"back within {_duration(f.data['wait'])}"
+    )
 
 
 @words("source-silent", Severity.WARNING)

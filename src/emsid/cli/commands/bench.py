@@ -12,7 +12,7 @@ from emsid.cli.commands.track import Baud, Header
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, option, quantity
 from emsid.cli.terminal import progress_bar, say, say_json
-from emsid.cli.writing import as_json, check_folder
+from emsid.cli.writing import as_json, attempted, check_folder
 from emsid.errors import DataError
 from emsid.findings import Finding
 
@@ -139,16 +139,20 @@ def run(
 
         return SIGNALS[excitation](max(round(duration / dt), 1), dt, size, np.random.default_rng(seed))
 
-    result, record, files = _driven(source, signal, limits, header, baud, out)
+    result, record = _driven(source, signal, limits, header, baud, out)
+    files: list[str] = []
+    unwritten = attempted(lambda: files.extend(_write(record, out)))
     _say(result, source, files, record, json)
+    if unwritten is not None:
+        raise unwritten
     if result.at_zero is not True or result.reason not in ("done", "interrupted"):
         raise typer.Exit(1)
 
 
 def _driven(
     source: str, signal: "Callable[[float], Any]", limits: "Limits", header: str, baud: int, out: Path
-) -> "tuple[Drive, Record, list[str]]":
-    """Drive the board and write its log and record; what happened, the record, and the names of the files."""
+) -> "tuple[Drive, Record]":
+    """Drive the board and write its log; what happened, and the record."""
     from emsid.estimation import Control
     from emsid.live.driving import drive
     from emsid.live.log import Log
@@ -171,8 +175,7 @@ def _driven(
             receiver.close()
             log.close()
     with INTERRUPTION.put_off():
-        record = read_log(log.path, log.begin, header)
-        return result, record, _write(record, out)
+        return result, read_log(log.path, log.begin, header)
 
 
 def _write(record: Any, out: Path) -> list[str]:
@@ -208,4 +211,5 @@ def _say(result: "Drive", source: str, files: list[str], record: Any, json: bool
         return
     zero = "the motor is at 0 V" if result.at_zero else sentence(Finding("motor-not-at-zero", source), option)
     say(f"{REASONS[result.reason]}; {zero}")
-    say(f"{len(record)} samples, largest output {result.largest:.4g}; written to {', '.join(files)}")
+    written = f"; written to {', '.join(files)}" if files else ""
+    say(f"{len(record)} samples, largest output {result.largest:.4g}{written}")

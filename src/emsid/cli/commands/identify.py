@@ -28,7 +28,7 @@ from emsid.cli.options import (
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import SecondProcess, second_process
 from emsid.cli.terminal import reader_may_leave, say_json, warn, working
-from emsid.cli.writing import as_json, check_folder, completed, draw, kept, say_where, write
+from emsid.cli.writing import as_json, attempted, check_folder, completed, draw, kept, say_where, write
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -287,23 +287,28 @@ def _run(
     from emsid.io import save
     from emsid.report.identification_page import report
 
+    def files(result: "Identification", data: dict[str, Any]) -> None:
+        write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
+        if result.is_recommended:
+            save(result.recommended_fit, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+
     with one_blas_thread():  # also of what follows from the models: beside other programs, threads wait for each other
         with working() as control:
             result = search(
                 control=control,
-                finished=lambda fit: write(out, {}, [fit], None, reader.remembered),
+                finished=lambda fit: attempted(lambda: write(out, {}, [fit], None, reader.remembered)),
                 elsewhere=second,
             )
         result, data = completed(result)
         with kept(result, "identification") as result:
-            write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
-            if result.is_recommended:
-                save(result.recommended_fit, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+            unwritten = attempted(lambda: files(result, data))
             with reader_may_leave():
                 if json:
                     say_json(as_json(data))
                 else:
                     first_screen(result)
+        if unwritten is not None:
+            raise unwritten
         drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         written = [*(f"{fit.model.name}.json" for fit in result.fits), *([RECOMMENDED] * result.is_recommended)]

@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, working
-from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
+from emsid.cli.writing import as_json, attempted, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -94,12 +94,14 @@ def study(
     with working() as control:
         result = run(settings, records, control, survey=survey)
     with kept(result, "the study") as result:
-        write(out, {"study.json": study_data(result)})
+        unwritten = attempted(lambda: write(out, {"study.json": study_data(result)}))
         with reader_may_leave():
             if json:
                 say_json(as_json(study_data(result)))
             else:
                 _print(result)
+    if unwritten is not None:
+        raise unwritten
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         with reader_may_leave():

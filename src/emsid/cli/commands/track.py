@@ -1,5 +1,6 @@
 """``emsid track``."""
 
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.estimation import Control, Rule
     from emsid.live.log import Log
+    from emsid.live.receiver import Receiver
     from emsid.live.session import Session, Settings
     from emsid.models.regression.narx import Structure
     from emsid.record import Record
@@ -67,6 +69,10 @@ Every = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="T
 Duration = Annotated[
     float | None, typer.Option(metavar="S", parser=quantity("s"), help="End after this much time of samples.")
 ]
+Reconnect = Annotated[
+    float,
+    typer.Option(metavar="S", parser=quantity("s"), help="Time in which a connection that broke may come back."),
+]
 Patience = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the first sample.")]
 
 
@@ -95,6 +101,7 @@ def track(
     every: Every = 0.2,
     duration: Duration = None,
     patience: Patience = 10.0,
+    reconnect: Reconnect = 30.0,
     out: Out = Path("emsid-track"),
     json: Json = False,
     pdf: Pdf = False,
@@ -102,8 +109,9 @@ def track(
     """Track the parameters of a motor while it runs.
 
     Shows input, output, one-step prediction, parameters with 95 % intervals and physical values, announces changes of
-    the load, and ends with the source, after --duration, or with Ctrl-C. Every received line is in log.txt within a
-    second. Writes record.csv, report.html, track.json, the model, and state.json to go on from.
+    the load, and ends with the source, after --duration, or with Ctrl-C or SIGTERM. A connection that breaks may come
+    back within --reconnect. Every received line is in log.txt within a second. Writes record.csv, report.html,
+    track.json, the model, and state.json to go on from.
 
     \b
     Examples:
@@ -126,7 +134,9 @@ def track(
         from emsid.io.state_file import load_state
 
         begun = load_state(state, made)
-    files = _followed(session, settings, reading, begun, baud, out, json)
+    if not reconnect >= 0:
+        raise DataError(f"reconnect of {reconnect:g} s; give a time, or 0", arguments=("reconnect",))
+    files = _followed(session, settings, reading, begun, partial(_received, baud=baud, away=reconnect), out, json)
     if not files:  # stopped before the first sample
         INTERRUPTION.end(True)
         return
@@ -150,29 +160,58 @@ def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, mo
     return Session(Tracker(RecursiveLeastSquares(structure, rule=rule), None, adapts, fixed), source)
 
 
-def _followed(
-    session: "Session", settings: "Settings", reading: dict[str, Any], begun: Any, baud: int, out: Path, json: bool
-) -> list[str]:
-    """Track until the end, show it, and write everything but the report; the names of the files."""
+def _received(session: "Session", out: Path, prepare: "Callable[[], None]", baud: int, away: float) -> "Receiver":
+    """Open the source of a session, and receive it.
+
+    Args:
+        session: to be tracked; it gets the name of the source.
+        out: the folder of the log.
+        prepare: what takes long; a file that is not there is refused before it, and a board is opened after it.
+        baud: of a serial port.
+        away: seconds in which a connection that broke may come back.
+    """
     from emsid.live.log import Log
-    from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
-    from emsid.live.recorded import read_log
-    from emsid.live.session import messages
     from emsid.live.sources import connect, is_connection, open_source
 
     source = session.name
     again = partial(connect, source, baud) if is_connection(source) else None
-    opened = open_source(source) if again is None else None  # a file that is not there is refused at once
-    _compile(session, settings, max(len(reading["inputs"]), 1))
+    opened = open_source(source) if again is None else None
+    if opened is not None and opened.lasting and Path(source).resolve().parent == out.resolve():
+        _refuse_own(Path(source).name, out)
+    prepare()
     opened = opened or connect(source, baud)
     session.name = opened.name
-    log = None if opened.lasting else Log(out / "log.txt")
-    parser = LineParser(**reading)
-    parser.implies = again is None
-    receiver = Receiver(opened, log, again)
+    return Receiver(opened, None if opened.lasting else Log(out / "log.txt"), again, away=away)
+
+
+def _refuse_own(name: str, out: Path) -> None:
+    """Refuse a source that the tracking would write over."""
+    if re.fullmatch(r"record(-\d+)?\.csv", name):
+        raise DataError(f"{out / name}: the record of this tracking would replace its source", arguments=("out",))
+
+
+def _followed(
+    session: "Session",
+    settings: "Settings",
+    reading: dict[str, Any],
+    begun: Any,
+    received: "Callable[..., Receiver]",
+    out: Path,
+    json: bool,
+) -> list[str]:
+    """Track until the end, show it, and write everything but the report; the names of the files."""
+    from emsid.live.protocol import LineParser
+    from emsid.live.recorded import read_log
+    from emsid.live.session import messages
+    from emsid.live.sources import is_connection
+
+    implies = not is_connection(session.name)
+    receiver = received(session, out, partial(_compile, session, settings, max(len(reading["inputs"]), 1)))
+    log, parser = receiver.log, LineParser(**reading)
+    parser.implies = implies
     try:
-        with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.notify):
+        with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.notify, by_sigterm=True):
             for message in messages(session, receiver, parser, settings, log, _control(), begun):
                 view.show(message)
     finally:

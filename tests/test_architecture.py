@@ -39,7 +39,7 @@ LAYERS = (
     {"identification"},
     {"study"},
     {"report"},
-    {"fleet", "studio"},
+    {"fleets", "studio", "sklearn"},
     {"cli"},
     {"__main__"},
     {"blocks", "linear", "plants", "regression"},  # public faces, see below
@@ -242,8 +242,8 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
         ({"typer", "click"}, r"cli(\..*)?"),
         ({"rich"}, r"cli\.(terminal|live_view)"),
         ({"serial", "socket", "selectors", "select"}, r"(live|studio)(\..*)?"),
-        ({"h5py", "polars"}, r"(io|fleet)(\..*)?"),
-        ({"tempfile", "shutil"}, r"(io|export|fleet|studio)(\..*)?|live\.log"),
+        ({"h5py", "polars"}, r"(io|fleets)(\..*)?"),
+        ({"tempfile", "shutil"}, r"(io|export|fleets|studio)(\..*)?|live\.log"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
     ids=["printed plots", "command line", "terminal", "connections", "file formats", "temporary files", "pickle"],
@@ -261,7 +261,7 @@ OPENS = re.compile(
 )
 
 
-DOORS = ("io", "live", "export", "fleet", "studio")
+DOORS = ("io", "live", "export", "fleets", "studio")
 
 
 def test_only_the_doors_touch_files() -> None:

@@ -27,6 +27,8 @@ from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
 from .first_look import FirstLook as FirstLook
 from .first_look import describe as describe
+from .fleets import Fleet as Fleet
+from .fleets import fleet as fleet
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .identification.options import Options as Options

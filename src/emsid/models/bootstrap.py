@@ -14,6 +14,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -61,6 +62,7 @@ def bootstrap(
     *,
     rng: np.random.Generator,
     pieces: int | None = None,
+    executor: Executor | None = None,
     control: Control = FREE,
 ) -> Fit[Any]:
     """The fit with a covariance from refits to pieces of its data, for intervals and bands.
@@ -81,6 +83,7 @@ def bootstrap(
         rng: draws the pieces.
         pieces: how many; by default 30, or three for each parameter if that is more, as far as the data suffice. Where
             the data have at least as many segments of their own, these are drawn.
+        executor: where the fits run, such as a `concurrent.futures.ProcessPoolExecutor`; the result is the same.
         control: when to stop, and where to report progress.
 
     Raises:
@@ -90,18 +93,15 @@ def bootstrap(
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < FEWEST:
         raise ModelError(f"bootstrap: {count!r} draws; give a whole number of at least {FEWEST}", arguments=("count",))
     several = [records] if isinstance(records, Record) else list(records)
-    refit = _refit_of(fit, several)
+    _refit_of(fit, several)  # refused before anything is drawn
     cut = pieces_of(fit, list(segments_of(several)), pieces)
+    draws = rng.integers(len(cut), size=(int(count), len(cut)))
+    in_turn = map if executor is None else executor.map
     found: list[Array] = []
-    for draw in range(int(count)):
-        control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw, int(count))
-        drawn = concatenate([cut[k] for k in rng.integers(len(cut), size=len(cut))], "drawn pieces")
-        try:
-            again = fit_or_problem(partial(refit, drawn))
-        except EmsidError:
-            continue
-        if again.names == fit.names and np.isfinite(again.estimate).all():
-            found.append(again.estimate)
+    for draw, estimate in enumerate(in_turn(partial(_estimate, fit, several, cut), draws)):
+        control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw + 1, int(count))
+        if estimate is not None:
+            found.append(estimate)
     if len(found) < ENOUGH * count:
         raise ModelError(
             f"{fit.model.name}: only {len(found)} of {count} fits to drawn pieces succeeded; record longer"
@@ -111,6 +111,16 @@ def bootstrap(
     return replace(
         fit, covariance=covariance, findings=(*fit.findings, Finding("intervals-by-bootstrap", fit.model.name, data))
     )
+
+
+def _estimate(fit: Fit[Any], records: Sequence[Record], cut: Sequence[Record], draw: Sequence[int]) -> Array | None:
+    """The estimate from one draw of pieces; None where it gives no model."""
+    drawn = concatenate([cut[k] for k in draw], "drawn pieces")
+    try:
+        again = fit_or_problem(partial(_refit_of(fit, records), drawn))
+    except EmsidError:
+        return None
+    return again.estimate if again.names == fit.names and np.isfinite(again.estimate).all() else None
 
 
 def pieces_of(fit: Fit[Any], segments: Sequence[Record], pieces: int | None) -> list[Record]:

@@ -249,3 +249,31 @@ REFITTED: dict[type, Callable[[Any, Data], Model]] = {
     GreyBox: _plant,
 }
 """How each kind of model is fitted again; the search does not report, as its steps are a part of another activity."""
+
+
+def specification(fit: Fit[Any]) -> tuple[Any, dict[str, Any]]:
+    """What `emsid.fit` takes to estimate the same parameters from other data, with intervals: subject and options.
+
+    Raises:
+        ModelError: for a kind of model that cannot be fitted again.
+    """
+    for kind in type(fit.model).__mro__:
+        if kind in SPECIFIED:
+            return SPECIFIED[kind](fit)
+    raise ModelError(f"a model of type {type(fit.model).__name__} cannot be fitted again; add its type to SPECIFIED")
+
+
+def _specified_plant(fit: Fit[GreyBox]) -> tuple[Any, dict[str, Any]]:
+    plant = fit.model.plant
+    return plant, {"free": fit.names, "signals": fit.model.signals, "hold": plant.hold, "find_start": False}
+
+
+SPECIFIED: dict[type, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
+    Narx: lambda fit: (fit.model.structure, {"free_run": True} if fit.method == "gn" else {}),
+    Cascade: lambda fit: (fit.model, {}),
+    FeedbackModel: lambda fit: (fit.model, {}),
+    PolynomialModel: lambda fit: (PolynomialStructure.of(fit), {}),
+    StateSpaceModel: lambda fit: (StateSpaceStructure.of(fit.model), {"free_run": not fit.model.k.any()}),
+    GreyBox: _specified_plant,
+}
+"""How each kind of model is described to `emsid.fit`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -110,22 +112,31 @@ def drawn(settings: Settings, rng: np.random.Generator, name: str) -> Record:
     return settings.bench.run(settings.motor, voltage, settings.dt, rng, name=name)
 
 
-def over_inputs(settings: Settings, count: int = MANY, control: Control = FREE) -> tuple[InputRow, ...]:
+def over_inputs(
+    settings: Settings, count: int = MANY, control: Control = FREE, executor: Executor | None = None
+) -> tuple[InputRow, ...]:
     """Every model of the experiment on the bench, over many pairs of inputs for identification and for comparison."""
     found: dict[str, tuple[int, list[float]]] = {}
-    for k in range(count):
-        control.doing("many inputs", k, count)
-        rng = np.random.default_rng([settings.seed, k])
-        first, second = (drawn(settings, rng, name) for name in ("identification", "unseen"))
-        regressions = structures(first, settings.knots)
-        fits: list[Fit[Any]] = [least_squares(structure, first) for structure in regressions]
-        nonlinear = searches(settings.motor, first, shaft=False)
-        fits += [fit_or_problem(partial(search, control)) for search in nonlinear.values()]
-        linear = assess(fits[0], second, START).row.simulation_mse
-        for fit in fits[1:]:
-            row = assess(fit, second, START).row
-            found.setdefault(row.model, (row.parameters, []))[1].append(linear / row.simulation_mse)
+    pairs: Iterable[list[tuple[str, int, float]]] = map(partial(_of_pair, settings, control), range(count))
+    if executor is not None:
+        pairs = executor.map(partial(_of_pair, settings, FREE), range(count))
+    for k, pair in enumerate(pairs):
+        control.doing("many inputs", k + 1, count)
+        for model, parameters, ratio in pair:
+            found.setdefault(model, (parameters, []))[1].append(ratio)
     return tuple(
         InputRow(model, parameters, count, float(np.median(each)), float(np.min(each)), float(np.max(each)))
         for model, (parameters, each) in found.items()
     )
+
+
+def _of_pair(settings: Settings, control: Control, k: int) -> list[tuple[str, int, float]]:
+    """Every model with its number of parameters and its ratio, for one pair of inputs."""
+    rng = np.random.default_rng([settings.seed, k])
+    first, second = (drawn(settings, rng, name) for name in ("identification", "unseen"))
+    fits: list[Fit[Any]] = [least_squares(structure, first) for structure in structures(first, settings.knots)]
+    nonlinear = searches(settings.motor, first, shaft=False)
+    fits += [fit_or_problem(partial(search, control)) for search in nonlinear.values()]
+    linear = assess(fits[0], second, START).row.simulation_mse
+    rows = [assess(fit, second, START).row for fit in fits[1:]]
+    return [(row.model, row.parameters, linear / row.simulation_mse) for row in rows]

@@ -6,8 +6,10 @@ It takes about two minutes, so its result for the default settings is kept in ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -54,6 +56,7 @@ def survey(
     *,
     inputs: int = MANY,
     others: Mapping[str, Record] | None = None,
+    executor: Executor | None = None,
     control: Control = FREE,
 ) -> Survey:
     """Do the survey.
@@ -62,19 +65,23 @@ def survey(
         settings: bench, sample time, duration and seed of all records; the motor of the inputs and of the two masses.
         inputs: how many pairs of inputs.
         others: further records of the settings' motor for the two masses, by a short description.
+        executor: where motors and inputs are fitted, such as a `concurrent.futures.ProcessPoolExecutor`.
         control: when to stop, and where to report progress.
 
     Raises:
         Stopped: if it is stopped before its end.
     """
+    in_turn: Iterable[MotorRow] = map(partial(compare, settings=settings, control=control), FAMILY)
+    if executor is not None:
+        in_turn = executor.map(partial(compare, settings=settings), FAMILY)
     rows = []
-    for k, case in enumerate(FAMILY):
-        control.doing(f"survey of motors: {case.meaning}", k, len(FAMILY))
-        rows.append(compare(case, settings, control))
+    for k, row in enumerate(in_turn):
+        rows.append(row)
+        control.doing(f"survey of motors: {row.meaning}", k + 1, len(FAMILY))
     masses = () if settings.motor.is_rigid else two_mass_rows(settings, others or {}, control)
     return Survey(
         tuple(rows),
-        over_inputs(settings, inputs, control),
+        over_inputs(settings, inputs, control, executor),
         largest_ratios(settings.duration, control),
         masses,
     )

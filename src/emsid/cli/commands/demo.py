@@ -8,7 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.terminal import say
+from emsid.cli.terminal import say, working
 from emsid.cli.writing import check_folder
 
 PAGE = "commands.md"
@@ -49,20 +49,28 @@ COMMANDS = {
 @app.command()
 def demo(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to write.")] = Path("emsid-demo"),
+    fleet: Annotated[
+        int, typer.Option(metavar="N", help="Write a fleet of N motors in their place.", min=0, show_default=False)
+    ] = 0,
+    seed: Annotated[int, typer.Option(metavar="K", help="With --fleet: seed of motors and noise.", min=0)] = 1,
 ) -> None:
     """Write example records, and commands to try on them.
 
     A motor with a dead zone, a positioning axis with friction, and a Wiener-Hammerstein circuit, made by the program,
-    with true values that are stated on the page.
+    with true values that are stated on the page. With --fleet, many motors, some of which are worn.
 
     \b
-    Example:
+    Examples:
       emsid demo
+      emsid demo motors --fleet 40
     """
     from emsid.io import atomic_write, write_record
     from emsid.study.demonstration import EXAMPLES
 
     check_folder(folder, given="")
+    if fleet:
+        _fleet(folder, fleet, seed)
+        return
     INTERRUPTION.words = "interrupted; only the files named above are complete"
     for example in EXAMPLES:
         record = example.record()
@@ -72,6 +80,21 @@ def demo(
     say(f"{folder / PAGE}: commands to try, from within the folder; the first is")
     enter = "" if folder == Path() else f"cd {quote(str(folder))} && "
     say(f"  {enter}emsid {COMMANDS[EXAMPLES[0].name][0][0]}")
+
+
+def _fleet(folder: Path, motors: int, seed: int) -> None:
+    """Write a fleet, and what is wrong in it."""
+    from emsid.fleets.simulated import LOAD, WEAR, simulated_fleet
+
+    faults = {"worn": max(motors // 50, 1), "loaded": int(motors >= 8), "poisoned": min(3, motors // 10)}
+    with working("only the files so far are complete") as control:
+        made = simulated_fleet(folder, motors, **faults, seed=seed, control=control)
+    say(f"{folder}: {motors:,} motors")
+    say(f"- worn bearings, Coulomb friction times {WEAR:g}: {', '.join(made.worn)}")
+    say(f"- another load, inertia times {LOAD:g}: {', '.join(made.loaded) or 'none'}")
+    say(f"- files that cannot be used: {', '.join(made.poisoned) or 'none'}")
+    columns = "-u voltage -y speed --time t --unit voltage=V --unit speed=rad/s"
+    say(f"  emsid fleet {quote(str(folder))} {columns} --fix resistance=2")
 
 
 def commands_page() -> str:

@@ -210,7 +210,7 @@ def identify(
         from emsid.identification import Options, candidates, workflow
     second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
     with without_collection():
-        plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
+        plants = [each.plant for each in physical_first(asked or candidates.USUAL)]
         options = Options(
             na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
             orders=counts(orders, "--orders"), static=_family(static), period=period, ridge=ridge, recent=recent,
@@ -338,7 +338,7 @@ def _family(static: str | None) -> "Family | None":
     return None if static is None else family_of(static)
 
 
-def _physical_first(asked: Sequence[str]) -> "list[Physical]":
+def physical_first(asked: Sequence[str]) -> "list[Physical]":
     """The physical models, requested ones first. They define the names and units of parameters."""
     from emsid.identification.candidates import CANDIDATES, Physical
 

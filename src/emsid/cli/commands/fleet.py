@@ -1,0 +1,128 @@
+"""``emsid fleet``."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.commands.identify import physical_first
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, Pdf, names, option, physical_values
+from emsid.cli.reading import reads_records
+from emsid.cli.terminal import reader_may_leave, say, say_json, working
+from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+
+if TYPE_CHECKING:
+    from emsid.fleets import Fleet
+
+MOST_SHOWN = 20
+"""Findings on single motors that are printed; the page has all."""
+
+
+@app.command()
+@reads_records()
+def fleet(
+    source: Annotated[
+        list[str], typer.Argument(metavar="SOURCE", help="Folders, files, or a pattern: 'logs/{motor}/{period}.csv'.")
+    ],
+    reader: Any,
+    models: Annotated[str, typer.Option(metavar="NAME", help="Model to fit; `emsid list` names them.")] = "rigid-motor",
+    motor: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Column, or field of the paths, that names the motor.  [default: motor]"),
+    ] = None,
+    period: Annotated[
+        str | None, typer.Option(metavar="1d", help="A row for every period: a duration, or a field of the paths.")
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="MOTOR", help="The motor on which the structure is chosen.  [default: the first]"),
+    ] = None,
+    fix: Annotated[
+        list[str], typer.Option(metavar="NAME=VALUE", help="Fix a physical parameter; may be repeated.")
+    ] = [],  # noqa: B006
+    unseen: Annotated[float, typer.Option(metavar="FRACTION", help="Last part of every record, for the errors.")] = 0.3,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes, or tasks at a time.  [default: cores]", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster that fits, such as tcp://host:8786.")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and report.")] = Path("emsid-fleet"),
+    json: Json = False,
+    pdf: Pdf = False,
+) -> None:
+    """Fit one model to many motors, and name those that differ or have changed.
+
+    Every motor gets the same structure, which is chosen on one of them. The motor of a file is a folder named
+    motor=M7, a field of the pattern, the name of the file, or a column (--motor). Tables with such a column, and those
+    that --period divides, are Parquet, Arrow or plain CSV.
+
+    Writes fleet.parquet with a row for every motor and period, fleet.json with the motors that are named, and
+    report.html. Ctrl-C keeps the finished rows; the same command goes on from there.
+
+    \b
+    Examples:
+      emsid fleet motors -u voltage -y speed --time t --fix resistance=2
+      emsid fleet 'logs/{motor}/{period}.csv' -u u -y y --dt 1ms --models arx
+      emsid fleet all.parquet --motor id --period 1d -u u -y y --time t --out wear
+    """
+    from emsid.fleets import fleet as run
+    from emsid.fleets.engine import connected
+    from emsid.fleets.page import fleet_report
+    from emsid.identification.options import Options
+
+    check_folder(out)
+    fixed = physical_values(fix, [each.plant for each in physical_first(names(models, "--models"))])
+    with ExitStack() as stack:
+        executor = stack.enter_context(connected(scheduler)) if scheduler else None
+        with working("the finished rows are kept; ending") as control:
+            result = run(
+                source,
+                models,
+                executor,
+                out=out,
+                motor=motor,
+                period=period,
+                reference=reference,
+                options=Options(fixed=fixed),
+                unseen=unseen,
+                workers=workers,
+                control=control,
+                **reader.given,
+            )
+    INTERRUPTION.pressed = False
+    content = result.to_data()
+    with INTERRUPTION.put_off():
+        write(out, {"fleet.json": content})
+        with reader_may_leave():
+            if json:
+                say_json(as_json(content))
+            else:
+                _print(result)
+    drawn = draw(out, lambda: fleet_report(result, ", ".join(source)), pdf, interrupted=result.interrupted)
+    if not json:
+        with reader_may_leave():
+            say_where(out, drawn, "fleet.parquet", "fleet.json")
+    INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _print(result: "Fleet") -> None:
+    """How many rows there are, the motors that are named, and why others have no model."""
+    from emsid.fleets.spread import reasons
+    from emsid.wording import sentence
+
+    good = len(result.rows) - len(result.failed)
+    say(f"{len({row.motor for row in result.rows}):,} motors, {len(result.rows):,} rows, {good:,} with a model")
+    single = [each for each in result.findings if each.subject]
+    say(*(f"- {sentence(each, option)}" for each in single[:MOST_SHOWN]))
+    if len(single) > MOST_SHOWN:
+        say(f"- in the report: {len(single) - MOST_SHOWN} more such findings")
+    if not single:
+        say("- no motor differs from the others or has changed")
+    say(*(f"- {sentence(each, option)}" for each in result.findings if not each.subject))
+    for rows in reasons(result.rows).values():
+        names = ", ".join(row.motor for row in rows[:5]) + ", …" * (len(rows) > 5)
+        say(f"  {names}: {rows[0].reason}")

@@ -1,0 +1,214 @@
+"""The page of a fleet: which motors differ or have changed, every parameter over the motors and over time, failures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.fleets.spread import FEWEST_PERIODS, Series, reasons
+from emsid.fleets.verb import Fleet
+from emsid.fleets.work import Row
+from emsid.report.document import (
+    Axis,
+    Band,
+    Fact,
+    Figure,
+    Ink,
+    Level,
+    Line,
+    Notice,
+    Plot,
+    Points,
+    Report,
+    Section,
+    Stroke,
+    Table,
+)
+from emsid.report.numbers import estimate, number, slug
+from emsid.units import plain_unit
+from emsid.wording import Severity, sentence, severity
+
+MOST_ROWS = 2_000
+"""Rows of the table of all motors: a page of more is slow to open; the Parquet file has all."""
+MOST_NAMED = 30
+"""Motors whose series are drawn in colour, so that lines and legend stay readable."""
+INKS = (Ink.RED, Ink.ORANGE, Ink.PURPLE, Ink.GREEN, Ink.NAVY)
+
+
+def fleet_report(result: Fleet, source: str) -> Report:
+    """The page of a fleet.
+
+    Args:
+        result: of `emsid.fleet`.
+        source: what it was read from, in a few words.
+    """
+    good = len(result.rows) - len(result.failed)
+    motors = {row.motor for row in result.rows}
+    named = {each.motor for each in result.outliers} | {each.motor for each in result.changes}
+    changed = [each for each in result.series if len(each.periods) >= FEWEST_PERIODS]
+    sections = [Section("Parameters over the motors", figures=(over_motors(result),))] if result.series else []
+    if changed and good:
+        sections.append(Section("Parameters over time", figures=(over_periods(result, changed),)))
+    if result.failed:
+        sections.append(Section("Without a model", tables=(_failures(result),)))
+    sections.append(Section("All rows", tables=(_rows(result),)))
+    return Report(
+        title="Fleet",
+        summary=(
+            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. "
+            f"{len({each.motor for each in result.outliers})} motors differ from the others and "
+            f"{len({each.motor for each in result.changes})} have changed. In a healthy fleet at most one run in 20 "
+            "names any motor, for each of the two.",
+        ),
+        facts=(
+            Fact(f"{len(motors):,}", "motors"),
+            Fact(f"{len(named)}", "named: different or changed"),
+            Fact(f"{len(result.failed):,}", "rows without a model"),
+        ),
+        sections=tuple(sections),
+        opening=Section("", tables=tuple(filter(None, (_outliers(result), _changes(result))))),
+        notices=tuple(
+            Notice(sentence(each), severity(each).value)
+            for each in result.findings
+            if severity(each) is not Severity.INFO and not each.subject
+        ),
+        imprint=f"emsid fleet {source}",
+    )
+
+
+def _outliers(result: Fleet) -> Table | None:
+    rows = tuple(
+        (
+            each.motor,
+            each.parameter,
+            estimate(each.value, each.half_width or abs(each.value)),
+            f"± {each.half_width:.2g}" if each.half_width else "unknown",
+            number(each.centre),
+            f"{each.deviation:.2g}",
+            plain_unit(each.unit),
+            f"{each.score:+.1f}",
+        )
+        for each in result.outliers
+    )
+    head = ("Motor", "Parameter", "Value", "95 % interval", "Fleet", "Deviation", "Unit", "Score")
+    note = "Score: distance to the fleet, in standard deviations of motors and estimate together."
+    return Table(head, rows, "Motors that differ from their fleet.", note, text_columns=2) if rows else None
+
+
+def _changes(result: Fleet) -> Table | None:
+    rows = tuple(
+        (
+            each.motor,
+            each.parameter,
+            each.since,
+            number(each.before),
+            number(each.after),
+            f"{each.after - each.before:+.2g} ± {each.half_width:.2g}",
+            plain_unit(each.unit),
+            f"{each.score:+.1f}",
+        )
+        for each in result.changes
+    )
+    head = ("Motor", "Parameter", "Since", "Before", "After", "Change", "Unit", "Score")
+    return Table(head, rows, "Motors that have changed.", text_columns=3) if rows else None
+
+
+def _failures(result: Fleet) -> Table:
+    rows = tuple(
+        (rows[0].reason, f"{len(rows):,}", ", ".join(map(_name, rows[:5])) + ", …" * (len(rows) > 5))
+        for rows in reasons(result.rows).values()
+    )
+    return Table(("Reason", "Rows", "Motors"), rows, "Rows without a model, by reason.", ends_in_text=True)
+
+
+def _name(row: Row) -> str:
+    return f"{row.motor} ({row.period})" if row.period else row.motor
+
+
+def _rows(result: Fleet) -> Table:
+    names = [each.parameter for each in result.series]
+    units = {each.parameter: plain_unit(each.unit) for each in result.series}
+    head = ("Motor", "Period", "Verdict", "Fit %", *(f"{name} [{units[name] or '–'}]" for name in names))
+    rows = tuple(
+        (
+            row.motor,
+            row.period,
+            "no model" if row.reason else row.verdict.removeprefix("model-"),
+            number(row.fit_percent),
+            *(
+                estimate(row.estimates[name].value, row.estimates[name].half_width) if name in row.estimates else "–"
+                for name in names
+            ),
+        )
+        for row in result.rows[:MOST_ROWS]
+    )
+    caption = "Every motor and period."
+    if len(result.rows) > MOST_ROWS:
+        caption = f"The first {MOST_ROWS:,} of {len(result.rows):,} rows; the Parquet file has all."
+    return Table(head, rows, caption, text_columns=3)
+
+
+def over_motors(result: Fleet) -> Figure:
+    """Every parameter of all motors in the order of their names, with intervals, ordinary range and outliers."""
+    plots = []
+    for each in result.series:
+        means, errors = each.of_motors
+        places = np.arange(1.0, len(means) + 1)
+        known = np.isfinite(means)
+        marks: list[Band | Level | Line | Points] = []
+        usual = result.ordinary.get(each.parameter)
+        if usual is not None and usual.deviation > 0:
+            reach = HALF_WIDTH * usual.deviation
+            low, high = np.full(2, usual.centre - reach), np.full(2, usual.centre + reach)
+            marks.append(Band(np.array([0.0, len(means) + 1.0]), low, high, "95 % of healthy motors", Ink.GREEN))
+        bars = np.array([[x, x, np.nan] for x in places[known]]).ravel()
+        ends = np.column_stack([means - HALF_WIDTH * errors, means + HALF_WIDTH * errors, np.full(len(means), np.nan)])
+        if np.any(errors[known] > 0):
+            marks.append(Line(bars, ends[known].ravel(), "95 % interval", Stroke(Ink.BLUE, width=0.6)))
+        marks.append(Points(places[known], means[known], "motor", Ink.NAVY, size=0.6))
+        named = [one.motor for one in result.outliers if one.parameter == each.parameter]
+        at = np.array([each.motors.index(motor) for motor in named], dtype=int)
+        if len(at):
+            texts = tuple(named) if len(named) <= MOST_NAMED else ()
+            marks.append(Points(places[at], means[at], "differs", Ink.RED, texts))
+        span = _range(means[known])
+        plots.append(Plot(tuple(marks), Axis("Motor", "1"), Axis(each.parameter, each.unit, range=span)))
+    return Figure(
+        "over-motors",
+        "Estimates of all motors, in the order of their names.",
+        tuple(plots),
+        columns=min(2, len(plots)),
+    )
+
+
+def _range(values: np.ndarray) -> tuple[float, float]:
+    """All values with a margin; intervals may leave the plot, so that a wide one does not flatten the others."""
+    low, high = float(values.min()), float(values.max())
+    room = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room
+
+
+def over_periods(result: Fleet, series: Sequence[Series]) -> Figure:
+    """Every parameter of all motors over the periods; those that have changed in colour."""
+    plots = []
+    for each in series:
+        time = np.array([1.0 + k for k in range(len(each.periods))])
+        changed = [one.motor for one in result.changes if one.parameter == each.parameter][:MOST_NAMED]
+        others = [k for k, motor in enumerate(each.motors) if motor not in changed]
+        x = np.tile(np.append(time, np.nan), len(others))
+        y = np.column_stack([each.values[others], np.full(len(others), np.nan)]).ravel()
+        marks = [Line(x, y, "motor", Stroke(Ink.GREY, width=0.5))] if others else []
+        for k, motor in enumerate(changed):
+            values = each.values[each.motors.index(motor)]
+            marks.append(Line(time, values, motor, Stroke(INKS[k % len(INKS)])))
+        known = each.values[np.isfinite(each.values)]
+        plots.append(Plot(tuple(marks), Axis("Period", "1"), Axis(each.parameter, each.unit, range=_range(known))))
+    first, last = series[0].periods[0], series[0].periods[-1]
+    return Figure(
+        f"over-periods-{slug(first)}" if slug(first) else "over-periods",
+        f"Estimates over the periods from {first} to {last}; in colour the motors that have changed.",
+        tuple(plots),
+        columns=min(2, len(plots)),
+    )

@@ -1,0 +1,316 @@
+"""`emsid.fleet`: one structure fitted to many motors, over many periods.
+
+All motors get the same structure, so that their parameters can be compared. It is given, or chosen on one motor.
+Every finished row is appended to a journal at once, so an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from emsid.errors import DataError, EmsidError, FormatError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.findings import Finding
+from emsid.fleets.engine import Engine
+from emsid.fleets.sources import Batch, batches, divided, found_files
+from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
+from emsid.fleets.work import Job, Row, digest, record_of, rows_of
+from emsid.identification.options import Options
+from emsid.identification.workflow import identify
+from emsid.io import atomic_write
+from emsid.models.refitting import specification
+
+if TYPE_CHECKING:
+    import polars as pl
+
+JOURNAL, RESULT, PARTS = "rows.jsonl", "fleet.parquet", ".parts"
+"""The files in the folder of results, and the folder of the divided tables, which is removed at the end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """The result for a fleet.
+
+    Attributes:
+        rows: a row for every motor and period, in this order.
+        findings: on the whole, and a finding for every motor that differs or has changed.
+        interrupted: whether it was stopped before its end; running the same again goes on from there.
+    """
+
+    rows: tuple[Row, ...]
+    findings: tuple[Finding, ...] = ()
+    interrupted: bool = False
+
+    @cached_property
+    def series(self) -> list[Series]:
+        """The estimates of every parameter over motors and periods."""
+        return series_of(self.rows)
+
+    @cached_property
+    def outliers(self) -> list[Outlier]:
+        """The motors that differ from the fleet, the most different first; see `emsid.fleets.spread`."""
+        return outliers(self.series)[0]
+
+    @cached_property
+    def ordinary(self) -> dict[str, Spread]:
+        """Centre and spread of every parameter over the motors."""
+        return outliers(self.series)[1]
+
+    @cached_property
+    def changes(self) -> list[Change]:
+        """The motors that have changed over the periods, the clearest first."""
+        return changes(self.series)
+
+    @property
+    def failed(self) -> list[Row]:
+        """The rows without a model."""
+        return [row for row in self.rows if row.reason]
+
+    def to_data(self) -> dict[str, Any]:
+        """The motors that are named, what is ordinary, and the rows without a model, in built-in types."""
+        return {
+            "schema": 1,
+            "rows": len(self.rows),
+            "interrupted": self.interrupted,
+            "findings": [each.to_data() for each in self.findings],
+            "ordinary": {name: asdict(each) for name, each in self.ordinary.items()},
+            "failed": [{"motor": row.motor, "period": row.period, "reason": row.reason} for row in self.failed],
+        }
+
+    def to_frame(self) -> pl.DataFrame:
+        """A Polars frame with a row for every motor and period.
+
+        Every parameter has two columns, its value and ``<name>_half_width``, half its 95 % interval.
+        """
+        import polars as pl
+
+        names = list(dict.fromkeys(name for row in self.rows for name in row.estimates))
+        plain: dict[str, Any] = {
+            "motor": pl.String,
+            "period": pl.String,
+            "reason": pl.String,
+            "verdict": pl.String,
+            "findings": pl.List(pl.String),
+            "rmse": pl.Float64,
+            "fit_percent": pl.Float64,
+            "samples": pl.Int64,
+            "seconds": pl.Float64,
+            "job": pl.String,
+            "data": pl.String,
+        }
+        columns = {name: [getattr(row, name) for row in self.rows] for name in plain}
+        columns["findings"] = [list(each) for each in columns["findings"]]
+        for name in names:
+            for ending, part in (("", "value"), ("_half_width", "half_width")):
+                plain[name + ending] = pl.Float64
+                columns[name + ending] = [
+                    getattr(row.estimates[name], part) if name in row.estimates else None for row in self.rows
+                ]
+        return pl.DataFrame(columns, schema=plain)
+
+
+def fleet(
+    source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    what: Any = "rigid-motor",
+    executor: Executor | None = None,
+    *,
+    out: str | os.PathLike[str] | None = None,
+    motor: str | None = None,
+    period: str | None = None,
+    reference: str | None = None,
+    options: Options | None = None,
+    unseen: float = 0.3,
+    workers: int | None = None,
+    control: Control = FREE,
+    **reading: Any,
+) -> Fleet:
+    """Fit one structure to every motor of a fleet, and name the motors that differ or have changed.
+
+    Args:
+        source: a folder, a pattern such as ``logs/{motor}/{period}.csv``, or several; folders named ``motor=M7`` name
+            their motor.
+        what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, whose structure is taken; or
+            anything that `emsid.fit` takes.
+        executor: where the fits run; by default processes of this machine. Of a cluster that needs no more than files
+            that its workers reach, give ``client.get_executor()``.
+        out: a folder for the rows; the same call goes on where an earlier one stopped.
+        motor: the field of paths, or else the column of tables, that names the motor; by default the field ``motor``,
+            or the names of the files.
+        period: a field of paths, or a duration such as ``"1d"`` that divides the time column of tables.
+        reference: the motor on which a structure is chosen; by default the first whose data can be used.
+        options: of that choice, such as ``Options(fixed={"resistance": 2.0})``.
+        unseen: the last part of every batch, on which the free run is judged.
+        workers: how many tasks run at a time.
+        control: when to stop, and where to report progress.
+        reading: ``input``, ``output``, ``time`` and the other arguments of `emsid.read`.
+
+    Raises:
+        DataError: without files, for a field or column that is missing, or where no motor can be used.
+        ModelError: for something that cannot be fitted.
+        FormatError: where the folder cannot be written to, or holds rows of another kind of file.
+    """
+    for name in ("input", "output"):
+        if not reading.get(name):
+            raise DataError(f"name the {name} column", arguments=(name,))
+    if not 0 <= unseen < 1:
+        raise DataError(f"an unseen part of {unseen:g}; give a fraction from 0 to below 1", arguments=("unseen",))
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory()) if out is None else out)
+        control.doing("looking for files")
+        todo, failed = _found(source, motor, period, reading.get("time"), folder)
+        subject, how = _structure(what, todo, reference, options or Options(), reading, control)
+        name = digest(repr((subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
+        job = Job(subject, how, reading, unseen, name)
+        journal = Journal(folder / JOURNAL, name)
+        rows = {(row.motor, row.period): row for row in journal.rows}
+        engine = Engine(partial(rows_of, job), partial(_lost, job), executor, workers, control)
+        with journal, suppress(Stopped):
+            for batch, row in engine([each for each in todo if each.key not in rows]):
+                rows[batch.key] = row
+                journal.add(row)
+                control.doing("fitting motors", len(rows), len(todo))
+        stopped = len(rows) < len(todo)
+        every = [*(rows[key] for key in sorted(rows)), *failed]
+        result = Fleet(tuple(every), interrupted=stopped)
+        result = replace(result, findings=tuple(findings_of(result, len(todo))))
+        if out is not None:
+            write_table(result, folder / RESULT)
+            if not stopped:
+                _remove(folder / PARTS)
+        return result
+
+
+def _found(
+    source: Any, motor: str | None, period: str | None, time: str | None, folder: Path
+) -> tuple[list[Batch], list[Row]]:
+    """The batches of a source, and rows for tables that cannot be divided."""
+    files = found_files(source)
+    if motor is None or any(motor in each.keys for each in files):
+        return batches(files, motor, period, time), []
+    parts, failed = divided(files, motor, folder / PARTS)
+    rows = [Row(Path(path).name, "", reason=f"{path}: {reason}") for path, reason in failed.items()]
+    return batches(parts, "motor", period, time), rows
+
+
+def _remove(folder: Path) -> None:
+    from shutil import rmtree
+
+    rmtree(folder, ignore_errors=True)
+
+
+def _structure(
+    what: Any, todo: list[Batch], reference: str | None, options: Options, reading: Mapping[str, Any], control: Control
+) -> tuple[Any, dict[str, Any]]:
+    """What is fitted to every motor, with the options of `emsid.fit`."""
+    if isinstance(what, Fit):
+        return specification(what)
+    if not isinstance(what, str):
+        return what, {}
+    asked = [each for each in todo if reference in (None, each.motor)][:MOST_TRIED]
+    if not asked:
+        raise DataError(f"no motor {reference!r} in the fleet", arguments=("reference",))
+    problem: EmsidError | None = None
+    for batch in asked:
+        try:
+            record = record_of(reading, batch)
+            found = identify(record, models=what, options=options, control=control.during(f"motor {batch.motor}"))
+            return specification(found.on_unseen.best.fit)
+        except EmsidError as failed:
+            problem = failed
+    raise DataError(f"no structure can be chosen on motor {asked[0].motor}: {problem}", arguments=("reference",))
+
+
+MOST_TRIED = 5
+"""Motors on which a structure is tried before the data are taken to be unsuitable."""
+
+
+def _lost(job: Job, batch: Batch) -> Row:
+    return Row(
+        batch.motor,
+        batch.period,
+        reason="its worker process ended twice while it was fitted; look at the file, or give more memory",
+        job=job.name,
+    )
+
+
+def findings_of(result: Fleet, asked: int) -> list[Finding]:
+    """What to know about a fleet, the most important first."""
+    named = (("differs-from-fleet", result.outliers), ("changed-over-periods", result.changes))
+    found = [
+        Finding(code, each.motor, {name: value for name, value in asdict(each).items() if name != "motor"})
+        for code, several in named
+        for each in several
+    ]
+    motors = len({row.motor for row in result.rows if not row.reason})
+    if motors < FEWEST_MOTORS:
+        found.append(Finding("fleet-too-small", data={"motors": motors, "least": FEWEST_MOTORS}))
+    if result.failed:
+        found.append(Finding("motors-failed", data={"failed": len(result.failed), "rows": len(result.rows)}))
+    if result.interrupted:
+        found.append(Finding("fleet-unfinished", data={"rows": len(result.rows), "asked": asked}))
+    return found
+
+
+class Journal:
+    """The finished rows of a job, one line each; a line that was cut by a crash is left out.
+
+    Args:
+        path: the file; rows of another job in it are left out, too.
+        job: the hash of the job.
+
+    Raises:
+        FormatError: where the file cannot be read.
+    """
+
+    def __init__(self, path: Path, job: str) -> None:
+        self.path, self.job, self.rows = path, job, list[Row]()
+        try:
+            lines = path.read_text("utf-8").splitlines() if path.is_file() else []
+        except (OSError, ValueError) as problem:
+            raise FormatError(f"{path}: cannot be read ({problem}); remove it, or name another folder") from None
+        for line in lines:
+            try:
+                row = msgspec.convert(json.loads(line), Row)
+            except (ValueError, msgspec.ValidationError):
+                continue
+            if row.job == job:
+                self.rows.append(row)
+
+    def __enter__(self) -> Journal:
+        atomic_write(self.path, "".join(_line(row) for row in self.rows))
+        self._file = open(self.path, "a", encoding="utf-8")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def add(self, row: Row) -> None:
+        """Append a row; it is on disk when this returns."""
+        self._file.write(_line(row))
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _line(row: Row) -> str:
+    return json.dumps(asdict(row), ensure_ascii=False) + "\n"
+
+
+def write_table(result: Fleet, path: Path) -> None:
+    """Write the rows as Parquet, atomically."""
+    from io import BytesIO
+
+    content = BytesIO()
+    result.to_frame().write_parquet(content)
+    atomic_write(path, content.getvalue())

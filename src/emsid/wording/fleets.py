@@ -1,0 +1,55 @@
+"""Words for fleets of motors."""
+
+from __future__ import annotations
+
+from emsid.findings import Finding
+from emsid.units import with_unit
+from emsid.wording.catalogue import Severity, Spelling, words
+
+
+@words("differs-from-fleet", Severity.WARNING)
+def differs_from_fleet(f: Finding, argument: Spelling) -> str:
+    """Subject: the motor. Data: parameter, unit, value, half_width, centre, deviation (of the fleet), score."""
+    half = f.data["half_width"]
+    own = f"{f.data['value']:.4g}" + (f" ± {half:.2g}" if half else "")
+    return (
+        f"motor {f.subject} differs from its fleet: {f.data['parameter']} is {with_unit(own, f.data['unit'])}, "
+        f"that of the others {with_unit(format(f.data['centre'], '.4g'), f.data['unit'])} with a deviation of "
+        f"{f.data['deviation']:.2g}"
+    )
+
+
+@words("changed-over-periods", Severity.WARNING)
+def changed_over_periods(f: Finding, argument: Spelling) -> str:
+    """Subject: the motor. Data: parameter, unit, since, before, after, half_width (of the difference), score."""
+    change = f"{f.data['before']:.4g} to {f.data['after']:.4g}"
+    return (
+        f"motor {f.subject} has changed since {f.data['since']}: {f.data['parameter']} from "
+        f"{with_unit(change, f.data['unit'])}, a change of {f.data['after'] - f.data['before']:+.2g} ± "
+        f"{f.data['half_width']:.2g}"
+    )
+
+
+@words("motors-failed", Severity.WARNING)
+def motors_failed(f: Finding, argument: Spelling) -> str:
+    """Data: failed, rows."""
+    failed = f.data["failed"]
+    return (
+        f"{failed:,} of {f.data['rows']:,} rows {'has' if failed == 1 else 'have'} no model; their reasons are listed"
+    )
+
+
+@words("fleet-too-small")
+def fleet_too_small(f: Finding, argument: Spelling) -> str:
+    """Data: motors, least."""
+    return (
+        f"{f.data['motors']} motors are too few to say which of them differ; {f.data['least']} are needed to know "
+        "their ordinary spread"
+    )
+
+
+@words("fleet-unfinished", Severity.WARNING)
+def fleet_unfinished(f: Finding, argument: Spelling) -> str:
+    """Data: rows, asked."""
+    done = f"{f.data['rows']:,} of {f.data['asked']:,}"
+    return f"{done} rows are finished and kept; the same command again goes on from there"

@@ -1,0 +1,377 @@
+"""Fleets: sources and their batches, the engine, resuming, large least-squares problems, and scikit-learn."""
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import emsid
+from emsid.errors import DataError
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.nonlinear.control import Control
+from emsid.fleets import least_squares_over, merged
+from emsid.fleets.engine import Engine, connected
+from emsid.fleets.merged import gauss_newton_information
+from emsid.fleets.page import fleet_report
+from emsid.fleets.simulated import simulated_fleet
+from emsid.fleets.sources import batches, divided, found_files, seconds
+from emsid.fleets.spread import changes, outliers
+from emsid.fleets.work import Job, Row, rows_of
+from engine_tasks import ending, squares
+
+ARX = emsid.arx(na=1, nb=1)
+
+
+def first_order(samples: int, pole: float, gain: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output of y(t) = pole·y(t − 1) + gain·u(t − 1) + e."""
+    u, y = rng.standard_normal(samples), np.zeros(samples)
+    noise = 0.01 * rng.standard_normal(samples)
+    for t in range(1, samples):
+        y[t] = pole * y[t - 1] + gain * u[t - 1] + noise[t]
+    return u, y
+
+
+def frame(samples: int, pole: float, rng: np.random.Generator, begin: float = 0.0) -> pl.DataFrame:
+    u, y = first_order(samples, pole, 1.0, rng)
+    return pl.DataFrame({"t": begin + 0.01 * np.arange(samples), "u": u, "y": y})
+
+
+@pytest.fixture
+def hive(tmp_path: Path) -> Path:
+    """Twelve motors of three days each; M05 has another pole, from the second day on M07 too."""
+    rng, root = np.random.default_rng(1), tmp_path / "hive"
+    for motor in range(12):
+        for day in range(3):
+            pole = 0.8 if motor == 5 else 0.85 if motor == 7 and day else 0.9 + 0.002 * (motor % 3)
+            folder = root / f"motor=M{motor:02d}" / f"day=2026-01-0{day + 1}"
+            folder.mkdir(parents=True)
+            frame(400, pole, rng).write_parquet(folder / "part.parquet")
+    return root
+
+
+def untimed(fleet: emsid.Fleet) -> list[Row]:
+    """The rows without their times."""
+    return [replace(row, seconds=0) for row in fleet.rows]
+
+
+READING = {"input": "u", "output": "y", "time": "t"}
+
+
+@pytest.fixture
+def threads() -> "Executor":
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def test_a_fleet_is_fitted_and_the_motor_that_differs_is_named(hive: Path, threads: Executor) -> None:
+    result = emsid.fleet(hive, ARX, threads, period="day", **READING)
+    assert len(result.rows) == 36
+    assert not result.failed
+    assert {row.verdict for row in result.rows} <= {"model-supported", "model-limited"}
+    assert "M05" in {each.motor for each in result.outliers}
+    table = result.to_frame()
+    m0 = table.filter((pl.col("motor") == "M00") & (pl.col("period") == "2026-01-02"))
+    train, test = emsid.read(hive / "motor=M00/day=2026-01-02/part.parquet", **READING).split(0.7)
+    alone = emsid.fit(ARX, train)
+    for k, name in enumerate(alone.names):
+        assert m0[name].item() == pytest.approx(alone.estimate[k], rel=1e-12)
+    assert m0["rmse"].item() == pytest.approx(emsid.assess(alone, test).row.simulation_rmse, rel=1e-9)
+
+
+def test_the_result_does_not_depend_on_the_executor(hive: Path, threads: Executor) -> None:
+    by_threads = emsid.fleet(hive, ARX, threads, period="day", **READING)
+    by_processes = emsid.fleet(hive, ARX, workers=2, period="day", **READING)
+    assert [replace(row, seconds=0) for row in by_threads.rows] == [
+        replace(row, seconds=0) for row in by_processes.rows
+    ]
+
+
+def test_patterns_name_motor_and_period(tmp_path: Path) -> None:
+    for name in ("a/M1-x.csv", "a/M2-x.csv", "a/M1-y.csv", "a/readme.md"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("t,u,y\n0,0,0\n")
+    files = found_files(f"{tmp_path}/a/{{motor}}-{{shift}}.csv")
+    assert [batch.key for batch in batches(files, None, "shift", None)] == [("M1", "x"), ("M1", "y"), ("M2", "x")]
+    assert [len(batch.files) for batch in batches(files, None, None, None)] == [2, 1]
+
+
+def test_without_a_field_every_file_is_a_motor(tmp_path: Path) -> None:
+    for name in ("A.csv", "B.csv", ".hidden.csv"):
+        (tmp_path / name).write_text("t,u,y\n0,0,0\n")
+    assert [batch.motor for batch in batches(found_files(tmp_path), None, None, None)] == ["A", "B"]
+
+
+def test_a_column_names_the_motor(tmp_path: Path, threads: Executor) -> None:
+    rng = np.random.default_rng(2)
+    frames = {name: frame(300, 0.9, rng) for name in ("one", "two/2", "drei")}
+    rows = [part.with_columns(pl.lit(name).alias("id")) for name, part in frames.items()]
+    mixed = pl.concat(rows).sort("t")  # rows of all motors in turn
+    mixed[:450].write_parquet(tmp_path / "first.parquet")
+    mixed[450:].write_parquet(tmp_path / "second.parquet")
+    result = emsid.fleet(tmp_path, ARX, threads, motor="id", unseen=0.0, **READING)
+    assert [row.motor for row in result.rows] == sorted(frames)
+    for row in result.rows:
+        alone = emsid.fit(ARX, emsid.read(frames[row.motor], **READING))
+        assert row.estimates["a1"].value == pytest.approx(alone.estimate[0], abs=0.02)  # one sample less at the border
+
+
+def test_a_duration_divides_the_time_column(tmp_path: Path, threads: Executor) -> None:
+    rng = np.random.default_rng(3)
+    begin = pl.datetime(2026, 3, 1, 22)
+    table = frame(4 * 3600, 0.9, rng).with_columns(
+        (begin + pl.duration(milliseconds=(1000 * pl.int_range(4 * 3600)))).alias("t")
+    )
+    table.write_parquet(tmp_path / "M1.parquet")
+    result = emsid.fleet(tmp_path, ARX, threads, period="1d", **READING)
+    assert [(row.motor, row.period) for row in result.rows] == [("M1", "2026-03-01"), ("M1", "2026-03-02")]
+    numbers = frame(1000, 0.9, rng, begin=95.0)
+    numbers.write_parquet(tmp_path / "M1.parquet")
+    result = emsid.fleet(tmp_path, ARX, threads, period="100 s", **READING)
+    assert [row.period for row in result.rows] == ["0 s", "100 s"]
+    assert [row.samples for row in result.rows] == [349, 349]
+
+
+@pytest.mark.parametrize(("text", "found"), [("1d", 86400.0), ("8 h", 28800.0), ("90min", 5400.0), ("0.5s", 0.5)])
+def test_durations(text: str, found: float) -> None:
+    assert seconds(text) == pytest.approx(found)
+
+
+@pytest.mark.parametrize("text", ["day", "-1d", "0 s", "1 V", "", "1"])
+def test_what_is_no_duration_is_refused(text: str) -> None:
+    with pytest.raises(DataError, match="duration"):
+        seconds(text)
+
+
+def test_a_poisoned_file_fails_alone(hive: Path, threads: Executor) -> None:
+    good = (hive / "motor=M01/day=2026-01-01/part.parquet").read_bytes()
+    (hive / "motor=M01/day=2026-01-01/part.parquet").write_bytes(good[: len(good) // 2])
+    (hive / "motor=M02/day=2026-01-01/part.parquet").write_bytes(b"not a table")
+    silent = pl.DataFrame({"t": 0.01 * np.arange(400), "u": np.zeros(400), "y": np.zeros(400)})
+    silent.write_parquet(hive / "motor=M03/day=2026-01-01/part.parquet")
+    result = emsid.fleet(hive, ARX, threads, period="day", **READING)
+    assert len(result.rows) == 36
+    assert [row.motor for row in result.failed] == ["M01", "M02", "M03"]
+    assert "constant" in result.failed[2].reason
+    assert [each.code for each in result.findings if not each.subject] == ["motors-failed"]
+
+
+def test_a_poisoned_table_does_not_stop_the_division(tmp_path: Path) -> None:
+    table = frame(30, 0.9, np.random.default_rng(4)).with_columns(pl.lit("M").alias("id"))
+    table.write_parquet(tmp_path / "a.parquet")
+    (tmp_path / "b.parquet").write_bytes(b"no")
+    table.drop("id").write_parquet(tmp_path / "c.parquet")
+    parts, failed = divided(found_files(tmp_path), "id", tmp_path / "parts")
+    assert [each.keys for each in parts] == [{"motor": "M"}]
+    assert sorted(Path(path).name for path in failed) == ["b.parquet", "c.parquet"]
+
+
+# --- the engine ------------------------------------------------------------------------------------------------------
+
+
+def test_every_task_has_its_result(threads: Executor) -> None:
+    engine = Engine(squares, lost=lambda task: -1, executor=threads)
+    assert dict(engine(range(3000))) == {task: task * task for task in range(3000)}
+
+
+def test_a_lost_worker_is_replaced_and_only_its_cause_fails(tmp_path: Path) -> None:
+    engine = Engine(partial(ending, str(tmp_path)), lost=lambda task: -1, workers=2)
+    found = dict(engine(range(24)))
+    assert found == {task: -1 if task == 7 else task * task for task in range(24)}
+
+
+def test_an_error_of_a_task_is_raised(threads: Executor) -> None:
+    with pytest.raises(TypeError):
+        list(Engine(squares, lost=lambda task: -1, executor=threads)(["a"]))  # type: ignore[list-item]
+
+
+class Broken(Executor):
+    """An executor whose workers are gone."""
+
+    def submit(self, *_: object, **__: object) -> Future:  # type: ignore[override]
+        future: Future = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+def test_an_executor_that_ended_is_said(hive: Path) -> None:
+    with pytest.raises(DataError, match="finished rows are kept"):
+        emsid.fleet(hive, ARX, Broken(), **READING)
+
+
+def test_an_unreachable_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emsid.fleets.engine.ANSWER", 0.5)
+    with pytest.raises(DataError, match=r"no scheduler answers|needs Dask"), connected("tcp://127.0.0.1:1"):
+        pass
+
+
+def test_an_interrupted_fleet_goes_on_where_it_stopped(hive: Path, threads: Executor, tmp_path: Path) -> None:
+    out, seen = tmp_path / "out", []
+    whole = emsid.fleet(hive, ARX, threads, period="day", out=tmp_path / "whole", **READING)
+    control = Control(cancelled=lambda: (out / "rows.jsonl").exists() and len((out / "rows.jsonl").read_bytes()) > 3000)
+    first = emsid.fleet(hive, ARX, threads, period="day", out=out, control=control, **READING)
+    assert first.interrupted
+    assert 0 < len(first.rows) < 36
+    with open(out / "rows.jsonl", "a") as file:
+        file.write('{"motor": "M11", "per')  # cut by a crash
+    control = Control(report=lambda activity: seen.append(activity.done))
+    second = emsid.fleet(hive, ARX, threads, period="day", out=out, control=control, **READING)
+    assert untimed(second) == untimed(whole)
+    assert min(done for done in seen if done) > len(first.rows)
+    kept = {(row.motor, row.period): row.seconds for row in first.rows}
+    assert all(row.seconds == kept.get((row.motor, row.period), row.seconds) for row in second.rows)
+    third = emsid.fleet(hive, ARX, threads, period="day", out=out, unseen=0.5, **READING)
+    assert {row.job for row in third.rows}.isdisjoint({row.job for row in second.rows})
+    assert not list(out.glob(".*"))
+
+
+def test_rows_are_written_as_parquet(hive: Path, threads: Executor, tmp_path: Path) -> None:
+    result = emsid.fleet(hive, ARX, threads, out=tmp_path / "out", **READING)
+    assert pl.read_parquet(tmp_path / "out/fleet.parquet").equals(result.to_frame())
+    lines = (tmp_path / "out/rows.jsonl").read_text().splitlines()
+    assert {json.loads(line)["motor"] for line in lines} == {row.motor for row in result.rows}
+
+
+def test_a_structure_is_chosen_on_one_motor(hive: Path, threads: Executor) -> None:
+    result = emsid.fleet(hive, "arx", threads, reference="M03", **READING)
+    assert len({tuple(row.estimates) for row in result.rows}) == 1
+    fit = emsid.identify(emsid.read(hive / "motor=M03/day=2026-01-01/part.parquet", **READING), models="arx").chosen
+    of_fit = emsid.fleet(hive, fit, threads, **READING)
+    assert tuple(of_fit.rows[0].estimates) == fit.names
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"output": ""}, "output column"),
+        ({"unseen": 1.0}, "unseen"),
+        ({"motor": "serial"}, "no column 'serial'"),
+        ({"period": "week"}, "duration"),
+        ({"what": "arx", "reference": "X"}, "no motor 'X'"),
+        ({"what": "no-such-model"}, "no-such-model"),
+        ({"source": "nowhere"}, "no file"),
+    ],
+)
+def test_bad_arguments_are_refused(hive: Path, threads: Executor, arguments: dict[str, object], words: str) -> None:
+    given = {"source": hive, "what": ARX, **READING, **arguments}
+    with pytest.raises(emsid.EmsidError, match=words):
+        emsid.fleet(given.pop("source"), given.pop("what"), threads, **given)  # type: ignore[arg-type]
+
+
+def test_the_page_shows_who_differs_who_changed_and_who_failed(hive: Path, threads: Executor) -> None:
+    (hive / "motor=M02/day=2026-01-01/part.parquet").write_bytes(b"not a table")
+    result = emsid.fleet(hive, ARX, threads, period="day", **READING)
+    report = fleet_report(result, "a test")
+    assert [section.title for section in report.sections] == [
+        "Parameters over the motors",
+        "Without a model",
+        "All rows",
+    ]
+    assert "M05" in {row[0] for row in report.opening.tables[0].rows}
+    assert len(report.sections[-1].tables[0].rows) == 36
+
+
+def test_a_simulated_fleet_has_its_faults_found(tmp_path: Path, threads: Executor) -> None:
+    """Worn bearings and the other load by name, nobody else, and the files that cannot be used with their reasons."""
+    made = simulated_fleet(tmp_path, 14, 1500, worn=2, loaded=1, poisoned=3, seed=5)
+    plant = emsid.plants.rigid_motor()
+    free = ["motor_constant", "rotor_inertia", "rotor_friction.coulomb"]
+    known = {"resistance": 2.0, "rotor_viscous": 1.5e-5, "voltage_dead_zone.half_width": 0.5}
+    job = Job(plant, {"free": free, "fixed": known, "find_start": False}, {**VOLTAGE, "time": "t"}, 0.0, "test")
+    rows = rows_of(job, batches(found_files(tmp_path), None, None, None))
+    assert tuple(row.motor for row in rows if row.reason) == made.poisoned
+    found = {each.motor for each in outliers(emsid.Fleet(tuple(rows)).series)[0]}
+    assert set(made.worn + made.loaded) <= found
+    assert len(found - set(made.worn + made.loaded)) <= 1
+    assert changes(emsid.Fleet(tuple(rows)).series) == []
+
+
+VOLTAGE = {"input": "voltage", "output": "speed", "units": {"voltage": "V", "speed": "rad/s"}}
+
+
+# --- one large problem -----------------------------------------------------------------------------------------------
+
+
+def test_least_squares_over_files_is_that_of_one_record(tmp_path: Path, threads: Executor) -> None:
+    rng = np.random.default_rng(11)
+    tables = [frame(5_000, 0.9, rng), frame(3_001, 0.9, rng)]
+    for k, table in enumerate(tables):
+        table.write_parquet(tmp_path / f"{k}.parquet")
+    structure = emsid.arx(na=2, nb=3)
+    whole = least_squares(structure, [emsid.read(each, input="u", output="y", dt=0.01) for each in tables])
+    for rows in (700, 5_000, 100_000):
+        parts = least_squares_over(tmp_path, structure, threads, input="u", output="y", dt=0.01, rows=rows)
+        assert parts.estimate == pytest.approx(whole.estimate, rel=1e-10)
+        assert parts.samples == whole.samples
+        assert parts.covariance == pytest.approx(whole.covariance, rel=1e-8)
+
+
+def test_a_gauss_newton_step_is_merged_as_a_tree() -> None:
+    rng = np.random.default_rng(12)
+    jacobian, residual = rng.standard_normal((999, 6)), rng.standard_normal(999)
+    parts = [gauss_newton_information(residual[k::7], jacobian[k::7]) for k in range(7)]
+    step = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
+    assert merged(parts).solve().estimate == pytest.approx(step, rel=1e-11)
+    with pytest.raises(emsid.ModelError):
+        merged([])
+
+
+def test_bootstrap_in_other_processes_gives_the_same(threads: Executor) -> None:
+    rng = np.random.default_rng(13)
+    u, y = first_order(1200, 0.8, 1.0, rng)
+    record = emsid.Record(u, y, dt=0.1)
+    fit = emsid.fit(ARX, record)
+    here = emsid.bootstrap(fit, record, 30, rng=np.random.default_rng(1))
+    there = emsid.bootstrap(fit, record, 30, rng=np.random.default_rng(1), executor=threads)
+    assert there.covariance == pytest.approx(here.covariance, rel=1e-12)
+
+
+# --- scikit-learn ----------------------------------------------------------------------------------------------------
+
+DYNAMIC = "the output depends on earlier samples, so their order and number matter"
+SHORT = "a model of a dynamic system needs 20 samples"
+NOT_APPLICABLE = {
+    "check_methods_sample_order_invariance": DYNAMIC,
+    "check_methods_subset_invariance": DYNAMIC,
+    "check_n_features_in_after_fitting": SHORT,
+    "check_estimators_nan_inf": SHORT,
+    "check_regressors_no_decision_function": SHORT,
+    "check_fit2d_1sample": SHORT,
+    "check_fit2d_1feature": SHORT,
+    "check_supervised_y_2d": "several outputs are meant",
+}
+
+
+def test_the_estimator_passes_the_checks_of_scikit_learn() -> None:
+    checks = pytest.importorskip("sklearn.utils.estimator_checks")
+    from emsid.sklearn import Identifier
+
+    estimator = Identifier(options=emsid.Options(na=1, nb=1, nk=0))
+    done = checks.check_estimator(
+        Identifier(options=emsid.Options(na=1, nb=1, nk=0)),
+        expected_failed_checks=NOT_APPLICABLE,
+        on_fail="raise",
+        on_skip=None,
+    )
+    assert sum(each["status"] == "passed" for each in done) >= 40
+
+
+def test_the_estimator_predicts_the_free_run() -> None:
+    pytest.importorskip("sklearn")
+    from emsid.sklearn import Identifier
+
+    rng = np.random.default_rng(14)
+    u, y = first_order(600, 0.9, 1.0, rng)
+    groups = np.repeat([0, 1, 2], 200)
+    found = Identifier("arx", dt=0.1).fit(u[:, None], y, groups)
+    unseen, truth = first_order(300, 0.9, 1.0, rng)
+    assert found.predict(unseen[:, None]) == pytest.approx(truth, abs=0.2)
+    assert found.score(unseen[:, None], truth) > 0.99
+    with pytest.raises(ValueError, match="groups"):
+        found.fit(u[:, None], y, groups[:5])

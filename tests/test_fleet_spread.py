@@ -1,0 +1,142 @@
+"""Which motors of a fleet are named: false alarms, faults that are found, changes in time."""
+
+import numpy as np
+import pytest
+
+from emsid.fleets.spread import (
+    ALPHA,
+    Outlier,
+    Series,
+    Spread,
+    changes,
+    largest_step,
+    outliers,
+    reasons,
+    series_of,
+)
+from emsid.fleets.work import Row, Value
+
+
+def series(values: np.ndarray, errors: np.ndarray | float, name: str = "inertia") -> Series:
+    motors, periods = values.shape
+    names = tuple(f"M{k:03d}" for k in range(motors))
+    return Series(
+        name, "kg*m^2", names, tuple(f"p{k:03d}" for k in range(periods)), values, np.broadcast_to(errors, values.shape)
+    )
+
+
+def fleet(rng: np.random.Generator, motors: int, periods: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates (m, T) of healthy motors, with errors of unequal size, and these standard errors."""
+    errors = 0.02 * rng.uniform(0.3, 3.0, (motors, periods))
+    own = 1 + 0.03 * rng.standard_normal((motors, 1))
+    return own + errors * rng.standard_normal((motors, periods)), errors
+
+
+@pytest.mark.parametrize("motors", [10, 40, 400])
+def test_a_healthy_fleet_seldom_has_a_motor_named(motors: int) -> None:
+    """Of 400 fleets at most 20 are expected to name a motor; 34 is the 99.9 % point of that number."""
+    rng = np.random.default_rng(motors)
+    named = sum(bool(outliers([series(*fleet(rng, motors)), series(*fleet(rng, motors), "k")])[0]) for _ in range(400))
+    assert named <= 34
+
+
+def test_a_healthy_fleet_seldom_has_a_change_named() -> None:
+    rng = np.random.default_rng(7)
+    named = sum(bool(changes([series(*fleet(rng, 12, 30))])) for _ in range(400))
+    assert named <= 34
+
+
+def test_many_worn_motors_do_not_decide_what_is_ordinary() -> None:
+    rng = np.random.default_rng(3)
+    values, errors = fleet(rng, 100)
+    values[:30] += 0.6
+    found, ordinary = outliers([series(values, errors)])
+    assert {each.motor for each in found} == {f"M{k:03d}" for k in range(30)}
+    assert ordinary["inertia"].centre == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_uncertain_estimate_is_judged_by_its_own_error() -> None:
+    values, errors = fleet(np.random.default_rng(4), 100)
+    values[0], errors[0] = 2.0, 0.5  # two standard errors away: not unusual
+    values[1], errors[1] = 2.0, 0.01
+    assert [each.motor for each in outliers([series(values, errors)])[0]] == ["M001"]
+
+
+def test_an_outlier_has_value_interval_and_fleet() -> None:
+    values = np.append(np.linspace(0.9, 1.1, 21), 3.0)[:, None]
+    (found,), _ = outliers([series(values, 0.01)])
+    assert isinstance(found, Outlier)
+    assert (found.motor, found.parameter, found.unit) == ("M021", "inertia", "kg*m^2")
+    assert (found.value, found.half_width) == (3.0, pytest.approx(1.96 * 0.01, rel=1e-3))
+    assert found.centre == pytest.approx(np.median(values))
+    assert found.score > 20
+
+
+def test_few_motors_have_no_ordinary_spread() -> None:
+    values = np.array([1.0, 1.0, 1.01, 0.99, 9.0])[:, None]
+    assert outliers([series(values, 0.01)]) == ([], {})
+
+
+def test_estimates_without_intervals_are_compared_by_their_spread() -> None:
+    rows = [Row(f"M{k}", "", estimates={"a1": Value(1 + 0.01 * (k % 5), float("nan"), "")}) for k in range(20)]
+    rows.append(Row("M99", "", estimates={"a1": Value(2.0, float("nan"), "")}))
+    assert [each.motor for each in outliers(series_of(rows))[0]] == ["M99"]
+
+
+def test_the_spread_of_motors_is_what_the_errors_leave() -> None:
+    rng = np.random.default_rng(5)
+    values = 1 + 0.03 * rng.standard_normal(20_000) + 0.04 * rng.standard_normal(20_000)
+    found = Spread.of(values, np.full(20_000, 0.04), 3.0)
+    assert found.deviation == pytest.approx(0.05, rel=0.03)
+    assert found.of_motors == pytest.approx(0.03, rel=0.06)
+
+
+def test_a_worn_motor_is_named_with_the_period_of_its_change() -> None:
+    rng = np.random.default_rng(6)
+    values, errors = fleet(rng, 20, 40)
+    season = 0.2 * np.sin(np.arange(40) / 6)  # of the whole fleet: no motor has changed by it
+    values += season
+    values[11, 25:] += 0.15
+    (found,) = changes([series(values, errors)])
+    assert found.motor == "M011"
+    assert found.since in {"p024", "p025", "p026"}
+    assert abs(found.after - found.before - 0.15) < 1.5 * found.half_width
+
+
+def test_a_single_motor_over_time_has_its_change_named() -> None:
+    values = np.r_[np.ones(10), np.full(10, 1.2)][None, :] + 0.01 * np.random.default_rng(8).standard_normal((1, 20))
+    (found,) = changes([series(values, 0.01)])
+    assert found.since == "p010"
+
+
+def test_missing_periods_are_passed_over() -> None:
+    values, errors = fleet(np.random.default_rng(9), 12, 20)
+    values[3, 5:9] = np.nan
+    values[4, :] = np.nan
+    values[3, 12:] += 0.5
+    assert [(each.motor, each.since) for each in changes([series(values, errors)])] == [("M003", "p012")]
+
+
+def test_the_largest_step_is_the_best_of_all_steps() -> None:
+    """Against every step, one by one."""
+    rng = np.random.default_rng(10)
+    x, variance = rng.standard_normal(15), rng.uniform(0.5, 2, 15)
+
+    def score(at: int) -> float:
+        ends = [np.average(part, weights=1 / v) for part, v in ((x[:at], variance[:at]), (x[at:], variance[at:]))]
+        return (ends[1] - ends[0]) / np.sqrt(1 / (1 / variance[:at]).sum() + 1 / (1 / variance[at:]).sum())
+
+    found = largest_step(x, variance)
+    every = {at: score(at) for at in range(2, 14)}
+    best = max(every, key=lambda at: abs(every[at]))
+    assert found is not None
+    assert found[:2] == (pytest.approx(every[best]), best)
+    assert largest_step(x[:3], variance[:3]) is None
+
+
+def test_failures_are_grouped_by_reason() -> None:
+    rows = [Row(f"M{k}", "", reason=f"/data/M{k}.csv: row {k} is damaged") for k in range(3)] + [
+        Row("X", "", reason="no")
+    ]
+    assert [len(each) for each in reasons(rows).values()] == [3, 1]
+    assert 0 < ALPHA < 0.1

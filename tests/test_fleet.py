@@ -1,7 +1,6 @@
 """Fleets: sources and their batches, the engine, resuming, large least-squares problems, and scikit-learn."""
 
 import json
-from collections.abc import Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -22,7 +21,7 @@ from emsid.fleets.page import fleet_report
 from emsid.fleets.simulated import simulated_fleet
 from emsid.fleets.sources import batches, divided, found_files, seconds
 from emsid.fleets.spread import changes, outliers
-from emsid.fleets.work import Job, Row, rows_of
+from emsid.fleets.work import FleetRow, Job, rows_of
 from engine_tasks import ending, squares
 
 ARX = emsid.arx(na=1, nb=1)
@@ -55,7 +54,7 @@ def hive(tmp_path: Path) -> Path:
     return root
 
 
-def untimed(fleet: emsid.Fleet) -> list[Row]:
+def untimed(fleet: emsid.Fleet) -> list[FleetRow]:
     """The rows without their times."""
     return [replace(row, seconds=0) for row in fleet.rows]
 
@@ -75,6 +74,7 @@ def test_a_fleet_is_fitted_and_the_motor_that_differs_is_named(hive: Path, threa
     assert not result.failed
     assert {row.verdict for row in result.rows} <= {"model-supported", "model-limited"}
     assert "M05" in {each.motor for each in result.outliers}
+    assert ("differs-from-fleet", "M05") in {(each.code, each.subject) for each in result.findings}
     table = result.to_frame()
     m0 = table.filter((pl.col("motor") == "M00") & (pl.col("period") == "2026-01-02"))
     train, test = emsid.read(hive / "motor=M00/day=2026-01-02/part.parquet", **READING).split(0.7)
@@ -217,6 +217,7 @@ def test_an_interrupted_fleet_goes_on_where_it_stopped(hive: Path, threads: Exec
     control = Control(cancelled=lambda: (out / "rows.jsonl").exists() and len((out / "rows.jsonl").read_bytes()) > 3000)
     first = emsid.fleet(hive, ARX, threads, period="day", out=out, control=control, **READING)
     assert first.interrupted
+    assert first.findings[-1].code == "fleet-unfinished"
     assert 0 < len(first.rows) < 36
     with open(out / "rows.jsonl", "a") as file:
         file.write('{"motor": "M11", "per')  # cut by a crash
@@ -244,6 +245,17 @@ def test_a_structure_is_chosen_on_one_motor(hive: Path, threads: Executor) -> No
     fit = emsid.identify(emsid.read(hive / "motor=M03/day=2026-01-01/part.parquet", **READING), models="arx").chosen
     of_fit = emsid.fleet(hive, fit, threads, **READING)
     assert tuple(of_fit.rows[0].estimates) == fit.names
+
+
+def test_a_change_of_a_motor_is_a_finding(tmp_path: Path, threads: Executor) -> None:
+    """A motor alone, with another pole from the sixth file on: too few motors to compare, but a change in time."""
+    rng = np.random.default_rng(21)
+    for day in range(10):
+        frame(300, 0.7 if day > 4 else 0.9, rng).write_parquet(tmp_path / f"M-{day}.parquet")
+    result = emsid.fleet(f"{tmp_path}/{{motor}}-{{day}}.parquet", ARX, threads, period="day", **READING)
+    found = {each.code: each for each in result.findings}
+    assert found["changed-over-periods"].data["since"] == "5"
+    assert found["fleet-too-small"].data["motors"] == 1
 
 
 @pytest.mark.parametrize(
@@ -354,7 +366,7 @@ def test_the_estimator_passes_the_checks_of_scikit_learn() -> None:
 
     estimator = Identifier(options=emsid.Options(na=1, nb=1, nk=0))
     done = checks.check_estimator(
-        Identifier(options=emsid.Options(na=1, nb=1, nk=0)),
+        estimator,
         expected_failed_checks=NOT_APPLICABLE,
         on_fail="raise",
         on_skip=None,

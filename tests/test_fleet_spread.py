@@ -14,7 +14,7 @@ from emsid.fleets.spread import (
     reasons,
     series_of,
 )
-from emsid.fleets.work import Row, Value
+from emsid.fleets.work import FleetRow, Value
 
 
 def series(values: np.ndarray, errors: np.ndarray | float, name: str = "inertia") -> Series:
@@ -78,8 +78,8 @@ def test_few_motors_have_no_ordinary_spread() -> None:
 
 
 def test_estimates_without_intervals_are_compared_by_their_spread() -> None:
-    rows = [Row(f"M{k}", "", estimates={"a1": Value(1 + 0.01 * (k % 5), float("nan"), "")}) for k in range(20)]
-    rows.append(Row("M99", "", estimates={"a1": Value(2.0, float("nan"), "")}))
+    rows = [FleetRow(f"M{k}", "", estimates={"a1": Value(1 + 0.01 * (k % 5), float("nan"), "")}) for k in range(20)]
+    rows.append(FleetRow("M99", "", estimates={"a1": Value(2.0, float("nan"), "")}))
     assert [each.motor for each in outliers(series_of(rows))[0]] == ["M99"]
 
 
@@ -135,8 +135,8 @@ def test_the_largest_step_is_the_best_of_all_steps() -> None:
 
 
 def test_failures_are_grouped_by_reason() -> None:
-    rows = [Row(f"M{k}", "", reason=f"/data/M{k}.csv: row {k} is damaged") for k in range(3)] + [
-        Row("X", "", reason="no")
+    rows = [FleetRow(f"M{k}", "", reason=f"/data/M{k}.csv: row {k} is damaged") for k in range(3)] + [
+        FleetRow("X", "", reason="no")
     ]
     assert [len(each) for each in reasons(rows).values()] == [3, 1]
     assert 0 < ALPHA < 0.1

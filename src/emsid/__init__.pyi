@@ -3,6 +3,7 @@ from . import estimation as estimation
 from . import excitation as excitation
 from . import findings as findings
 from . import first_look as first_look
+from . import fleets as fleets
 from . import identification as identification
 from . import linear as linear
 from . import plant as plant

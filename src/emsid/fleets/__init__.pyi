@@ -2,6 +2,9 @@ from .merged import least_squares_over as least_squares_over
 from .merged import merged as merged
 from .spread import Change as Change
 from .spread import Outlier as Outlier
+from .spread import Series as Series
+from .spread import Spread as Spread
 from .verb import Fleet as Fleet
 from .verb import fleet as fleet
-from .work import Row as Row
+from .work import FleetRow as FleetRow
+from .work import Value as Value

@@ -157,6 +157,9 @@ def _lost(part: Part) -> Information:
 def merged(informations: Sequence[Information]) -> Information:
     """The information of all parts, merged as a tree, so that rounding grows with the logarithm of their number.
 
+    Args:
+        informations: of the parts, in order.
+
     Raises:
         ModelError: for no part at all.
     """

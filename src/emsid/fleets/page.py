@@ -9,7 +9,7 @@ import numpy as np
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.fleets.spread import FEWEST_PERIODS, Series, reasons
 from emsid.fleets.verb import Fleet
-from emsid.fleets.work import Row
+from emsid.fleets.work import FleetRow
 from emsid.report.document import (
     Axis,
     Band,
@@ -123,7 +123,7 @@ def _failures(result: Fleet) -> Table:
     return Table(("Reason", "Rows", "Motors"), rows, "Rows without a model, by reason.", ends_in_text=True)
 
 
-def _name(row: Row) -> str:
+def _name(row: FleetRow) -> str:
     return f"{row.motor} ({row.period})" if row.period else row.motor
 
 

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
-from emsid.fleets.work import Row
+from emsid.fleets.work import FleetRow
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ class Series:
         return np.where(known, means, np.nan), np.where(known, errors, np.nan)
 
 
-def series_of(rows: Sequence[Row]) -> list[Series]:
+def series_of(rows: Sequence[FleetRow]) -> list[Series]:
     """The estimates of every parameter as tables of motors and periods; estimates without intervals have no error."""
     good = [row for row in rows if not row.reason]
     motors, periods = (tuple(sorted({key(row) for row in good})) for key in (_motor, _period))
@@ -175,11 +175,11 @@ def series_of(rows: Sequence[Row]) -> list[Series]:
     return [_with_errors(each) for each in found.values()]
 
 
-def _motor(row: Row) -> str:
+def _motor(row: FleetRow) -> str:
     return row.motor
 
 
-def _period(row: Row) -> str:
+def _period(row: FleetRow) -> str:
     return row.period
 
 
@@ -279,11 +279,11 @@ def largest_step(x: Array, variance: Array) -> tuple[float, int, float, float, f
     return float(scores[best]), int(at[best]), float(before[best]), float(after[best]), float(error[best])
 
 
-def reasons(rows: Sequence[Row]) -> Mapping[str, list[Row]]:
+def reasons(rows: Sequence[FleetRow]) -> Mapping[str, list[FleetRow]]:
     """The rows without a model by reason, the most frequent first; names of files and numbers do not tell apart."""
     import re
 
-    found: dict[str, list[Row]] = {}
+    found: dict[str, list[FleetRow]] = {}
     for row in rows:
         if row.reason:
             found.setdefault(re.sub(r"\S*[/\\]\S*|\d[\d.,e+-]*", "…", row.reason), []).append(row)

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -26,14 +26,11 @@ from emsid.findings import Finding
 from emsid.fleets.engine import Engine
 from emsid.fleets.sources import Batch, batches, divided, found_files
 from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
-from emsid.fleets.work import Job, Row, digest, record_of, rows_of
+from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write
 from emsid.models.refitting import specification
-
-if TYPE_CHECKING:
-    import polars as pl
 
 JOURNAL, RESULT, PARTS = "rows.jsonl", "fleet.parquet", ".parts"
 """The files in the folder of results, and the folder of the divided tables, which is removed at the end."""
@@ -49,7 +46,7 @@ class Fleet:
         interrupted: whether it was stopped before its end; running the same again goes on from there.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[FleetRow, ...]
     findings: tuple[Finding, ...] = ()
     interrupted: bool = False
 
@@ -74,7 +71,7 @@ class Fleet:
         return changes(self.series)
 
     @property
-    def failed(self) -> list[Row]:
+    def failed(self) -> list[FleetRow]:
         """The rows without a model."""
         return [row for row in self.rows if row.reason]
 
@@ -89,7 +86,7 @@ class Fleet:
             "failed": [{"motor": row.motor, "period": row.period, "reason": row.reason} for row in self.failed],
         }
 
-    def to_frame(self) -> pl.DataFrame:
+    def to_frame(self) -> Any:
         """A Polars frame with a row for every motor and period.
 
         Every parameter has two columns, its value and ``<name>_half_width``, half its 95 % interval.
@@ -194,13 +191,13 @@ def fleet(
 
 def _found(
     source: Any, motor: str | None, period: str | None, time: str | None, folder: Path
-) -> tuple[list[Batch], list[Row]]:
+) -> tuple[list[Batch], list[FleetRow]]:
     """The batches of a source, and rows for tables that cannot be divided."""
     files = found_files(source)
     if motor is None or any(motor in each.keys for each in files):
         return batches(files, motor, period, time), []
     parts, failed = divided(files, motor, folder / PARTS)
-    rows = [Row(Path(path).name, "", reason=f"{path}: {reason}") for path, reason in failed.items()]
+    rows = [FleetRow(Path(path).name, "", reason=f"{path}: {reason}") for path, reason in failed.items()]
     return batches(parts, "motor", period, time), rows
 
 
@@ -236,8 +233,8 @@ MOST_TRIED = 5
 """Motors on which a structure is tried before the data are taken to be unsuitable."""
 
 
-def _lost(job: Job, batch: Batch) -> Row:
-    return Row(
+def _lost(job: Job, batch: Batch) -> FleetRow:
+    return FleetRow(
         batch.motor,
         batch.period,
         reason="its worker process ended twice while it was fitted; look at the file, or give more memory",
@@ -275,14 +272,14 @@ class Journal:
     """
 
     def __init__(self, path: Path, job: str) -> None:
-        self.path, self.job, self.rows = path, job, list[Row]()
+        self.path, self.job, self.rows = path, job, list[FleetRow]()
         try:
             lines = path.read_text("utf-8").splitlines() if path.is_file() else []
         except (OSError, ValueError) as problem:
             raise FormatError(f"{path}: cannot be read ({problem}); remove it, or name another folder") from None
         for line in lines:
             try:
-                row = msgspec.convert(json.loads(line), Row)
+                row = msgspec.convert(json.loads(line), FleetRow)
             except (ValueError, msgspec.ValidationError):
                 continue
             if row.job == job:
@@ -296,14 +293,14 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def add(self, row: Row) -> None:
+    def add(self, row: FleetRow) -> None:
         """Append a row; it is on disk when this returns."""
         self._file.write(_line(row))
         self._file.flush()
         os.fsync(self._file.fileno())
 
 
-def _line(row: Row) -> str:
+def _line(row: FleetRow) -> str:
     return json.dumps(asdict(row), ensure_ascii=False) + "\n"
 
 

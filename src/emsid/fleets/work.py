@@ -1,7 +1,7 @@
 """What a worker does: read the data of a motor, fit the model, run it on what it has not seen.
 
-Everything that a worker needs is in a `Job` and a `Batch`, and what it returns is a `Row`, so that a process of this
-machine and one of another machine do the same. A motor whose data cannot be used gives a row with the reason.
+Everything that a worker needs is in a `Job` and a `Batch`, and what it returns is a `FleetRow`, so that a process of
+this machine and one of another machine do the same. A motor whose data cannot be used gives a row with the reason.
 """
 
 from __future__ import annotations
@@ -53,7 +53,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Value:
-    """An estimate: its value, half the width of its 95 % interval (NaN without one), and its unit."""
+    """An estimate.
+
+    Attributes:
+        value: in its unit.
+        half_width: half of its 95 % interval; NaN without one.
+        unit: of both.
+    """
 
     value: float
     half_width: float
@@ -61,7 +67,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Row:
+class FleetRow:
     """The result for one motor in one period.
 
     Attributes:
@@ -91,18 +97,18 @@ class Row:
     data: str = ""
 
 
-def rows_of(job: Job, batches: Sequence[Batch]) -> list[Row]:
+def rows_of(job: Job, batches: Sequence[Batch]) -> list[FleetRow]:
     """The rows of several batches, in order."""
     return [row_of(job, batch) for batch in batches]
 
 
 @one_blas_thread()
-def row_of(job: Job, batch: Batch) -> Row:
+def row_of(job: Job, batch: Batch) -> FleetRow:
     """The row of one batch; whatever its data are, it is a row."""
     begun = time.process_time()
 
-    def failed(reason: str) -> Row:
-        return Row(
+    def failed(reason: str) -> FleetRow:
+        return FleetRow(
             batch.motor, batch.period, reason=reason, seconds=round(time.process_time() - begun, 3), job=job.name
         )
 
@@ -114,7 +120,7 @@ def row_of(job: Job, batch: Batch) -> Row:
     except Exception as problem:  # of a library that meets a damaged file
         return failed(f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}")
     codes = tuple(dict.fromkeys(finding.code for finding in found.findings))
-    return Row(
+    return FleetRow(
         batch.motor,
         batch.period,
         estimates=estimates_of(found),

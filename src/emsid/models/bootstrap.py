@@ -98,9 +98,10 @@ def bootstrap(
     draws = rng.integers(len(cut), size=(int(count), len(cut)))
     in_turn = map if executor is None else executor.map
     found: list[Array] = []
-    for draw, estimate in enumerate(in_turn(partial(_estimate, fit, several, cut), draws)):
-        control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw + 1, int(count))
-        if estimate is not None:
+    estimates = iter(in_turn(partial(_estimate, fit, several, cut), draws))
+    for draw in range(int(count)):
+        control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw, int(count))
+        if (estimate := next(estimates)) is not None:
             found.append(estimate)
     if len(found) < ENOUGH * count:
         raise ModelError(

@@ -26,6 +26,7 @@ from emsid.record.checks import as_channels, check_finite, whole_number
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, low_passed, without_trend
 from emsid.record.frames import frame as made_frame
 from emsid.record.frames import numbers, seconds
+from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import TimeAxis, time_axis
 from emsid.units import called, name_and_unit, readable_unit
@@ -214,11 +215,11 @@ class Record(Presented):
         Raises:
             DataError: for another library, or one that is not installed.
         """
-        channels = (("t", "s"), *zip(self.input_names, self.input_units, strict=True))
-        channels = (*channels, *zip(self.output_names, self.output_units, strict=True))
-        names = [f"{name} [{unit}]" if units and unit else name for name, unit in channels]
-        columns = np.column_stack([self.time, self.input, self.output]).T
-        return made_frame(dict(zip(names, columns, strict=True)), library)
+        names_of, units_of = ("t", *self.input_names, *self.output_names), ("s", *self.input_units, *self.output_units)
+        names = [f"{name} [{unit}]" if units and unit else name for name, unit in zip(names_of, units_of, strict=True)]
+        return made_frame(
+            dict(zip(names, np.column_stack([self.time, self.input, self.output]).T, strict=True)), library
+        )
 
     def __len__(self) -> int:
         return len(self.input)
@@ -285,22 +286,8 @@ class Record(Presented):
 
         A free run over the part begins with these and goes on through it; errors are those of the part alone.
         """
-        here = self[first:stop]
-        number = int(np.searchsorted(self.breaks, first, "right"))
-        edge = (0, *self.breaks)[number]
-        if first == edge:
-            return here
-        known = self.before[number] if self.before else None
-        lead = replace(self[edge:first], before=())
-        if known is not None:
-            lead = replace(
-                lead,
-                input=np.concatenate([known.input, lead.input]),
-                output=np.concatenate([known.output, lead.output]),
-                times=known.times,
-            )
-        rest = self.before[number + 1 : number + 1 + len(here.breaks)] or (None,) * len(here.breaks)
-        return replace(here, before=(lead, *rest))
+        part: Record = part_with_lead(self, first, stop)
+        return part
 
     def split(self, fraction: float) -> tuple[Record, Record]:
         """The first ``fraction`` of the samples, to fit, and the rest, as unseen data.
@@ -329,27 +316,23 @@ class Record(Presented):
         if out.all():
             raise DataError(f"{self.name}: the mask leaves no sample; relax it")
         kept = np.flatnonzero(~out)
-        new = np.diff(kept, prepend=kept[0] - 1) > 1
-        starts = np.flatnonzero(new)
+        starts = np.flatnonzero(np.diff(kept, prepend=kept[0] - 1) > 1)
         if self.breaks:
             starts = np.union1d(starts, np.searchsorted(kept, self.breaks))
         starts = starts[(starts > 0) & (starts < len(kept))]
-        first = np.concatenate([[0], starts]).astype(int)
+        begins = kept[np.concatenate([[0], starts]).astype(int)]
+        of = np.searchsorted(self.breaks, begins, "right")
+        whole = [at in (0, *self.breaks) for at in begins]
         return replace(
             self,
             input=self.input[kept],
             output=self.output[kept],
             breaks=tuple(int(b) for b in starts),
-            times=tuple(float(t) for t in self.time[kept[first]]),
-            before=tuple(
-                self.before[k] if at in (0, *self.breaks) else None
-                for k, at in zip(np.searchsorted(self.breaks, kept[first], "right"), kept[first], strict=True)
-            )
+            times=tuple(float(t) for t in self.time[begins]),
+            before=tuple(self.before[k] if all_ else None for k, all_ in zip(of, whole, strict=True))
             if self.before
             else (),
-            sources=tuple(self.sources[k] for k in np.searchsorted(self.breaks, kept[first], "right"))
-            if self.sources
-            else (),
+            sources=tuple(self.sources[k] for k in of) if self.sources else (),
         )
 
     def channel(self, name: str) -> Array:
@@ -398,15 +381,14 @@ class Record(Presented):
         factor = whole_number(factor, 1, problem)
         if factor == 1:
             return self
-        inputs, outputs = [], []
-        for segment in self.segments:
-            if len(segment) <= DECIMATED * factor:
-                raise DataError(
-                    f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
-                    f"it needs more than {DECIMATED * factor}"
-                )
-            inputs.append(decimated(segment.input, factor))
-            outputs.append(decimated(segment.output, factor))
+        shortest = min(map(len, self.segments))
+        if shortest <= DECIMATED * factor:
+            raise DataError(
+                f"{self.name}: a segment of {shortest} samples is too short to decimate by {factor}; "
+                f"it needs more than {DECIMATED * factor}"
+            )
+        inputs = [decimated(segment.input, factor) for segment in self.segments]
+        outputs = [decimated(segment.output, factor) for segment in self.segments]
         return replace(
             self,
             input=np.concatenate(inputs),

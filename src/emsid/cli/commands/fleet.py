@@ -21,40 +21,49 @@ MOST_SHOWN = 20
 """Findings on single motors that are printed; the page has all."""
 
 
+Source = Annotated[
+    list[str], typer.Argument(metavar="SOURCE", help="Folders, files, or a pattern: 'logs/{motor}/{period}.csv'.")
+]
+Models = Annotated[str, typer.Option(metavar="NAME", help="Model to fit; `emsid list` names them.")]
+Motor = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Column, or field of the paths, that names the motor.  [default: motor]"),
+]
+Period = Annotated[
+    str | None, typer.Option(metavar="1d", help="A row for every period: a duration, or a field of the paths.")
+]
+Reference = Annotated[
+    str | None, typer.Option(metavar="MOTOR", help="The motor on which the structure is chosen.  [default: the first]")
+]
+Fix = Annotated[list[str], typer.Option(metavar="NAME=VALUE", help="Fix a physical parameter; may be repeated.")]
+Unseen = Annotated[float, typer.Option(metavar="FRACTION", help="Last part of every record, for the errors.")]
+Workers = Annotated[
+    int | None, typer.Option(metavar="N", help="Processes, or tasks at a time.  [default: cores]", min=1)
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Dask cluster that fits, such as tcp://host:8786.")
+]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and report.")]
+
+
 @app.command()
 @reads_records()
 def fleet(
-    source: Annotated[
-        list[str], typer.Argument(metavar="SOURCE", help="Folders, files, or a pattern: 'logs/{motor}/{period}.csv'.")
-    ],
+    source: Source,
     reader: Any,
-    models: Annotated[str, typer.Option(metavar="NAME", help="Model to fit; `emsid list` names them.")] = "rigid-motor",
-    motor: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Column, or field of the paths, that names the motor.  [default: motor]"),
-    ] = None,
-    period: Annotated[
-        str | None, typer.Option(metavar="1d", help="A row for every period: a duration, or a field of the paths.")
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(metavar="MOTOR", help="The motor on which the structure is chosen.  [default: the first]"),
-    ] = None,
-    fix: Annotated[
-        list[str], typer.Option(metavar="NAME=VALUE", help="Fix a physical parameter; may be repeated.")
-    ] = [],  # noqa: B006
-    unseen: Annotated[float, typer.Option(metavar="FRACTION", help="Last part of every record, for the errors.")] = 0.3,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes, or tasks at a time.  [default: cores]", min=1)
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster that fits, such as tcp://host:8786.")
-    ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and report.")] = Path("emsid-fleet"),
+    models: Models = "rigid-motor",
+    motor: Motor = None,
+    period: Period = None,
+    reference: Reference = None,
+    fix: Fix = [],  # noqa: B006
+    unseen: Unseen = 0.3,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Out = Path("emsid-fleet"),
     json: Json = False,
     pdf: Pdf = False,
 ) -> None:
-    """Fit one model to many motors, and name those that differ or have changed.
+    """Fit a model to many motors; name those that differ or have changed.
 
     Every motor gets the same structure, which is chosen on one of them. The motor of a file is a folder named
     motor=M7, a field of the pattern, the name of the file, or a column (--motor). Tables with such a column, and those

@@ -63,7 +63,7 @@ def fleet(
     json: Json = False,
     pdf: Pdf = False,
 ) -> None:
-    """Fit a model to many motors; name those that differ or have changed.
+    """Fit a model to many motors; name those that differ.
 
     Every motor gets the same structure, which is chosen on one of them. The motor of a file is a folder named
     motor=M7, a field of the pattern, the name of the file, or a column (--motor). Tables with such a column, and those

@@ -28,7 +28,7 @@ MODULES = sorted(name for name in SOURCES if name != "__init__")
 
 # A module imports from its own package and from those on earlier lines, nothing else.
 LAYERS = (
-    {"arguments", "errors"},
+    {"arguments", "compiled", "errors"},
     {"findings", "presentation", "replacing", "units"},
     {"record", "wording"},
     {"excitation", "plant", "estimation", "selection"},  # selection compares numbers and knows no model
@@ -269,6 +269,12 @@ def test_only_the_doors_touch_files() -> None:
     made = [ast.unparse(node) for node in nodes("__main__") if isinstance(node, ast.Call)]
     assert [each for each in made if "open(" in each] == ["os.open(os.devnull, os.O_RDWR)"]  # for closed streams
     assert [module for module in found if not any(within(module, each) for each in (*DOORS, "__main__"))] == []
+
+
+def test_kernels_are_compiled_where_nothing_can_be_kept_too() -> None:
+    """`numba.njit` with a cache raises an error of its own where no folder can be written to."""
+    found = offenders(lambda module: [name for name in imports(module) if name in ("numba", "numba.njit")])
+    assert sorted(found) == ["compiled"]
 
 
 def test_no_text_is_ever_executed() -> None:

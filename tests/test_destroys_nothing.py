@@ -170,3 +170,37 @@ def test_a_named_pipe_is_tracked_and_logged(run: Run, tmp_path: Path) -> None:
         status, _, err = run("track", tmp_path / "pipe", "--out", tmp_path / "out")
     assert status == 0, err
     assert lines(600) in (tmp_path / "out" / "log.txt").read_bytes()
+
+
+def test_kernels_are_compiled_in_memory_where_nothing_can_be_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Without a folder to write to, with a full disk, and with damaged files of an earlier process."""
+    from numba.core import caching
+
+    from emsid.compiled import NOT_KEPT, NOTICE, njit
+
+    said: list[str] = []
+    monkeypatch.setattr(NOTICE, "say", said.append)
+
+    def twice(x: float) -> float:
+        return 2 * x
+
+    monkeypatch.setattr(NOTICE, "given", False)
+    with monkeypatch.context() as patch:
+        patch.setattr(caching.CacheImpl, "_locator_classes", [])
+        assert njit()(twice)(1.5) == njit(nogil=True)(twice)(1.5) == 3.0
+    assert said == [NOT_KEPT]  # once
+    monkeypatch.setattr(NOTICE, "given", False)
+    monkeypatch.setattr("numba.core.caching.config.CACHE_DIR", str(tmp_path))
+    with monkeypatch.context() as patch:
+        full_disk(patch)
+        assert njit()(twice)(2.5) == 5.0
+    assert said == [NOT_KEPT] * 2
+    assert njit()(twice)(2.5) == 5.0
+    kept = [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc")]
+    assert len(kept) == 2
+    for path in kept:
+        path.write_bytes(path.read_bytes()[:40])
+    assert njit()(twice)(2.5) == 5.0
+    assert len(said) == 2

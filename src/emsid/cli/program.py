@@ -15,6 +15,7 @@ from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_
 from emsid.cli.options import with_options
 from emsid.cli.streams import open_streams, output_is_lost
 from emsid.cli.terminal import SPELT_OUT, say, warn
+from emsid.compiled import NOTICE
 from emsid.errors import EmsidError
 from emsid.replacing import sources_kept
 
@@ -31,6 +32,7 @@ def main() -> None:
 
 def _main() -> None:
     INTERRUPTION.begin()
+    NOTICE.say = warn
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # warnings are for programmers
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs

@@ -23,9 +23,9 @@ from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.plant.parameter import Measure
 
@@ -219,7 +219,7 @@ def law_name(law: FrictionLaw) -> str:
     raise ModelError(f"the friction law {type(law).__name__} is not registered; put @friction_law(NAME) above it")
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def coulomb_stribeck(speed: float, numbers: Array, side: int) -> float:
     """α₀ + α₁·exp(−α₂·|ω|): (4.7) for one direction."""
     return float(numbers[side, 0] + numbers[side, 1] * np.exp(-numbers[side, 2] * speed))

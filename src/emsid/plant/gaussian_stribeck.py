@@ -17,15 +17,15 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.plant.friction import Friction, FrictionLaw, LawParameter, Level, friction_law
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def gaussian_excess(speed: float, numbers: Array, side: int) -> float:
     """α₀ + α₁·exp(−(α₂·ω)²) for one direction."""
     part = numbers[side, 2] * speed

@@ -7,12 +7,13 @@ missed.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from emsid.compiled import njit
 
 Array = NDArray[np.float64]
 
-_kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_kernel = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 @_kernel

@@ -25,16 +25,16 @@ A step ends at the first event in it, which is the first zero of a polynomial:
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.plant.constants import Constants
 from emsid.plant.polynomials import first_below, polynomial_value, product_integral
 
 Array = NDArray[np.float64]
 Directions = NDArray[np.int64]  # (2,) by body: 1 forward, −1 backward, 0 held
 
-_kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_kernel = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 # Rows of the table of Taylor coefficients: the five states, then the derived quantities. If rotor and load have one row

@@ -26,10 +26,10 @@ from enum import IntEnum
 from math import isfinite
 from typing import Protocol
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -225,7 +225,7 @@ class Frozen:
 
 
 # NumPy's error model: a division that may raise would prevent vectorisation of the inner loops.
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", inline="always")
+@njit(nogil=True, fastmath={"contract"}, error_model="numpy", inline="always")
 def correct(
     factor: Array, diagonal: Array, phi: Array, gain: Array, noise: float, forgetting: float, ceiling: Array
 ) -> float:
@@ -259,7 +259,7 @@ def correct(
     return alpha
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(nogil=True, fastmath={"contract"}, error_model="numpy")
 def excitation(factor: Array, diagonal: Array, phi: Array) -> float:
     """ζ = φᵀPφ: the variance of the prediction by the uncertainty of the parameters, for noise of variance one."""
     total = 0.0
@@ -271,7 +271,7 @@ def excitation(factor: Array, diagonal: Array, phi: Array) -> float:
     return total
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(nogil=True, fastmath={"contract"}, error_model="numpy")
 def diffuse(factor: Array, diagonal: Array, variance: Array, work: Array) -> None:
     """P ← P + Q with a diagonal Q, in place, one parameter after the other (Agee and Turner; Bierman, sec. III.5)."""
     for k in range(len(diagonal)):

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from functools import cache
 from math import erf, log, sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ class ChangeDetector:
         return after, alarm
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def scan(
     state: Array,
     errors: Array,
@@ -188,7 +188,7 @@ def scan(
     return -1
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def whitened(state: Array, octave: int, error: float, learning: float, work: Array) -> float:
     """The white error w of a sample; NaN while the variances of its octave are not known.
 
@@ -220,7 +220,7 @@ def whitened(state: Array, octave: int, error: float, learning: float, work: Arr
     return float(white)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _correlate(state: Array, z: float) -> None:
     """Update the autocorrelations and the past errors."""
     past = state[_PAST : _PAST + ORDER]
@@ -234,7 +234,7 @@ def _correlate(state: Array, z: float) -> None:
     past[0] = z
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def predicted(correlation: Array, past: Array, work: Array) -> float:
     """The next value of an autoregression with these autocorrelations, by Levinson's recursion.
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from emsid.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ LARGEST = 0.999
 """A root that is mirrored ends at most this far out, relative to the circle."""
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(nogil=True, fastmath={"contract"})
 def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> None:
     """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
 

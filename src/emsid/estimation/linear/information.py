@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -214,7 +214,7 @@ def add_rows_reference(factor: Array, columns: Array) -> Array:
     return np.asarray(np.linalg.qr(np.vstack([factor, columns.T]), mode="r"))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_rows(factor: Array, columns: Array) -> None:
     """Update a triangular factor (k, k) in place with the rows of [Φ y], given as columns (k, m).
 
@@ -231,7 +231,7 @@ def add_rows(factor: Array, columns: Array) -> None:
     copy_square(top, factor, width)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def workspace(factor: Array) -> tuple[Array, Array]:
     """The factor and a tile for `reflect`, both padded with two columns of zeros."""
     width = len(factor)
@@ -240,7 +240,7 @@ def workspace(factor: Array) -> tuple[Array, Array]:
     return top, np.zeros((width + 2, TILE))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def copy_square(source: Array, target: Array, width: int) -> None:
     """Copy the first rows and columns; a slice assignment, with its shape check, takes seconds to compile."""
     for i in range(width):
@@ -249,7 +249,7 @@ def copy_square(source: Array, target: Array, width: int) -> None:
 
 
 # The compiler vectorises an inner loop only in a small function with few arrays.
-_compiled = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+_compiled = njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 
 
 @_compiled

@@ -16,10 +16,10 @@ from itertools import repeat
 from math import isfinite
 from typing import Protocol, TypeVar
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution
@@ -282,7 +282,7 @@ def _refined(
     return estimate
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def accumulate_gradient(gradient: Array, block: Array, lost: Array, estimate: Array, rest: Array) -> None:
     """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient (2, n); it, Φ and θ are sums of two doubles.
 
@@ -305,7 +305,7 @@ def accumulate_gradient(gradient: Array, block: Array, lost: Array, estimate: Ar
         gradient[0, j], gradient[1, j] = _two_sum(gradient[0, j], gradient[1, j])
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _two_sum(a: float, b: float) -> tuple[float, float]:
     """a + b as its rounding and the error of that."""
     total = a + b
@@ -313,7 +313,7 @@ def _two_sum(a: float, b: float) -> tuple[float, float]:
     return total, (a - (total - part)) + (b - part)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def two_product(a: float, b: float) -> tuple[float, float]:
     """a·b as its rounding and the error of that, the factors split into halves of 26 bits."""
     product = a * b

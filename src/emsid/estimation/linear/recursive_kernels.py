@@ -6,10 +6,10 @@ prevent vectorisation of the inner loops.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.linear.adaptation import Code, correct, diffuse, excitation
 from emsid.estimation.linear.information import TILE, add_multiple, copy_square, reflect, workspace
 
@@ -26,7 +26,7 @@ SAMPLES, SQUARES, WEIGHTS, IDLE, PLACE, FILLED, LIMITED, PEAKS = range(8)
 """Where the totals of the recursion are in their array; the largest values of the regressors follow."""
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(nogil=True, fastmath={"contract"}, error_model="numpy")
 def update(
     estimate: Array,
     factor: Array,
@@ -101,7 +101,7 @@ def update(
             trace[t] = estimate
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _gradient(phi: Array, rule: Array, gain: Array) -> float:
     """Fill the gain (n,) of the normalised gradient rule; the divisor of the error."""
     alpha = float(rule[2])
@@ -111,7 +111,7 @@ def _gradient(phi: Array, rule: Array, gain: Array) -> float:
     return alpha
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _is_limited(diagonal: Array, ceiling: Array) -> bool:
     """Whether any of D is at its limit."""
     limited = False
@@ -120,7 +120,7 @@ def _is_limited(diagonal: Array, ceiling: Array) -> bool:
     return limited
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def slide(
     estimate: Array,
     factor: Array,
@@ -155,7 +155,7 @@ def slide(
         add_row(estimate, factor, diagonal, totals, window[k, :n].copy(), window[k, n], 1.0, gain, ceiling)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def add_row(
     estimate: Array,
     factor: Array,
@@ -180,7 +180,7 @@ def add_row(
     totals[WEIGHTS] += sign
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def update_by_tiles(
     estimate: Array, factor: Array, diagonal: Array, totals: Array, block: Array, forgetting: float, limits: Array
 ) -> None:
@@ -214,7 +214,7 @@ def update_by_tiles(
             update(estimate, factor, diagonal, totals, none, block_now, rule, limits, none, unwatched)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_tile(
     estimate: Array,
     factor: Array,
@@ -264,7 +264,7 @@ def _add_tile(
     totals[SQUARES] = top[n, n] ** 2
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _inverse(lower: Array) -> Array:
     """The inverse of a unit lower triangular matrix."""
     n = len(lower)

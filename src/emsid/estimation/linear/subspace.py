@@ -30,10 +30,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
 from emsid.estimation.linear.information import Information, add_rows
@@ -196,7 +196,7 @@ def states(past_to_state: Array, y: Array, u: Array, horizon: int) -> Array:
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def response_rows(rows: Array, a: Array, c: Array, signal: Array, begin: Array) -> None:
     """Write into ``rows`` (n, N) the responses of an output to a signal (N,) that drives each of the n states.
 

@@ -34,10 +34,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -251,7 +251,7 @@ def estimated_noise(pieces: Sequence[ErrorPiece], behind: Rational, oversampling
     return noise(minimize(cost, start, method="BFGS", options={"gtol": 1e-4 * len(parts) * share, "maxiter": 40}).x)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def kalman_gains(
     b: Array, a: Array, slope: Array, rate: int, w: Array, v: Array, start: float, gains: Array, spreads: Array
 ) -> None:
@@ -315,7 +315,7 @@ def kalman_gains(
         cov[2, 2] += v[1] * (1 - v[0] ** 2)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def kalman_rows(
     b: Array,
     a: Array,

@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.models.blocks.static_maps.static_map import StaticMap
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def map_slopes(maps: Sequence[StaticMap], g: Array, multiplied: NDArray[np.int64
     return MapSlopes(slopes, values, gradient, np.repeat(np.arange(len(counts)), counts))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array, state: Array, out: LoopSignals) -> int:
     """Run the model over an input.
 
@@ -211,7 +211,7 @@ def run_reference(
     return len(u) if np.isfinite(state).all() else len(u) - 1
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def derivative(
     matrix: Array,
     factors: Array,
@@ -289,7 +289,7 @@ def derivative(
     now[:] = before[:n]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _by_state(matrix: Array, factors: Array, maps: MapSlopes, t: int, back: Array) -> None:
     """∂w/∂x (m, n) at one step."""
     m, n = back.shape
@@ -298,7 +298,7 @@ def _by_state(matrix: Array, factors: Array, maps: MapSlopes, t: int, back: Arra
             back[k, j] = maps.slopes[k, t] * matrix[n + k, j] + maps.values[k, t] * factors[k, j]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _close(matrix: Array, back: Array, rows: int, closed: Array) -> None:
     """The first rows of the linear part from x to (x⁺, y) with ∂w/∂x (m, n) in its feedback."""
     m, n = back.shape
@@ -310,7 +310,7 @@ def _close(matrix: Array, back: Array, rows: int, closed: Array) -> None:
                 closed[i, j] += matrix[row, n + 1 + k] * back[k, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def multiply(factors: Array, states: Array, rows: int, out: Array) -> None:
     """The first rows of factors·states: six, four or two states at once, then the others by two and one.
 
@@ -352,7 +352,7 @@ def multiply(factors: Array, states: Array, rows: int, out: Array) -> None:
                 out[i, k] += a * states[j, k]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _combined(row: Array, factors: Array, states: Array) -> None:
     """row = Σⱼ factorsⱼ statesⱼ."""
     row[:] = 0.0
@@ -362,7 +362,7 @@ def _combined(row: Array, factors: Array, states: Array) -> None:
             row[k] += factor * states[j, k]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
     """row += Σᵢ (factor of wᵢ) δwᵢ."""
     for i in range(dw.shape[0]):
@@ -372,7 +372,7 @@ def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
                 row[k] += factor * dw[i, k]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def pushed(matrix: Array, factors: Array, maps: MapSlopes, forces: Array, every: int, out: Array) -> None:
     """The change of the output when signals are added to each row of the linear part, to first order.
 

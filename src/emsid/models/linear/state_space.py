@@ -19,10 +19,10 @@ from itertools import product
 from typing import Any
 
 import msgspec
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
 from emsid.models.free_run import RunMethods
@@ -349,7 +349,7 @@ def run_linear(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Arr
     return outputs, after
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _run(a: Array, b: Array, c: Array, d: Array, x: Array, u: Array, y: Array) -> None:
     """Write y (N, ny) for u (N, nu) and leave in x (n,) the state after them."""
     n, inputs, following = len(a), u.shape[1], np.empty(len(a))

@@ -32,9 +32,9 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.plant.friction import FrictionLaw, Level
 from emsid.plant.friction import coulomb_stribeck as level
@@ -123,7 +123,7 @@ class OneMass(NamedTuple):
     damping: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def move(
     mass: float,
     friction: Sliding,
@@ -200,7 +200,7 @@ def move(
         speeds[-1], positions[-1] = v, x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def move_each(
     mass: Array,
     friction: Sliding,
@@ -251,7 +251,7 @@ def loop_for(law: Level) -> Callable[..., None]:
     if hasattr(law, "py_func"):
         one = _compiled_with(law, move, "level", law)
         return _compiled_with(law, move_each, "move", one)
-    one = _with(law, move, {"level": law, "_phi": _phi.py_func, "_ripple": _ripple.py_func})
+    one = _with(law, move, {"level": law, "_phi": _in_python(_phi), "_ripple": _in_python(_ripple)})
     every = _with(law, move_each, {"move": one})
 
     def slow(*arguments: Any) -> None:
@@ -261,9 +261,14 @@ def loop_for(law: Level) -> Callable[..., None]:
     return slow
 
 
+def _in_python(kernel: Any) -> Any:
+    """The function that was compiled to a kernel."""
+    return kernel.py_func
+
+
 def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
     """A compiled loop in plain Python with other functions for some that it calls."""
-    code = loop.py_func
+    code = _in_python(loop)
     return FunctionType(code.__code__, {**code.__globals__, **names}, f"{code.__name__}_with_{law.__name__}")
 
 
@@ -275,7 +280,7 @@ def _compiled_with(law: Level, loop: Any, name: str, function: Any) -> Callable[
     return compiled
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _ripple(x: float, way: float, waves: Array) -> float:
     """The mean of the cogging between the positions x and x + way."""
     force = 0.0
@@ -287,7 +292,7 @@ def _ripple(x: float, way: float, waves: Array) -> float:
     return force
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _phi(r: float, h: float) -> tuple[float, float]:
     """φ₁ and φ₂ of the module docstring, by their series where rh is small."""
     z = r * h

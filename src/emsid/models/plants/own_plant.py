@@ -9,10 +9,10 @@ from math import inf
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
+from emsid.compiled import njit
 from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.interpolation import INTERPOLATION_REACH, between
@@ -272,5 +272,5 @@ def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, ste
         state[i] = x[i]
 
 
-_compiled_runge_kutta = njit(nogil=True)(_runge_kutta)
-_compiled_between = njit(nogil=True)(_between)
+_compiled_runge_kutta = njit(cache=False, nogil=True)(_runge_kutta)
+_compiled_between = njit(cache=False, nogil=True)(_between)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.linear.information import TILE, copy_square, reflect, workspace
 from emsid.estimation.linear.least_squares import two_product
 from emsid.models.regression.regressors import Tables
@@ -14,7 +14,7 @@ from emsid.models.regression.transforms import transformed
 Array = NDArray[np.float64]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: int) -> None:
     """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of [Φ y].
 
@@ -36,7 +36,7 @@ def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: in
         block[len(signs), i] = y[start + i]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> None:
     """Multiply a row by a power of a transform of x, in place."""
     if code == 0:  # loops that are vectorised
@@ -50,7 +50,7 @@ def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> N
             row[i] *= value
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
     """Write the rounding errors of the products in `fill` into ``lost`` (n, count)."""
     signs, offsets, factors, parameters = tables
@@ -67,7 +67,7 @@ def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -
             lost[j, i] = low
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_regression(factor: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
     """Update a factor with samples ``start`` …, tile by tile, so that the regression stays in the cache."""
     top, tile = workspace(factor)

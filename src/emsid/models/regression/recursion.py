@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.linear.information import TILE, add_multiple
 from emsid.models.regression.kernels import multiply
 from emsid.models.regression.regressors import Factor, Integers, Regressor, Tables, tables
@@ -50,7 +50,7 @@ def recursion(regressors: Sequence[Regressor], parameters: Array) -> Recursion:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
     """Overwrite y (N,) from ``start`` on with the free run for the input u (nu, N).
 
@@ -66,7 +66,7 @@ def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
     return len(y)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def predict_ahead(
     result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
 ) -> None:
@@ -84,13 +84,13 @@ def predict_ahead(
             result[t] = window[memory + t - origin]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _coefficient_array(recursion: Recursion, samples: int) -> Array:
     """An array for c₀, c₁, … of this many samples, with one row as a work array."""
     return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count: int) -> None:
     """Write the cₖ of samples ``start`` … into the first columns of ``coefficient``."""
     _, offsets, factors, parameters = recursion.inputs
@@ -104,7 +104,7 @@ def weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count:
         add_multiple(coefficient[recursion.coefficients[j]], 1.0, product, count)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _advance(y: Array, coefficient: Array, recursion: Recursion, start: int, column: int, count: int) -> int:
     """Overwrite ``count`` samples of y from ``start`` on; their cₖ begin at ``column``.
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.linear.recursive import RecursiveLeastSquares
 from emsid.estimation.linear.recursive_kernels import update
 from emsid.estimation.linear.recursive_state import RecursiveState
@@ -120,7 +120,7 @@ class SampleBySample:
         self._part(4)[0] += 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def take(
     flat: Array,
     window: Array,

@@ -18,10 +18,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.estimation.linear.information import TILE
 from emsid.models.regression.kernels import multiply
 from emsid.models.regression.regressors import Integers, Regressor, Tables, tables
@@ -49,7 +49,7 @@ def parts(regressors: Sequence[Regressor]) -> Parts:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def run_with_derivative(
     y: Array, derivative: Array, u: Array, regressors: Parts, theta: Array, memory: int, start: int, share: float
 ) -> int:
@@ -116,7 +116,7 @@ def run_with_derivative(
     return len(y)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _input_parts(
     product: Array, weight: Array, u: Array, regressors: Parts, theta: Array, first: int, height: int
 ) -> None:
@@ -135,7 +135,7 @@ def _input_parts(
             weight[i, place] += theta[j] * row[i]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _output_gains(
     gain: Array, weight: Array, i: int, past: Array, t: int, offsets: Integers, factors: Integers, parameters: Array
 ) -> None:
@@ -158,7 +158,7 @@ def _output_gains(
             gain[factors[f, 1]] += weight[i, k] * inner
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _power(x: float, power: int, code: int, parameter: float) -> float:
     """A power of a transform of x."""
     base = transformed(code, x, parameter)

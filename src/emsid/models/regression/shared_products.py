@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.models.regression.kernels import multiply
 from emsid.models.regression.regressors import Integers, Regressor
 
@@ -77,7 +77,7 @@ def tree(regressors: Sequence[Regressor]) -> Tree:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def correlate(result: Array, products: Tree, y: Array, u: Array, start: int, weight: Array, square: bool) -> None:
     """Add φⱼᵀx of samples ``start`` … to a result, or the sum of x·φⱼ².
 
@@ -113,7 +113,7 @@ def correlate(result: Array, products: Tree, y: Array, u: Array, start: int, wei
         result[j] += sums[k] if square else signs[j] * sums[k]
 
 
-_vectorised = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+_vectorised = njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 
 
 @_vectorised

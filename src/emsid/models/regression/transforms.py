@@ -13,8 +13,9 @@ from enum import IntEnum
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
+
+from emsid.compiled import njit
 
 Definition = Callable[[Any, float], Any]
 
@@ -43,7 +44,7 @@ class Transform(IntEnum):
     DECAY = 6, "exp(-abs(x)/p)", lambda x, p: np.exp(-abs(x) / p)  # the Stribeck term of (4.7)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def transformed(code: int, x: float, p: float) -> float:
     """A static transform of one value, by its code in `Transform`."""
     if code == 0:
@@ -61,7 +62,7 @@ def transformed(code: int, x: float, p: float) -> float:
     return float(np.exp(-abs(x) / p))
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def slope(code: int, x: float, p: float) -> float:
     """The derivative of a static transform with respect to x; at a kink, of the side where it is zero or smaller."""
     if code == 0:

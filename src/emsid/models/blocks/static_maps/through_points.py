@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
 from emsid.findings import Finding
@@ -324,7 +324,7 @@ def with_data(knots: Array, x: Array) -> Array:
     return knots
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def spline_values(knots: Array, values: Array, second: Array, x: Array, out: Array) -> None:
     """f and f′ of the natural cubic spline into the two rows of ``out``; see `CubicSpline`."""
     last = len(knots) - 1
@@ -350,7 +350,7 @@ def spline_values(knots: Array, values: Array, second: Array, x: Array, out: Arr
             out[1, t] = chord + h / 6 * ((3 * p * p - 1) * second[k + 1] - (3 * r * r - 1) * second[k])
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def spline_rows(knots: Array, curvatures: Array, x: Array, rows: Array) -> None:
     """The cardinal splines at x (N,) into ``rows`` (K, N): f depends on its values through f = Σ valuesⱼ rowsⱼ."""
     last = len(knots) - 1

@@ -21,7 +21,7 @@ from emsid.fleets.page import fleet_report
 from emsid.fleets.simulated import simulated_fleet
 from emsid.fleets.sources import batches, divided, found_files, seconds
 from emsid.fleets.spread import changes, outliers
-from emsid.fleets.work import FleetRow, Job, rows_of
+from emsid.fleets.work import FleetRow, Job, Value, rows_of
 from engine_tasks import ending, squares
 
 ARX = emsid.arx(na=1, nb=1)
@@ -287,6 +287,9 @@ def test_the_page_shows_who_differs_who_changed_and_who_failed(hive: Path, threa
     ]
     assert "M05" in {row[0] for row in report.opening.tables[0].rows}
     assert len(report.sections[-1].tables[0].rows) == 36
+    without = [replace(row, estimates={"a1": Value(0.5, float("nan"), "")}) for row in result.rows if not row.reason]
+    (table,) = fleet_report(emsid.Fleet(tuple(without)), "a test").sections[-1].tables
+    assert {row[-1] for row in table.rows} == {"0.5"}
 
 
 def test_a_simulated_fleet_has_its_faults_found(tmp_path: Path, threads: Executor) -> None:

@@ -83,7 +83,7 @@ def _outliers(result: Fleet) -> Table | None:
         (
             each.motor,
             each.parameter,
-            estimate(each.value, each.half_width or abs(each.value)),
+            _shown(each.value, each.half_width),
             f"± {each.half_width:.2g}" if each.half_width else "unknown",
             number(each.centre),
             f"{each.deviation:.2g}",
@@ -95,6 +95,11 @@ def _outliers(result: Fleet) -> Table | None:
     head = ("Motor", "Parameter", "Value", "95 % interval", "Fleet", "Deviation", "Unit", "Score")
     note = "Score: distance to the fleet, in standard deviations of motors and estimate together."
     return Table(head, rows, "Motors that differ from their fleet.", note, text_columns=2) if rows else None
+
+
+def _shown(value: float, half_width: float) -> str:
+    """A value with the digits that its interval supports; four where it has none."""
+    return estimate(value, half_width) if half_width > 0 else number(value)
 
 
 def _changes(result: Fleet) -> Table | None:
@@ -138,7 +143,7 @@ def _rows(result: Fleet) -> Table:
             "no model" if row.reason else row.verdict.removeprefix("model-"),
             number(row.fit_percent),
             *(
-                estimate(row.estimates[name].value, row.estimates[name].half_width) if name in row.estimates else "–"
+                _shown(row.estimates[name].value, row.estimates[name].half_width) if name in row.estimates else "–"
                 for name in names
             ),
         )

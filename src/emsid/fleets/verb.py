@@ -140,7 +140,8 @@ def fleet(
             their motor.
         what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, whose structure is taken; or
             anything that `emsid.fit` takes.
-        executor: where the fits run; by default processes of this machine. Of a cluster that needs no more than files
+        executor: where the fits run; by default processes of this machine, which in a script needs the usual
+            ``if __name__ == "__main__":``. Of a cluster that needs no more than files
             that its workers reach, give ``client.get_executor()``.
         out: a folder for the rows; the same call goes on where an earlier one stopped.
         motor: the field of paths, or else the column of tables, that names the motor; by default the field ``motor``,

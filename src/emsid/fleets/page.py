@@ -57,10 +57,10 @@ def fleet_report(result: Fleet, source: str) -> Report:
     return Report(
         title="Fleet",
         summary=(
-            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. Motors that differ "
-            f"from the others: {len({each.motor for each in result.outliers})}; that have changed: "
-            f"{len({each.motor for each in result.changes})}. In a healthy fleet at most one run in 20 names any motor, "
-            "for each of the two.",
+            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. Motors that "
+            f"differ from the others: {len({each.motor for each in result.outliers})}; that have changed: "
+            f"{len({each.motor for each in result.changes})}. In a healthy fleet at most one run in 20 names any "
+            "motor, for each of the two.",
         ),
         facts=(
             Fact(f"{len(motors):,}", "motors"),

@@ -33,10 +33,11 @@ SourceName = Annotated[
     str, typer.Argument(metavar="SOURCE", help="A file, - (standard input), serial:///dev/ttyACM0, socket://host:port.")
 ]
 StructureName = Annotated[
-    str,
+    str | None,
     typer.Option(
         metavar="NAME|FILE|TEXT",
-        help="arx, friction-narx, polynomial-narx, wiener-hammerstein-regression, a regression model, or regressors.",
+        help="arx (the default without --state), friction-narx, polynomial-narx, wiener-hammerstein-regression, a "
+        "regression model, or regressors.",
     ),
 ]
 Count = Annotated[int | None, typer.Option(metavar="N", min=0)]
@@ -55,7 +56,10 @@ ModelFile = Annotated[
     Path | None, typer.Option("--model", metavar="FILE", help="A saved model to run freely beside the estimate.")
 ]
 StateFile = Annotated[
-    Path | None, typer.Option("--state", metavar="FILE", help="Continue from the state.json of an earlier tracking.")
+    Path | None,
+    typer.Option(
+        "--state", metavar="FILE", help="Go on from the state.json of an earlier tracking, with its structure."
+    ),
 ]
 Header = Annotated[str, typer.Option(metavar="NAMES", help="Columns of a source without header: t[ms],u[V],y[rpm].")]
 InputColumns = Annotated[list[str], typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]
@@ -79,7 +83,7 @@ Patience = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help
 @app.command()
 def track(
     source: SourceName,
-    structure: StructureName = "arx",
+    structure: StructureName = None,
     na: Count = None,
     nb: Count = None,
     nk: Count = None,
@@ -122,7 +126,13 @@ def track(
     """
     check_folder(out)
     columns = names(input, "--input")
-    made = structure_of(structure, {"na": na, "nb": nb, "nk": nk, "degree": degree}, knots, max(len(columns), 1))
+    orders = {"na": na, "nb": nb, "nk": nk, "degree": degree}
+    if structure is None and state is not None and not knots and set(orders.values()) == {None}:
+        from emsid.io.state_file import load_structure
+
+        made = load_structure(state)
+    else:
+        made = structure_of(structure or "arx", orders, knots, max(len(columns), 1))
     adaptation = _rule(rule, forgetting, rate)
     from emsid.live.session import Settings
 
@@ -299,6 +309,6 @@ def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]
     for name, segment in zip(files, segments, strict=True):
         write_record(segment, out / name)
     atomic_write(out / "track.json", as_json(session.to_data()))
-    save_state(tracking.state, session.tracker.recursion.structure, out / "state.json")
+    save_state(tracking.state, fit.model.structure, out / "state.json")
     save(fit, out / f"{fit.model.name}.json", record)
     return ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.linear.recursive_kernels import FILLED, IDLE, LIMITED, PEAKS, PLACE, SAMPLES, SQUARES, WEIGHTS
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+MOST_COUNTED = 2**53
+"""Counts are floats in the kernels, which are exact up to this number."""
 
 
 def _no_rows() -> Array:
@@ -115,7 +118,6 @@ class RecursiveState:
         """
         try:
             estimate, factor, diagonal, peak = (np.array(data[name], dtype=float) for name in _ARRAYS)
-            n = len(estimate)
             window = np.array(data["window"], dtype=float)
             tail: Any = data["tail"]
             past = None
@@ -124,15 +126,49 @@ class RecursiveState:
                 past = Record(u, y, tail["dt"], times=(tail["time"],), name=tail["name"])
                 names: dict[str, Any] = {name: tuple(tail[name]) for name in _NAMES}
                 past = replace(past, **names)
-            numbers: dict[str, Any] = {name: kind(data[name]) for name, kind in _NUMBERS.items()}
-        except (KeyError, TypeError, ValueError) as problem:
+            numbers: dict[str, Any] = {name: _number(data[name], kind) for name, kind in _NUMBERS.items()}
+        except (KeyError, TypeError, ValueError, OverflowError, EmsidError) as problem:
             raise ModelError(f"not a state of a recursion ({problem}); save it again") from None
-        window = window.reshape(-1, n + 1) if window.size else _no_rows()
-        finite = all(np.isfinite(each).all() for each in (estimate, factor, diagonal, peak, window))
-        together = factor.shape == (n, n) and diagonal.shape == peak.shape == (n,)
-        if not together or not finite or not np.all(diagonal > 0):
-            raise ModelError("not a state of a recursion: its arrays do not fit together; save it again")
-        return cls(estimate, factor, diagonal, peak=peak, window=window, tail=past, **numbers)
+        window = window if window.size else _no_rows()
+        state = cls(estimate, factor, diagonal, peak=peak, window=window, tail=past, **numbers)
+        reason = state._impossible()
+        if reason:
+            raise ModelError(f"not a state of a recursion: {reason}; save it again")
+        return state
+
+    def _impossible(self) -> str:
+        """Why no recursion can have this state; empty where one can."""
+        n = len(self.estimate) if self.estimate.ndim == 1 else 0
+        if not n or self.factor.shape != (n, n) or self.diagonal.shape != (n,) or self.peak.shape != (n,):
+            return "its arrays do not fit together"
+        rows = len(self.window) if self.window.ndim else 0
+        if self.window.ndim != 2 or (rows and self.window.shape != (rows, n + 1)):
+            return f"its window has no rows of {n + 1} numbers"
+        arrays = (self.estimate, self.factor, self.diagonal, self.peak, self.window)
+        sums = (self.samples, self.residual_sum_of_squares, self.squared_weights)
+        if not (all(np.isfinite(each).all() for each in arrays) and np.isfinite(sums).all()):
+            return "it has numbers that are not finite"
+        if np.any(self.diagonal <= 0) or np.any(self.peak < 0):
+            return "a variance or a peak is negative"
+        if np.any(np.triu(self.factor) != np.eye(n)):
+            return "its factor is not unit lower triangular"
+        counts = (self.limited, self.idle, self.place, self.filled)
+        if min(*sums, *counts) < 0 or max(counts) > MOST_COUNTED or self.squared_weights > self.samples + 1:
+            return "a sum or a count is out of its range"
+        if self.filled > rows or self.place >= max(rows, 1):
+            return "it counts more rows than its window has"
+        return ""
+
+
+def _number(value: object, kind: type) -> Any:
+    """A number of a state: a whole number for a count, never a truth value or a text.
+
+    Raises:
+        TypeError: for another value.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, kind)):
+        raise TypeError(f"{value!r:.40} is no number")
+    return kind(value)
 
 
 _ARRAYS = ("estimate", "factor", "diagonal", "peak")

@@ -16,6 +16,10 @@ LIMITS = [
     {"code": "pieces-differ", "kind": "delay", "output": "speed", "unit": "rad/s", "spread": 0.02, "share": 0.4},
     {"code": "pieces-differ", "kind": "level", "output": "speed", "unit": "rad/s", "spread": 2.0, "share": 0.4},
     {"code": "larger-on-unseen", "ratio": 2.8},
+    {"code": "another-differs", "other": "output-error", "times": 4.2},
+    {"code": "parts-differ", "times": 1.24},
+    {"code": "parts-differ", "times": None},
+    {"code": "few-levels", "levels": 2},
     {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
     {"code": "search-not-finished", "ending": "stalled"},
 ]
@@ -81,7 +85,7 @@ EXAMPLES: tuple[Finding, ...] = (
                     "folds": 4,
                     "same_in": same_in,
                 }
-                for same_in in ("noise", "practice", "all-data")
+                for same_in in ("noise", "practice")
             ),
         )
     ),

@@ -9,11 +9,12 @@ from typing import Any
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import Control
 from emsid.findings import Finding
+from emsid.identification.determined import Undetermined
 from emsid.identification.observations import about_the_fits
 from emsid.identification.options import Options
 from emsid.identification.ranking import Ranked, ranked
 from emsid.identification.recommendation import recommended
-from emsid.identification.verdict import excluded_models, implausible_models, unusable
+from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts, unusable
 from emsid.record import Record
 from emsid.record.holding_back import choice_and_headline
 from emsid.validation.comparison import Comparison, compare
@@ -30,6 +31,7 @@ class Compared:
         on_unseen: on unseen data, the recommended model first and the others by their errors.
         ranking: their errors over the folds that ranked them.
         findings: of the estimators, and on how plausible the models are.
+        undetermined: what the data leave open about the models.
         whole: what the recommended model was fitted to in the end, where that is more than `record`; else None.
     """
 
@@ -39,6 +41,7 @@ class Compared:
     on_unseen: Comparison
     ranking: tuple[Ranked, ...]
     findings: tuple[Finding, ...]
+    undetermined: Undetermined
     whole: Record | None = None
 
     @classmethod
@@ -74,9 +77,11 @@ class Compared:
         errors = {each.row.model: each.row.ranked_by for each in chosen_on.assessments}
         fitted, excluded = None if whole is None else train, excluded_models(findings, errors)
         ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
-        order = _order(chosen_on, on_record, ranking, findings, excluded)
+        useless = excluded | _useless(chosen_on, on_record)
+        left_open = Undetermined.of(ranking, train, useless | implausible_models(findings))
+        order = _order(chosen_on, on_record, ranking, findings, useless, left_open)
         on_choice = on_choice and on_choice.in_order_of(order)
-        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))
+        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open)
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:
@@ -102,7 +107,7 @@ class Compared:
         on_record, on_unseen = (each.with_fit(fit) for each in (self.on_record, self.on_unseen))
         findings = tuple(about_the_fits(on_unseen.fits, self.record))
         ranking = tuple(map(in_place, self.ranking))
-        return Compared(self.record, on_record, self.on_choice, on_unseen, ranking, findings, whole)
+        return replace(self, on_record=on_record, on_unseen=on_unseen, ranking=ranking, findings=findings, whole=whole)
 
 
 def _held_back(
@@ -118,15 +123,26 @@ def _held_back(
     )
 
 
+def _useless(choice: Comparison, on_record: Comparison) -> frozenset[str]:
+    """The names of the models that cannot be used, by their free run on the data that choose."""
+    fitted = {each.row.model: each for each in on_record.assessments}
+    return frozenset(each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model]))
+
+
 def _order(
     choice: Comparison,
     on_record: Comparison,
     ranking: Sequence[Ranked],
     findings: Sequence[Finding],
-    excluded: frozenset[str],
+    useless: frozenset[str],
+    left_open: Undetermined,
 ) -> list[Fit[Any]]:
     """The models, the recommended one first and the others by their errors."""
-    fitted = {each.row.model: each for each in on_record.assessments}
-    useless = {each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model])}
-    first = recommended(ranking, implausible_models(findings), useless | excluded)
+
+    def supported() -> list[str]:
+        verdicts = model_verdicts(on_record, choice, findings, left_open.reasons)
+        return [each.data["model"] for each in verdicts if each.code == "model-supported"]
+
+    straight = () if left_open.levels is None else left_open.straight
+    first = recommended(ranking, implausible_models(findings), useless, straight=straight, supported=supported)
     return [first.fit, *(each.fit for each in ranking if each is not first)]

@@ -52,7 +52,7 @@ from emsid.models.model import Model, Run
 from emsid.models.refitting import better_refit, refitted
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import Mask, is_series, left_out_once, parted, stretches_in_turn
-from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
+from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
 Array = NDArray[np.float64]
@@ -80,12 +80,14 @@ class Ranked:
         folds: its squared errors over the variance of the output, stretch by stretch, on every part that was left out.
         included: those of its parameters from all data, on the same stretches; empty where these are not known.
         refit: the model with these parameters; None where they are not known, or are those of the fit.
+        parts: the model with its parameters from parts of the data: the share of the data that they lack, and it.
     """
 
     fit: Fit[Any]
     folds: tuple[StretchErrors, ...]
     included: tuple[StretchErrors, ...] = ()
     refit: Model | None = None
+    parts: tuple[tuple[float, Model], ...] = ()
 
     @property
     def name(self) -> str:
@@ -112,11 +114,11 @@ class Ranked:
 
     @property
     def rmse(self) -> tuple[float, float, float]:
-        """Root mean square error on data left out over the output's deviation, and the ends of one standard error.
+        """Root mean square error, `errors`, over the output's deviation, and the ends of one standard error.
 
         The standard error is that of the mean over the stretches of all folds; NaN where a run diverges.
         """
-        mean, means = self.left_out.mean, self.left_out.means[self.left_out.samples > 0]
+        mean, means = self.errors.mean, self.errors.means[self.errors.samples > 0]
         if not np.isfinite(means).all() or len(means) < 2:
             return float(np.sqrt(mean)), float("nan"), float("nan")
         half = float(np.std(means, ddof=1) / np.sqrt(len(means)))
@@ -125,7 +127,7 @@ class Ranked:
 
     @property
     def fit_percent(self) -> float:
-        """100·(1 − RMSE on data left out over the output's deviation)."""
+        """100·(1 − RMSE over the output's deviation)."""
         return 100 * (1 - self.rmse[0])
 
 
@@ -182,7 +184,7 @@ class FrontRow:
     Attributes:
         model: its name.
         parameters: the number of its estimated parameters.
-        error: RMSE of the free run over all folds, left out of the fit, as a share of the deviation of the output.
+        error: RMSE of the free run over all folds, `Ranked.rmse`, as a share of the deviation of the output.
         low, high: of the error, one standard error away; NaN where a run diverges.
         folds: the number of parts of the data that were left out in turn.
         on_front: whether it is better than every simpler one on the front by more than noise (`Ranked.errors`).
@@ -216,7 +218,13 @@ def front_rows(ranking: Sequence[Ranked], recommended: str) -> tuple[FrontRow, .
 
 def close(model: Ranked, best: Ranked) -> bool:
     """Whether the ratio of two errors is within noise too: uneven errors would excuse any difference of their means."""
-    return not better_by_ratio(best.errors, than=model.errors)
+    much = not model.errors.mean < DIFFERENT * best.errors.mean
+    return model is best or not (much or better_by_ratio(best.errors, than=model.errors))
+
+
+def within_noise(model: Ranked, best: Ranked) -> bool:
+    """Whether the smaller error of the best model may be chance."""
+    return close(model, best) and not better(best.errors, than=model.errors)
 
 
 def compared(ranking: Sequence[Ranked]) -> list[Ranked]:
@@ -274,13 +282,16 @@ class _Folds:
         """The models with their errors on the held-back part and on the other folds."""
         first = STRETCHES // FOLDS if folds else STRETCHES
         found = [[stretch_errors(each.simulation, each.record, self.scale, first)] for each in followed]
+        parts = [list[tuple[float, Model]]() for _ in followed]
         for number, (others, part) in enumerate(folds, 2):
-            for one, errors in zip(followed, found, strict=True):
+            for one, errors, known in zip(followed, found, parts, strict=True):
                 self.control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
                 with self.failing(errors, len(part)):
                     model = one.fit.model if others is None else self.again(one.fit, others)
                     errors.append(self.errors(model, part))
-        return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
+                    known += [] if others is None else [(len(part) / (len(part) + len(others)), model)]
+        each = zip(followed, found, parts, strict=True)
+        return [Ranked(one.fit, tuple(errors), parts=tuple(known)) for one, errors, known in each]
 
     def in_turn(self, each: Assessment, whole: Record, long: Record) -> Ranked:
         """A model with its errors on stretches that are left out in turn, while the run goes on.
@@ -293,16 +304,17 @@ class _Folds:
         refit = self.to_all(each.fit, whole)
         known = each.fit if refit is None else replace(each.fit, model=refit)
         squares = _squares(free_run(known.model, long, self.start), long, self.scale)
-        left, included = list[StretchErrors](), list[StretchErrors]()
+        left, included, parts = list[StretchErrors](), list[StretchErrors](), list[tuple[float, Model]]()
         lengths = [len(segment) for segment in long.segments]
         for number, out in enumerate(stretches_in_turn(lengths, FOLDS, STRETCHES, self.start), 1):
             self.control.doing(f"ranking {each.row.model}", number, FOLDS)
             mask = np.concatenate(out)
             included.append(StretchErrors.of(squares[mask], STRETCHES // FOLDS))
             with self.failing(left, int(mask.sum())):
-                run = free_run(self.again(known, long, [mask]), long, self.start)
+                parts.append((float(np.mean(mask)), self.again(known, long, [mask])))
+                run = free_run(parts[-1][1], long, self.start)
                 left.append(StretchErrors.of(_squares(run, long, self.scale)[mask], STRETCHES // FOLDS))
-        return Ranked(each.fit, tuple(left), tuple(included), refit)
+        return Ranked(each.fit, tuple(left), tuple(included), refit, tuple(parts))
 
     def with_included(self, each: Ranked, whole: Record, parts: Sequence[Record]) -> Ranked:
         """A model with the error on the folds, the parts, of its parameters from all data."""
@@ -311,7 +323,8 @@ class _Folds:
         model = each.fit.model if refit is None else refit
         both = zip(parts, each.folds, strict=True)
         included = tuple(self.errors(model, part, len(fold.means)) for part, fold in both)
-        return replace(each, included=included, refit=refit)
+        lacking = [(len(parts[0]) / len(whole), each.fit.model)] * (refit is not None)
+        return replace(each, included=included, refit=refit, parts=(*lacking, *each.parts))
 
     def again(self, fit: Fit[Any], data: Record, left_out: Sequence[Mask] | None = None) -> Model:
         """The model with its parameters from other data, see `refitted`."""

@@ -4,12 +4,14 @@ The simplest model is recommended that is as good as the best within noise (`ems
 runs over data that were left out of the fit (`ranking`). In a long record noise is small. There a plausible model with
 far fewer parameters is recommended where the errors are the same in practice. An implausible model is recommended only
 if it is better than every plausible one by more than noise and by more than matters in practice. A model that cannot be
-used is not recommended at all.
+used is not recommended at all. Among equals one that is supported by the data comes before one with limits, and only
+then the number of parameters counts; where the input has few levels, which show no nonlinearity, a linear one comes
+before both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,9 +19,9 @@ import numpy as np
 from emsid.findings import Finding, finite
 from emsid.first_look.data_advice import advice_by_code
 from emsid.identification.plausibility import IMPLAUSIBLE
-from emsid.identification.ranking import Ranked, close, compared
+from emsid.identification.ranking import Ranked, close, compared, within_noise
 from emsid.record import Record
-from emsid.selection.improvement import better, equivalent, simplest
+from emsid.selection.improvement import equivalent, simplest
 from emsid.validation.comparison import Comparison
 
 EXPERIMENTS = {
@@ -47,7 +49,14 @@ TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
 
-def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusable: Collection[str] = ()) -> Ranked:
+def recommended(
+    ranking: Sequence[Ranked],
+    implausible: Collection[str],
+    unusable: Collection[str] = (),
+    *,
+    straight: Collection[str] = (),
+    supported: Callable[[], Collection[str]] | None = None,
+) -> Ranked:
     """The model to recommend: the best plausible one, or a simpler one that is as good within noise or in practice.
 
     An implausible model is recommended only where no plausible one is as good.
@@ -56,6 +65,8 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
         ranking: the models with their errors.
         implausible: the names of the models that are implausible.
         unusable: the names of models that are not recommended over any other, however small their error is.
+        straight: the names of the linear models, which come first where they are as good; empty for no such preference.
+        supported: gives the names of the models that the data support; it is asked for equals only.
     """
     usable = [each for each in compared(ranking) if each.name not in unusable] or compared(ranking)
     best = min(usable, key=lambda each: each.errors.mean)
@@ -64,6 +75,13 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
         plausible = [each for each in plausible if _stands_in(each, best)]
     if not plausible:
         return simplest(usable, lambda each: each.size, as_good=close)
+    top = min(plausible, key=lambda each: each.errors.mean)
+    linear = [each for each in plausible if each.name in straight and _stands_in(each, top)]
+    plausible = linear or plausible
+    equals = [each for each in plausible if within_noise(each, min(plausible, key=lambda each: each.errors.mean))]
+    if supported is not None and len(equals) > 1:
+        names = supported()
+        plausible = [each for each in equals if each.name in names] or plausible
     chosen = simplest(plausible, lambda each: each.size, as_good=close)
     small = [e for e in plausible if FAR_FEWER * e.size <= chosen.size and equivalent(e.errors, best.errors)]
     return min(small, key=lambda each: each.errors.mean, default=chosen)
@@ -71,12 +89,7 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
 
 def _stands_in(plausible: Ranked, best: Ranked) -> bool:
     """Whether a plausible model is as good as the best one, which is not, within noise or in practice."""
-    return _within_noise(plausible, best) or equivalent(plausible.errors, best.errors)
-
-
-def _within_noise(model: Ranked, best: Ranked) -> bool:
-    """Whether the smaller error of the best model may be chance."""
-    return close(model, best) and not better(best.errors, than=model.errors)
+    return within_noise(plausible, best) or equivalent(plausible.errors, best.errors)
 
 
 def recommendation(
@@ -104,10 +117,10 @@ def recommendation(
     }
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)
-    smallest, own = min(among.values(), key=lambda each: each.left_out.mean), among[row.model]
+    smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
     if data["folds"] > 1:
         data |= {"fit_percent": finite(own.fit_percent)}
-    if smallest.left_out.mean < own.left_out.mean:
+    if smallest.errors.mean < own.errors.mean:
         data |= _instead_of(own, smallest, findings)
     return Finding("model-recommended", row.model, data)
 
@@ -119,17 +132,15 @@ def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> d
         "instead_of": smallest.name,
         "because": {"code": against[0].code, **against[0].data} if against else None,
         "unfinished": smallest.fit.ending.before_minimum,
-        "ratio": float(np.sqrt(own.left_out.mean / smallest.left_out.mean)),
+        "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
         "same_in": _same_in(own, smallest),
         "parameters": [own.size, smallest.size],
     }
 
 
 def _same_in(own: Ranked, smallest: Ranked) -> str | None:
-    """In what respect a model is as good as that with the smallest error on data left out; None for none."""
-    if own.errors.mean < smallest.errors.mean:
-        return "all-data"
-    if _within_noise(own, smallest):
+    """In what respect a model is as good as that with the smallest error; None for none."""
+    if within_noise(own, smallest):
         return "noise"
     return "practice" if equivalent(own.errors, smallest.errors) else None
 

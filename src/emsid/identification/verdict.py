@@ -1,10 +1,10 @@
 """The verdict on every model: supported by the data, to be used with limits, implausible, or unusable.
 
-It has four sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
+It has five sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
 of the past of the inputs (lag by lag, and by a portmanteau test over all lags) and of their powers, and whether the
 one-step errors of a model with a noise model are white. Other models: whether one of them leaves less than half of the
-squared error. Agreement: between pieces of the data, and between fitted and unseen data. Plausibility: see
-`plausibility`.
+squared error. Agreement: between pieces of the data, and between fitted and unseen data. Other inputs: whether models
+that are as good agree there, see `determined`. Plausibility: see `plausibility`.
 
 In a long record, a test rejects every model for deviations that do not matter. A residual that fails a test therefore
 limits a model only if the inputs predict more than `PREDICTABLE` of its variance.
@@ -23,7 +23,7 @@ from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shar
 from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import stretch_errors
 from emsid.models.extrapolation import MUCH_BETTER
-from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio
+from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.correlation import input_test
@@ -37,7 +37,7 @@ EXPLAINED = 0.5
 """A model whose error is below this share of the deviation of the output in all data explains something."""
 SMALL = 0.02
 """An error below this share of the output's deviation is small on any data."""
-LEFT = 0.5
+LEFT = 1 / DIFFERENT
 """A model lacks something if another one leaves less than this share of its squared error on unseen data."""
 CONCENTRATED = 0.5
 """The share of the squared error in one of the stretches above which the error is in this stretch."""
@@ -47,7 +47,12 @@ UNTESTED: Reason = {"code": "residual-untested"}
 
 
 def model_verdicts(
-    on_record: Comparison, on_unseen: Comparison, findings: Iterable[Finding], *, tests: bool = True
+    on_record: Comparison,
+    on_unseen: Comparison,
+    findings: Iterable[Finding],
+    left_open: Mapping[str, list[Reason]] | None = None,
+    *,
+    tests: bool = True,
 ) -> tuple[Finding, ...]:
     """A verdict on every model, in the order of their ranks.
 
@@ -55,6 +60,7 @@ def model_verdicts(
         on_record: the models on the data they were fitted to.
         on_unseen: the models on unseen data.
         findings: about the models; some make them implausible.
+        left_open: by model, what the data leave open about it, see `emsid.identification.determined`.
         tests: whether residuals are tested; if not, the verdicts say so.
     """
     fitted = {each.row.model: each for each in on_record.assessments}
@@ -67,7 +73,8 @@ def model_verdicts(
 
     def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
         name = unseen.row.model
-        return _verdict(unseen, fitted[name], against.get(name, []), shares, other.get(name, []))
+        others = [*(left_open or {}).get(name, []), *other.get(name, [])]
+        return _verdict(unseen, fitted[name], against.get(name, []), shares, others)
 
     if not tests:
         return tuple(map(verdict, on_unseen.assessments))

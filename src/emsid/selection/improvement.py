@@ -40,6 +40,9 @@ NEGLIGIBLE = 0.02
 """A smaller relative reduction of the mean square error (1 % of its root) does not justify another parameter."""
 EQUIVALENT = 0.05
 """Root mean square errors that differ by at most this share are the same in practice."""
+DIFFERENT = 2.0
+"""A mean square error that is larger by this factor differs by more than noise: what another model leaves of it is
+less than half, however few stretches it is in."""
 UNEVEN = 2.0
 """The ratios of the stretches vary more; they may differ by this multiple of that share."""
 EXACT = 1e-4

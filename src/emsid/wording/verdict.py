@@ -53,6 +53,18 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
         "the best one"
     ),
     "another-is-better": lambda d: f"{d['other']} has {100 * d['left']:.2g} % of its squared error on the same data",
+    "another-differs": lambda d: (
+        f"{d['other']} fits these data as well and differs from it by {d['times']:.2g} times its error on other inputs"
+    ),
+    "parts-differ": lambda d: (
+        "its fits to parts of the data "
+        + (
+            "diverge on other inputs"
+            if d["times"] is None
+            else f"leave it uncertain by {d['times']:.2g} times its error on other inputs"
+        )
+    ),
+    "few-levels": lambda d: f"the input has {d['levels']} levels, which cannot show a nonlinearity",
     "residual-untested": lambda d: "its residual was not tested",
     "pieces-differ": lambda d: (
         f"the {d['kind']} of {d['output']} differs by up to {_spread(d)} between pieces of the data, which makes "
@@ -115,8 +127,8 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent (over all folds), models, others (that were not compared with these), folds
     (parts of the data that were left out of a fit in turn), seen, verdict, reasons, tests_failed (how many);
     instead_of, because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and
-    of the other) and same_in (noise, practice or all-data, None where the errors differ) where another model has a
-    smaller error."""
+    of the other) and same_in (noise or practice, None where the errors differ) where another model has a smaller
+    error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
@@ -157,7 +169,6 @@ def _in_brackets(texts: list[str]) -> str:
 _SAME_IN = {
     "noise": ", which is within noise",
     "practice": ", which is more than noise but hardly matters",
-    "all-data": ", but not where the errors of fits to all data count too",
     None: "",
 }
 _LEVELS = {

@@ -245,6 +245,8 @@ def test_a_structure_is_chosen_on_one_motor(hive: Path, threads: Executor) -> No
     fit = emsid.identify(emsid.read(hive / "motor=M03/day=2026-01-01/part.parquet", **READING), models="arx").chosen
     of_fit = emsid.fleet(hive, fit, threads, **READING)
     assert tuple(of_fit.rows[0].estimates) == fit.names
+    emsid.save(fit, hive.parent / "fit.json")
+    assert untimed(emsid.fleet(hive, str(hive.parent / "fit.json"), threads, **READING)) == untimed(of_fit)
 
 
 def test_a_change_of_a_motor_is_a_finding(tmp_path: Path, threads: Executor) -> None:

@@ -29,7 +29,7 @@ from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, 
 from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
-from emsid.io import atomic_write
+from emsid.io import atomic_write, load
 from emsid.models.refitting import specification
 
 JOURNAL, RESULT, PARTS = "rows.jsonl", "fleet.parquet", ".parts"
@@ -138,8 +138,8 @@ def fleet(
     Args:
         source: a folder, a pattern such as ``logs/{motor}/{period}.csv``, or several; folders named ``motor=M7`` name
             their motor.
-        what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, whose structure is taken; or
-            anything that `emsid.fit` takes.
+        what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, or the file of one, whose
+            structure is taken; or anything that `emsid.fit` takes.
         executor: where the fits run; by default processes of this machine, which in a script needs the usual
             ``if __name__ == "__main__":``. Of a cluster that needs no more than files
             that its workers reach, give ``client.get_executor()``.
@@ -212,6 +212,8 @@ def _structure(
     what: Any, todo: list[Batch], reference: str | None, options: Options, reading: Mapping[str, Any], control: Control
 ) -> tuple[Any, dict[str, Any]]:
     """What is fitted to every motor, with the options of `emsid.fit`."""
+    if isinstance(what, str | os.PathLike) and Path(what).suffix == ".json":
+        what = load(what)
     if isinstance(what, Fit):
         return specification(what)
     if not isinstance(what, str):
@@ -224,7 +226,7 @@ def _structure(
         try:
             record = record_of(reading, batch)
             found = identify(record, models=what, options=options, control=control.during(f"motor {batch.motor}"))
-            return specification(found.on_unseen.best.fit)
+            return specification(found.recommended_fit)
         except EmsidError as failed:
             problem = failed
     raise DataError(f"no structure can be chosen on motor {asked[0].motor}: {problem}", arguments=("reference",))

@@ -198,3 +198,36 @@ function reach() {
 }
 reach();
 addEventListener("resize", reach);
+
+// A click on the head of a column, or Enter, sorts the rows of a table by it, and once more the other way round.
+function prepareTable(table) {
+  const heads = [...table.querySelectorAll("thead th")], body = table.tBodies[0];
+  if (body.rows.length < 3) return;
+  heads.forEach((head, column) => {
+    head.tabIndex = 0;
+    head.classList.add("sortable");
+    const sort = () => {
+      const up = head.getAttribute("aria-sort") !== "ascending";
+      heads.forEach(each => each.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", up ? "ascending" : "descending");
+      const rows = [...body.rows].map(row => [cellValue(row.cells[column].textContent), row]);
+      rows.sort(([a], [b]) => compareCells(a, b, up ? 1 : -1)).forEach(([, row]) => body.append(row));
+    };
+    head.addEventListener("click", sort);
+    head.addEventListener("keydown", event => { if (event.key === "Enter") sort(); });
+  });
+}
+
+function cellValue(text) {
+  const number = Number.parseFloat(text.replaceAll("\u2212", "-").replace(/^[±×>\s]+/, "").replaceAll(",", ""));
+  return Number.isNaN(number) ? text.trim() : number;
+}
+
+// Numbers come before texts, and empty cells and dashes last, either way round.
+function compareCells(a, b, sign) {
+  const rank = value => typeof value === "number" ? 0 : value === "" || value === "\u2013" ? 2 : 1;
+  if (rank(a) !== rank(b)) return rank(a) - rank(b);
+  return sign * (typeof a === "number" ? a - b : a.localeCompare(b));
+}
+
+document.querySelectorAll("table").forEach(prepareTable);

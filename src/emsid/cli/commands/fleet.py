@@ -24,7 +24,9 @@ MOST_SHOWN = 20
 Source = Annotated[
     list[str], typer.Argument(metavar="SOURCE", help="Folders, files, or a pattern: 'logs/{motor}/{period}.csv'.")
 ]
-Models = Annotated[str, typer.Option(metavar="NAME", help="Model to fit; `emsid list` names them.")]
+Models = Annotated[
+    str, typer.Option(metavar="NAME", help="Model to fit, see `emsid list`; or a model file whose structure is taken.")
+]
 Motor = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="Column, or field of the paths, that names the motor.  [default: motor]"),

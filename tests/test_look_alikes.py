@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from emsid import Record
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.look_alikes import in_place
-from emsid.models.plants.search.refinements.catalogue import REFINEMENTS
+from emsid.models.plants.search.refinements.catalogue import ADDED, REFINEMENTS
+from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.refinements.usual import averaging_sensor, coasting_bridge, late_command, slow_sensor
+from emsid.models.plants.search.trials import Trials
+from independent import armature
 from independent.cases import levels
 from independent.one_mass import FINE, OneMass
 
@@ -58,3 +63,73 @@ def test_a_lag_behind_a_bridge_with_a_loss_is_no_mean_with_a_shorter_lag():
     ).model.plant
     assert found.value("sensor.average") == 0
     assert found.value("sensor.lag") == pytest.approx(late, rel=0.1)
+
+
+# --- how a sample is taken -------------------------------------------------------------------------------------------
+
+WIDTH = "voltage_dead_zone.half_width"
+OHM, HENRY, CONSTANT, INERTIA, LEVEL, ZONE = 1.1, 4e-4, 0.045, 3e-5, 6e-3, 0.6
+
+
+def counted(volts, rng, current=False, henry=HENRY):
+    """A record every 10 ms of a motor with a time constant of 16 ms, whose speed is the mean over the sample."""
+    motion = armature.motion(volts, 1e-2, OHM, henry, CONSTANT, INERTIA, LEVEL, ZONE)
+    speed = motion.mean_speed(1e-2) + 0.4 * rng.standard_normal(len(volts))
+    if not current:
+        return Record(volts, speed, 1e-2, input_units="V", output_units="rad/s")
+    both = np.column_stack([speed, motion.current + 0.05 * rng.standard_normal(len(volts))])
+    return Record(volts, both, 1e-2, input_units="V", output_units=("rad/s", "A"))
+
+
+def test_beside_an_inductance_the_score_names_the_mean_that_it_hid():
+    rng = np.random.default_rng(0)
+    record = counted(8 * levels(400, rng, 12), rng, current=True)
+    signals = (Signal.SPEED, Signal.CURRENT)
+    names = ("resistance", "motor_constant", "rotor_inertia", "rotor_friction.coulomb", "inductance")
+    start = RIGID.with_values(
+        dict(zip(names, (1.45, CONSTANT, 2.6e-5, LEVEL, 3.5e-3), strict=True)) | {"rotor_viscous": 0.0, WIDTH: ZONE}
+    )
+    trials = Trials((record,), signals, {})
+    trial = trials.fitted([start], names)
+    effects = {ADDED[each]: each for each in DELAYS}
+    assert averaging_sensor in trials.most_promising(trial, (), effects)
+    right = trials.fitted([trial.plant.with_values({"sensor.average": 1.0, "inductance": HENRY})], names)
+    assert right.cost < 0.8 * trial.cost
+    assert trials.most_promising(right, (), effects) == []
+
+
+@pytest.mark.long
+def test_the_mean_of_an_encoder_is_found_beside_an_instant_current():
+    rng = np.random.default_rng(0)
+    record = counted(8 * levels(400, rng, 12), rng, current=True)
+    fit = choose(RIGID, record, refinements=(late_command, averaging_sensor, inductance))
+    assert fit.model.plant.value("sensor.average") == 1
+    for name, truth in (("resistance", OHM), ("rotor_inertia", INERTIA), ("inductance", HENRY)):
+        low, high = next(row.interval for row in fit.table if row.name == name)
+        assert low < truth < high
+    assert fit.model.plant.value("rotor_inertia") == pytest.approx(INERTIA, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_slow_ramps_an_interval_holds_what_a_mean_over_the_sample_would_give(seed):
+    rng = np.random.default_rng(seed)
+    ramps = 5 * np.interp(np.arange(900), np.arange(0, 1000, 100), [0.15, *rng.uniform(0.4, 1, 9)])
+    record = counted(ramps, rng, henry=HENRY / 10)
+    free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb")
+    fixed = {"resistance": OHM, "rotor_viscous": 0.0, WIDTH: ZONE}
+    plain = simulation_error(RIGID, record, free=free, fixed=fixed)
+    mean = simulation_error(RIGID, record, free=free, fixed={**fixed, "sensor.average": 1.0})
+    assert plain.cost == pytest.approx(mean.cost, rel=0.02)
+    low, high = next(row.interval for row in plain.table if row.name == "rotor_inertia")
+    assert low < mean.model.plant.value("rotor_inertia") < high
+    assert low < INERTIA < high
+    (said,) = (each for each in plain.findings if each.code == "alternatives-fit-as-well")
+    assert (said.data["of"], "sensor.average" in said.data["instead"]) == (None, True)
+
+
+def test_where_the_data_show_how_a_sample_is_taken_intervals_do_not_grow():
+    rng = np.random.default_rng(0)
+    record = counted(8 * levels(600, rng, 12), rng, henry=HENRY / 10)
+    free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", WIDTH)
+    fit = simulation_error(RIGID, record, free=free, fixed={"resistance": OHM, "sensor.average": 1.0})
+    assert "alternatives-fit-as-well" not in [each.code for each in fit.findings]

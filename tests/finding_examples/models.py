@@ -45,8 +45,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("searches-agreeing", data={"searches": 3, "agreeing": 2, "compared": 53}),
     Finding("searches-agreeing", data={"searches": 1, "agreeing": 1, "compared": 53}),
     Finding("searches-agreeing", data={"searches": 1, "agreeing": 1, "compared": 1}),
-    Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
-    Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),
+    Finding(
+        "alternatives-fit-as-well",
+        data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay", "late": False},
+    ),
+    Finding("alternatives-fit-as-well", data={"instead": ["sensor.average"], "of": None, "late": False}),
+    Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None, "late": True}),
     Finding(
         "effect-missing",
         "rigid-motor",

@@ -108,17 +108,12 @@ def friction_fades_as_gaussian(f: Finding, argument: Spelling) -> str:
 
 @words("alternatives-fit-as-well")
 def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
-    """Data: instead (other parameters), of (the parameter that they replace; None if the plant has none of them)."""
-    others = " or ".join(f.data["instead"])
-    if f.data["of"] is None:
-        return (
-            "the residual shows a short delay that this model does not have; the intervals include by how much the "
-            f"parameters differ with {others}"
-        )
-    return (
-        f"with {others} instead of {f.data['of']} the model fits as well; the intervals include by how much the other "
-        "parameters differ then"
-    )
+    """Data: instead (parameters), of (the one that they replace; None if there is none), late (a delay is missing)."""
+    others, of = " or ".join(f.data["instead"]), f.data["of"]
+    if f.data["late"]:
+        return f"these data show a short delay that the model does not have; the intervals cover {others}"
+    replaced = f" in place of {of}" if of else ""
+    return f"{others}{replaced} explains these data equally well; the intervals cover both"
 
 
 EFFECTS = {

@@ -38,8 +38,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-QUICKEST = 0.05
-"""The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
+QUICKEST = 0.02
+"""The shortest electrical time constant in samples. A current that is sampled where the voltage steps still shows 0.04;
+one of 0.01 takes so many steps that a search with it takes ten times as long."""
 _MADE = {
     Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
     Feed.CURRENT: ("A", "amperes", Measure.OTHER),

@@ -14,7 +14,7 @@ from emsid.plant import Motor, State, Taylor, simulate
 
 Array = NDArray[np.float64]
 
-LONG_STEPS = Taylor(order=20, most_steps=100)
+LONG_STEPS = Taylor(order=20, most_steps=200)
 """Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps.
 
 A motor that needs more steps is refused, so that a search stays clear of it.

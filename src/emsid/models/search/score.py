@@ -10,9 +10,10 @@ takes
 from the squared error. That is the *promise* of α, as a share of ‖r‖². It costs the derivative of one free run.
 
 Whether chance explains it is tested with z = Qᵀr, Q an orthonormal basis of Ã. Without an effect of α, z has the
-covariance QᵀΓQ, so that zᵀ(QᵀΓQ)⁻¹z is χ². Γ is the covariance of the noise, as `coloured_residuals` estimates it from
-r + Ã·δ, which does not have the effect itself. An error of the model that follows the motion is no stationary noise, so
-that the covariance of the sums Σₜ Qₜrₜ (`robust_covariance`) is used where it is larger.
+covariance QᵀΓQ, so that zᵀ(QᵀΓQ)⁻¹z is χ², or Fisher's F where the residual has few independent samples. Γ is the
+covariance of the noise, as `coloured_residuals` estimates it from r + Ã·δ, which does not have the effect itself. An
+error of the model that follows the motion is no stationary noise, so that the covariance of the sums Σₜ Qₜrₜ
+(`robust_covariance`) is used where it is larger.
 
 The same test says whether data contradict a value that was given or kept (its derivative is A), and whether a parameter
 changes during a record (A is its derivative times the time).
@@ -31,9 +32,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import chdtrc
+from scipy.special import fdtrc
 
-from emsid.estimation.uncertainty.coloured_residuals import colour
+from emsid.estimation.uncertainty.coloured_residuals import colour, effective_samples
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 
 Array = NDArray[np.float64]
@@ -113,8 +114,9 @@ class Score:
                 through = noise.backwards(parts[k])
                 stationary += noise.variance * through.T @ through
         robust = long_run_variance([part * error[:, None] for part, error in zip(parts, errors, strict=True)])
-        ratios = [_ratio(found, each) for each in (stationary, np.asarray(robust))]
-        return float(chdtrc(len(found), min(ratios)))
+        ratio = min(_ratio(found, each) for each in (stationary, np.asarray(robust)))
+        freedom = effective_samples(errors) - self._basis.shape[1] - len(found)
+        return float(fdtrc(len(found), max(freedom, 1.0), ratio / len(found)))
 
 
 def _ratio(found: Array, covariance: Array) -> float:

@@ -17,9 +17,8 @@ one. An inexact initial state must not count as drift: where an estimated one ag
 **Another system.** If the error of a plant with one refinement is several times that of a linear model or of a
 nonlinear regression, the record is of another kind of system, and the plant is refined no further (`reference`).
 
-**Intervals.** Some intervals of the last fit may include the value without effect (`support`). Of these refinements,
-the one that costs least is removed and the rest is fitted again, until there is none. The fit need not have converged,
-since parameters without effect often prevent that.
+**Intervals.** Of the refinements whose intervals include the value without effect (`support`), the one that costs least
+is removed and the rest is fitted again, until there is none.
 """
 
 from __future__ import annotations
@@ -55,6 +54,7 @@ from emsid.models.plants.search.load_drift import WHITE, alike, chosen
 from emsid.models.plants.search.look_alikes import in_place
 from emsid.models.plants.search.reference import Reference
 from emsid.models.plants.search.refinements.catalogue import (
+    ADDED,
     BREAKS,
     BY_DIRECTION,
     DELAYS,
@@ -228,10 +228,7 @@ class _Choice:
         self.trial = Trial(start, tuple(reached.names), reached.states, reached.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
-        """The record for trials; with fewer samples, its command is held.
-
-        The initial state of a position needs all samples, which are known for a single segment only.
-        """
+        """The record for trials, with a held command if it has fewer samples; of a position, one segment at most."""
         speed = signals == (Signal.SPEED,)
         if self._original.drive.codes or not (speed or (signals == (Signal.POSITION,) and len(record.segments) == 1)):
             return record
@@ -286,7 +283,9 @@ class _Choice:
                 self._add([each for each in refinements if each not in INSTEAD])
                 if self.another_system:
                     break
-                self._exchange(refinements)
+                if self._exchange(refinements):  # beside it another short time may be seen that it hid
+                    effects = {ADDED[each]: each for each in DELAYS if each in refinements}
+                    self._add(self._trials.most_promising(self.trial, self._fixed, effects), most=1)
                 self._remove()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
                     break
@@ -333,10 +332,10 @@ class _Choice:
         drifts = isinstance(self.weighting, tuple) and self._rule is gain
         return self._rule(simple, rich) + (more * (log(effective_samples(rich.residuals)) - AKAIKE) if drifts else 0.0)
 
-    def _add(self, refinements: Sequence[Refinement]) -> None:
+    def _add(self, refinements: Sequence[Refinement], most: int = MOST) -> None:
         tried: list[Trial | None] = [None] * len(refinements)
         added: Refinement | None = None
-        for done in range(MOST):
+        for done in range(most):
             self._doing(f"trying {len(refinements)} refinements", done)
             groups = [begun_with(each, self.trial, self._starts[:OTHERS], self._record) for each in refinements]
             for group, before in zip(groups, tried, strict=True):
@@ -391,7 +390,8 @@ class _Choice:
             return better(trial.errors, self.trial.errors) and kinds.better_on_kinds(self._trials, trial, self.trial)
         return True
 
-    def _exchange(self, refinements: Sequence[Refinement]) -> None:
+    def _exchange(self, refinements: Sequence[Refinement]) -> bool:
+        """Take look-alikes in the place of each other, and another hold; whether a look-alike was taken."""
         groups = in_place(self.trial.plant, self.trial.names, self._original, refinements, self._record)
         exchanged = [(self._gain(self.trial, each), each) for each in self._tried(list(groups)) if each is not None]
         gained, best = max(exchanged, key=lambda pair: pair[0], default=(0.0, self.trial))
@@ -402,6 +402,7 @@ class _Choice:
             self._take(shaped)
         if self._may_be_straight:
             self._exchange_hold()
+        return gained > 0
 
     def _exchange_hold(self) -> None:
         """Take another hold if it changes the simulation of some segment and improves that of all."""
@@ -453,10 +454,9 @@ class _Choice:
         self._trials.control.doing(f"{self._original.name}: {what}", done)
 
     def _screened(self, groups: Sequence[Sequence[Refined]]) -> Sequence[Sequence[Refined]]:
-        """Starts for `_tried`: for a long record only the groups that are best on an excerpt, with the fits there.
+        """Starts for `_tried`: for a long record only the groups that are best on an excerpt; the others become empty.
 
-        The others become empty. A position is not cut into pieces: each would need an initial state of its own, and the
-            effect of a weighting by age depends on the length of a piece.
+        A position is not cut into pieces, of which each would need an initial state of its own.
         """
         if len(self._record) <= 2 * SCREENED or self._trials.signals == (Signal.POSITION,):
             return groups
@@ -492,7 +492,7 @@ class _Choice:
             return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:
-        """Continue with a trial, or with a better one of its structure from a point near it."""
+        """Continue with a trial, or with a better one near it."""
         trial = self._trials.around(trial, self._rng, RESTARTS, AGREEING)
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]

@@ -31,6 +31,7 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.additions import Addition, additions
 from emsid.models.plants.search.conditions import held_names
+from emsid.models.plants.search.scored import ALIKE, bounds_of, by_channel, effect_of, score_at
 from emsid.models.plants.search.task import Task
 from emsid.models.search.score import Promise, Score
 from emsid.selection.improvement import NEGLIGIBLE
@@ -43,8 +44,6 @@ TRIED = 3
 """The most promising moves that are fitted; a refit seldom refutes one of them."""
 NAMED = 2
 """The most moves that are named: the search that follows the advice begins with one."""
-ALIKE = 0.9
-"""Additions that promise this part of the best one are named beside it: these data hardly tell them apart."""
 STEPS = 20
 """Steps of the fit of a move; it begins at the step that the score promises."""
 EXACT = 1e3
@@ -121,21 +120,8 @@ def _kept_promise(
 
 
 def _score(task: Task, problem: FreeRunError, minimum: Minimum, beside: Sequence[Move]) -> Score:
-    """The score at a minimum; beside moves, these count as present and are taken at their best."""
-    free = np.flatnonzero(minimum.free)
-    blocks = problem.exactly(problem.start)
-    residuals = [part for residual, _ in blocks for part in _by_channel(task, residual)]
-    jacobians = [part for _, jacobian in blocks for part in _by_channel(task, jacobian[:, free])]
-    channels = [k % len(task.signals) for k in range(len(residuals))]
-    for move in beside:
-        promise = Score(residuals, jacobians, channels).promise(move.columns, move.lower, move.upper)
-        residuals = [each + column @ promise.step for each, column in zip(residuals, move.columns, strict=True)]
-        jacobians = [np.column_stack(each) for each in zip(jacobians, move.columns, strict=True)]
-    return Score(residuals, jacobians, channels)
-
-
-def _by_channel(task: Task, rows: Array) -> list[Array]:
-    return np.split(rows, len(task.signals))
+    """The score at a minimum; moves beside it count as present."""
+    return score_at(problem, minimum.free, [(move.columns, move.lower, move.upper) for move in beside])
 
 
 # --- the moves ------------------------------------------------------------------------------------------------------
@@ -164,30 +150,9 @@ def _of(
     task.control.check()
     with suppress(EmsidError):
         start = problem.plant.with_values(row.beside) if row is not None and row.beside else problem.plant
-        blocks = _columns(task, problem, start, names, 0.0 if row is None else row.probe)
-        handles = [start.handles[name] for name in names]
-        values = [start.value(name) for name in names]
-        lower, upper = (
-            np.array([each - value for each, value in zip(ends, values, strict=True)])
-            for ends in zip(*((h.lower, h.upper) for h in handles), strict=True)
-        )
-        yield Move(code, names, [part for each in blocks for part in _by_channel(task, each)], lower, upper, start, row)
-
-
-def _columns(task: Task, problem: FreeRunError, plant: Plant, names: Sequence[str], probe: float) -> list[Array]:
-    """(Nᵢ, k) the derivative of the residual of every segment, by a difference to a probe where there is one."""
-    states = problem.states(problem.start)
-    fixed: list[tuple[int, ...]] = [() for _ in states]
-
-    def run(plant: Plant, free: Sequence[str]) -> FreeRunError:
-        return FreeRunError(plant, task.signals, task.segments, free, states, fixed, task.weighting, task.threads)
-
-    if not probe:
-        other = run(plant, names)
-        return [jacobian for _, jacobian in other.exactly(other.start)]
-    here, there = (run(each, ()) for each in (plant, plant.with_values(dict.fromkeys(names, probe))))
-    both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
-    return [((b - a) / probe)[:, None] for a, b in both]
+        columns = effect_of(problem, start, names, 0.0 if row is None else row.probe)
+        lower, upper = bounds_of(start, names)
+        yield Move(code, names, columns, lower, upper, start, row)
 
 
 def _over_time(task: Task, problem: FreeRunError, names: Sequence[str], held: Sequence[str]) -> Iterator[Move]:
@@ -202,7 +167,7 @@ def _over_time(task: Task, problem: FreeRunError, names: Sequence[str], held: Se
             columns = [
                 part * time[:, None]
                 for jacobian, time in zip(blocks, times, strict=True)
-                for part in _by_channel(task, jacobian[:, k : k + 1])
+                for part in by_channel(problem, jacobian[:, k : k + 1])
             ]
             yield Move("parameter-changes", (name,), columns, -unbounded, unbounded, problem.plant)
 

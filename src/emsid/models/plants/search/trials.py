@@ -18,7 +18,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import inf, isfinite
@@ -36,10 +36,12 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
+from emsid.models.plants.search.additions import additions
 from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
+from emsid.models.plants.search.scored import ALIKE, promises
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
-from emsid.selection.improvement import StretchErrors, schwarz_gain
+from emsid.selection.improvement import NEGLIGIBLE, StretchErrors, schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -50,6 +52,8 @@ TOLERANCE = 0.02
 """Of a search, in standard errors."""
 MUCH_WORSE = 10.0
 """A start whose cost is more than this multiple of the best one takes no steps."""
+CHANCE = 0.01
+"""An effect promises nothing if noise promises as much with a larger probability."""
 SHORTER = 0.25 ** np.arange(8)
 """Parts of a draw from a covariance that are tried until the cost is not much larger: the covariance holds only
 nearby."""
@@ -303,6 +307,24 @@ class Trials:
         if problem is None:
             return [np.full(segment.output.size, inf) for segment in self.segments]
         return problem.residuals(problem.start)
+
+    def most_promising(
+        self, trial: Trial, known: Collection[str], effects: Mapping[str, Refinement]
+    ) -> list[Refinement]:
+        """The refinements that promise most to a trial, beyond noise and about equally; none if no promise matters.
+
+        Args:
+            trial: where it ended.
+            known: parameters whose values were given.
+            effects: the refinements by their effects as `additions`.
+        """
+        problem = self._problem(trial.plant, trial.names, trial.states)
+        if problem is None:
+            return []
+        rows = additions(trial.plant, trial.names, known, self.segments, self.signals)
+        promised = promises(problem, [row for row in rows if row.effect in effects])
+        likely = {row.effect: each.share for each, row in promised if each.share > NEGLIGIBLE and each.chance < CHANCE}
+        return [effects[effect] for effect, share in likely.items() if share > ALIKE * max(likely.values())]
 
     def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
         bounds = self._bounds(plant, names)

@@ -67,6 +67,8 @@ LOOK_ALIKE: dict[Refinement, str] = {
 """Refinements with similar effects in many records, each with its parameter, which is zero without it."""
 DELAYS: tuple[Refinement, ...] = (late_command, slow_sensor, averaging_sensor)
 """Refinements that delay the output; they are tested in acceleration and in deceleration."""
+ADDED: dict[Refinement, str] = {late_command: "delay", slow_sensor: "lag", averaging_sensor: "average"}
+"""The same as additions, whose score tells what they promise (`search.additions`)."""
 INSTEAD: tuple[Refinement, ...] = (inductance,)
 """Refinements that are slow to simulate: they are only tried in place of one with a similar effect."""
 WITHOUT: tuple[Mapping[str, float], ...] = (

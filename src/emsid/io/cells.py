@@ -100,12 +100,12 @@ def parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
     numbers = frame.select(pl.all().cast(pl.Float64, strict=False))  # at once: a file may have thousands of columns
     empty, lost = frame.null_count().row(0), numbers.null_count().row(0)
     return {
-        text.name: number if before == after else _numbers_or_text(text)
+        text.name: number if before == after else numbers_or_text(text)
         for text, number, before, after in zip(frame, numbers, empty, lost, strict=True)
     }
 
 
-def _numbers_or_text(column: pl.Series) -> pl.Series:
+def numbers_or_text(column: pl.Series) -> pl.Series:
     """The column as numbers where every filled cell is one, as moments likewise, else as text with decimal points."""
     import polars as pl
 

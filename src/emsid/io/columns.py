@@ -248,5 +248,5 @@ def reason_against(value: object) -> str:
 def _plain(values: NDArray[np.generic]) -> NDArray[np.generic]:
     """The numbers in a type and byte order that Polars accepts."""
     if values.dtype.kind == "f":
-        return values.astype(np.float64)
-    return values.astype(values.dtype.newbyteorder("="))
+        return values.astype(np.float64, copy=False)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)

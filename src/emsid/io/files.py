@@ -37,6 +37,9 @@ _SIGNATURES = (
 
 LARGEST = 2**31
 """Bytes that a packed file may have when it is unpacked."""
+EXPANSION, SMALL = 64, 2**28
+"""A packed file may have this many times its bytes when it is unpacked, and `SMALL` bytes in every case: measured
+signals have noise, and become 3 to 20 times smaller."""
 AT_ONCE = 8
 """So many files are written at the same time."""
 _OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
@@ -70,6 +73,8 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again", 
         kind = status.st_mode
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind) or path.resolve().as_posix().startswith(_OPEN_FILES)):
             raise FormatError(f"{path}: this is a pipe or a device, which may never end; name a file")
+        if stat.S_ISREG(kind):
+            _refuse_empty_space(path, status)
         content = path.read_bytes()
         if not replaceable:
             note_source(status)
@@ -84,19 +89,51 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again", 
     return content
 
 
+def _refuse_empty_space(path: Path, status: os.stat_result) -> None:
+    """Refuse a file that hardly uses the disk, or begins with zeros, before it is read: it was never written fully."""
+    held = getattr(status, "st_blocks", status.st_size) * 512
+    if status.st_size > SMALL and held * EXPANSION < status.st_size:
+        raise FormatError(
+            f"{path}: this file of {status.st_size / 2**20:,.0f} MiB holds {held / 2**20:.3g} MiB, the rest is empty "
+            "space; it was not written completely: copy or record it again"
+        )
+    with open(path, "rb") as file:
+        head = file.read(4096)
+    if len(head) == 4096 and not any(head):
+        raise FormatError(f"{path}: this file begins with zeros only; it was not written: copy or record it again")
+
+
+def check_expansion(packed: int, size: int) -> None:
+    """Refuse a packed file that is absurdly large when it is unpacked.
+
+    Args:
+        packed: its bytes.
+        size: its bytes, unpacked.
+
+    Raises:
+        FormatError: that says how large.
+    """
+    if size > min(LARGEST, max(SMALL, EXPANSION * packed)):
+        times = f"{size / max(packed, 1):,.0f} times its size"
+        raise FormatError(
+            f"unpacked, this file has more than {size / 2**20:,.0f} MiB, {times}; no record is packed so well: unpack "
+            "it and take a part"
+        )
+
+
 def gunzipped(content: bytes) -> bytes:
     """The content of a file that is packed by gzip.
 
     Raises:
-        FormatError: where it is damaged or no such file, or larger than `LARGEST` when unpacked.
+        FormatError: where it is damaged or no such file, or too large when unpacked (`check_expansion`).
     """
+    most = min(LARGEST, max(SMALL, EXPANSION * len(content)))
     try:
         with gzip.open(BytesIO(content)) as packed:
-            result = packed.read(LARGEST + 1)
+            result = packed.read(most + 1)
     except (OSError, EOFError, zlib.error) as problem:
         raise FormatError(f"this is no gzip file, or a damaged one ({problem}); pack it again") from None
-    if len(result) > LARGEST:
-        raise FormatError(f"unpacked, this file has more than {LARGEST / 2**30:g} GiB; unpack it and take a part")
+    check_expansion(len(content), len(result))
     return result
 
 

@@ -20,6 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.io.files import EXPANSION, SMALL, check_expansion
+
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -35,6 +37,16 @@ _OTHER = {1: "a cell array", 3: "an object", 4: "text", 5: "a sparse matrix", 16
 
 class Damaged(Exception):
     """The bytes do not follow the format."""
+
+
+def _unpacked(data: memoryview) -> bytes:
+    """A compressed element; its size is checked before it is in memory."""
+    unpacking = zlib.decompressobj()
+    whole = unpacking.decompress(data, max(SMALL, EXPANSION * len(data)))
+    check_expansion(len(data), len(whole) + bool(unpacking.unconsumed_tail))
+    if not (unpacking.eof or unpacking.unconsumed_tail):
+        raise zlib.error("cut off")
+    return whole
 
 
 class _Element(NamedTuple):
@@ -54,7 +66,7 @@ def variables(content: bytes) -> Iterator[tuple[str, NDArray[np.generic] | str]]
     for element in _elements(memoryview(content)[_HEADER:], order):
         if element.kind == _COMPRESSED:
             try:
-                whole = zlib.decompress(element.data)
+                whole = _unpacked(element.data)
             except zlib.error as problem:
                 raise Damaged(str(problem)) from None
             element = next(_elements(memoryview(whole), order), _Element(0, memoryview(b"")))

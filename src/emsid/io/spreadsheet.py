@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import suppress
 from io import BytesIO, StringIO
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
 
 from emsid.errors import FormatError
 from emsid.io.columns import Columns
+from emsid.io.files import check_expansion
 from emsid.io.packing import parsed_by
 from emsid.io.table import read_table
 
@@ -24,6 +27,9 @@ def read_spreadsheet(content: bytes) -> Columns:
     Raises:
         FormatError: for content that is no spreadsheet, one without a table, or where fastexcel is not installed.
     """
+    if content.startswith(b"PK"):
+        with suppress(BadZipFile, NotImplementedError), ZipFile(BytesIO(content)) as archive:
+            check_expansion(len(content), sum(each.file_size for each in archive.infolist()))
     sheets: dict[str, str] = json.loads(parsed_by(parsed, content, "a spreadsheet", "fastexcel", "excel"))
     tables: dict[str, Columns] = {}
     problems: list[FormatError] = []

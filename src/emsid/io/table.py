@@ -21,6 +21,7 @@ from emsid.errors import FormatError
 from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, parse, without_units
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
+from emsid.io.regular_table import check_lines, check_size, read_regular
 from emsid.io.serial_monitor import LAST_LINES, monitor_lines
 from emsid.units import known_unit
 
@@ -54,6 +55,16 @@ def read_table(content: bytes) -> Columns:
     Raises:
         FormatError: for binary content, frames of a CAN bus, no data, or lines of differing numbers of values.
     """
+    check_size(content)
+    columns = read_regular(content, _read_by_lines)
+    if columns is None:
+        check_lines(content)
+        columns = _read_by_lines(content)
+    return columns
+
+
+def _read_by_lines(content: bytes) -> Columns:
+    """The columns of a text table, of which every line is looked at; errors as of `read_table`."""
     comments, numbers, texts = _lines(content)
     if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")

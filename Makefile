@@ -31,6 +31,7 @@ docs: $(VENV)/documented-with
 
 bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
+	$(BIN)/python bench/steps.py
 	$(BIN)/python bench/live.py
 	$(BIN)/python bench/accuracy.py
 

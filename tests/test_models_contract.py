@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import emsid
 from emsid import (
     ChannelNames,
     DrivenMotor,
@@ -29,16 +30,20 @@ from emsid.models import MODELS
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.static_maps import STATIC_MAPS
 from emsid.models.free_run import RUNAWAY, begins_at_rest, begins_steady
-from emsid.models.linear.state_space import _run as run_states
+from emsid.models.linear.state_space import run_in_place as run_states
 from emsid.models.model import Model
-from emsid.models.plants.drive import Hold
+from emsid.models.plants.cogging import Cogging
+from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import HELD
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.structures import arx
-from emsid.plant import Motor
+from emsid.plant import Friction, FrictionLaw, Measure, Motor
+from emsid.plant.friction import LawParameter, friction_law
+from emsid.plant.gaussian_stribeck import GaussianStribeck
 from model_examples import ALL, DT, MAPS, inputs, measured, plants
 
 every_model = pytest.mark.parametrize("model", ALL.values(), ids=ALL.keys())
@@ -380,3 +385,103 @@ def test_of_very_many_parameters_only_variances_are_saved(tmp_path: Path) -> Non
     again: Any = load(tmp_path / "fit.json")
     np.testing.assert_array_equal(again.interval(), fit.interval())
     assert np.isnan(again.covariance[~np.eye(many, dtype=bool)]).all()
+
+
+# --- sample by sample -------------------------------------------------------------------------------------------------
+
+
+@every_model
+def test_a_stepper_gives_the_numbers_of_a_run(model: Any) -> None:
+    record = measured(model)
+    expected, end = model.run(model.at_rest(0.0, DT), record.input)
+    running = emsid.start(model, dt=DT)
+    stepped = np.array([running.step(u[0]) for u in record.input]).reshape(expected.shape)
+    np.testing.assert_allclose(stepped, expected, rtol=1e-9, atol=1e-9 * np.max(np.abs(expected)))
+    following = inputs(7)[:20]
+    ahead, _ = model.run(end, following[:, None])
+    predicted = running.predict(following)
+    np.testing.assert_allclose(predicted.reshape(ahead.shape), ahead, rtol=1e-9, atol=1e-9 * np.max(np.abs(ahead)))
+    again = [running.step(u) for u in following]
+    np.testing.assert_allclose(again, predicted, rtol=1e-9, atol=1e-9 * np.max(np.abs(ahead)))
+
+
+@every_model
+def test_a_stepper_begins_where_a_record_ends(model: Any) -> None:
+    record, following = measured(model), inputs(7)[:20]
+    expected, _ = model.run(model.initial(record, len(record)), following[:, None])
+    running = emsid.start(model, record=record)
+    stepped = np.array([running.step(u) for u in following]).reshape(expected.shape)
+    np.testing.assert_allclose(stepped, expected, rtol=1e-9, atol=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("name", ["arx", "paper's", "state space", "state space, two outputs", "armax"])
+def test_measured_outputs_correct_a_stepper_to_the_one_step_prediction(name: str) -> None:
+    model: Any = ALL[name]
+    record = measured(model)
+    start = model.memory
+    running = emsid.start(model, record=record[:start])
+    predicted = []
+    for u, y in zip(record.input[start:, 0], record.output[start:], strict=True):
+        predicted.append(np.atleast_1d(running.step(u)))
+        running.correct(y)
+    expected = model.predict(record).output[start:]
+    np.testing.assert_allclose(predicted, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_what_a_stepper_cannot_do_is_answered() -> None:
+    running = emsid.start(ALL["hammerstein"])
+    running.step(1.0)
+    with pytest.raises(ModelError, match="no model of its noise"):
+        running.correct(1.0)
+    with pytest.raises(ModelError, match="call step first"):
+        emsid.start(ALL["arx"]).correct(1.0)
+    with pytest.raises(ModelError, match="give 1 numbers, or one"):
+        running.step([1.0, 2.0])
+    with pytest.raises(ModelError, match="give 1 numbers"):
+        running.step("3 V")
+    with pytest.raises(ModelError, match="any sample time"):
+        emsid.start(ALL["rigid motor"])
+
+
+@pytest.mark.parametrize("hold", list(Hold))
+@pytest.mark.parametrize("delay", [0.0, 0.4 * DT, 2.3 * DT])
+@pytest.mark.parametrize("law", ["paper", "gaussian", "python"])
+def test_a_stepper_of_a_motor_knows_drives_sensors_codes_and_laws(hold: Hold, delay: float, law: str) -> None:
+    friction = {"paper": Friction(0.02, 0.01, 2.0), "gaussian": GaussianStribeck(0.02, 0.01, 2.0), "python": Slow(0.02)}
+    motor = replace(Motor(), inductance=0.0, rotor_friction=friction[law], load_friction=Friction()).rigid()
+    codes = () if hold is not Hold.ZERO else ((99.0, Bridge.BRAKE), (98.0, Bridge.COAST))
+    drive = Drive(
+        1.2, 0.1, 12.0, delay, knee=5.0, beyond=0.8, freewheel=0.5, codes=codes, hold=hold, loss=0.1, rise=0.1
+    )  # fmt: skip
+    sensor = Sensor(2.0, 2 * DT, 0.3, 0.4)
+    plant = DrivenMotor(motor, drive, sensor, 0.003, quadratic_viscous=1e-5, cogging=Cogging(1.0, 0.001, 0.002))
+    model = GreyBox(plant, (Signal.SPEED, Signal.POSITION, Signal.CURRENT))
+    u = 3.0 * inputs(5)
+    if codes:
+        u[40:60], u[70:90] = 99.0, 98.0
+    expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
+    running = emsid.start(model, dt=DT)
+    np.testing.assert_allclose([running.step(each) for each in u], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("hold", list(Hold))
+@pytest.mark.parametrize("shaft", [1e-3, 50.0, 1e9])
+def test_a_stepper_of_a_motor_with_a_shaft(hold: Hold, shaft: float) -> None:
+    drive = Drive(delay=0.3 * DT, hold=hold, supply=9.0)
+    plant = DrivenMotor(replace(Motor(), shaft_stiffness=shaft), drive, Sensor(lag=DT), 0.002)
+    model = GreyBox(plant, (Signal.SPEED, Signal.ROTOR_SPEED, Signal.POSITION, Signal.CURRENT))
+    u = 3.0 * inputs(5)
+    expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
+    running = emsid.start(model, dt=DT)
+    stepped = np.array([running.step(each) for each in u])
+    np.testing.assert_allclose(stepped, expected, rtol=1e-6, atol=1e-7 * np.max(np.abs(expected)))
+
+
+@friction_law("slow-for-tests")
+@dataclass(frozen=True)
+class Slow(FrictionLaw):
+    """A level that is not compiled."""
+
+    dry: float = 0.0
+    parameters = (LawParameter("dry", "α₀", Measure.FORCE, "dry friction"),)
+    level = staticmethod(lambda speed, numbers, side: numbers[side, 0])

@@ -67,6 +67,8 @@ from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import polynomial_narx as polynomial_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
 from .models.regression.term_selection import select_terms as select_terms
+from .models.starting import start as start
+from .models.stepping import Stepper as Stepper
 from .models.verbs import fit as fit
 from .models.verbs import simulate as simulate
 from .plant import Bench as Bench

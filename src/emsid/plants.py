@@ -18,7 +18,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
-from emsid.models.plants.plant import Channels, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.constructors import linear_axis, motor, rigid_motor
@@ -66,6 +66,7 @@ __all__ = [
     "Profile",
     "Quantity",
     "Recent",
+    "Sampler",
     "Sensor",
     "Signal",
     "Sizes",

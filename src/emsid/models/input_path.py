@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 
 Array = NDArray[np.float64]
@@ -70,9 +71,35 @@ class InputPath:
         past = np.concatenate([before, u[:samples]])
         return self.steps(u[: samples + 2 * INTERPOLATION_REACH])[:passed], past[len(past) - self.kept :]
 
+    @property
+    def taps(self) -> Array:
+        """(L, w) the input at the steps of a sample as sums over the w oldest of its past and present inputs (k + 1,).
+
+        The same as `continued` for one sample.
+        """
+        if not self.interpolates:
+            return np.ones((self.rate, 1))
+        taps, reach = np.zeros((self.rate, 2 * INTERPOLATION_REACH + 1)), INTERPOLATION_REACH
+        for k, unit in enumerate(np.eye(2 * reach + 1)):
+            taps[:, k] = between(unit, self.rate)
+        return taps
+
     def continued(self, past: Array, inputs: Array) -> tuple[Array, Array]:
         """(NL,) the next inputs (N,) at the steps of the model, `latency` samples late; and the past (k,) then."""
         known, samples = np.concatenate([past, inputs]), len(inputs)
         if self.interpolates:
             return between(known[: samples + 2 * INTERPOLATION_REACH], self.rate), known[samples:]
         return np.repeat(known[:samples], self.rate), known[samples:]
+
+
+@njit(nogil=True)
+def enter(taps: Array, past: Array, u: float, steps: Array) -> None:
+    """Move the inputs (k + 1,) by one sample, and write the input at its steps (L,); see `InputPath.taps`."""
+    for i in range(len(past) - 1):
+        past[i] = past[i + 1]
+    past[-1] = u
+    for step in range(len(taps)):
+        total = 0.0
+        for i in range(taps.shape[1]):
+            total += taps[step, i] * past[i]
+        steps[step] = total

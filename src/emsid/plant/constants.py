@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.plant.friction import Friction, FrictionLaw
 from emsid.plant.motor import Motor
@@ -35,6 +36,36 @@ class Constants(NamedTuple):
     slope: Array  # (3,) of its branches: left, within, right
     corner: Array  # (3,) torque at which the branch is zero
     scale: Array  # (4,) current, speeds and twist that one volt causes
+
+
+def flattened(m: Constants) -> Array:
+    """(39,) the constants in one array, which a compiled function takes from Python in less time than all of them."""
+    flat: Array = np.concatenate([np.ravel(each) for each in m]).astype(float)
+    return flat
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def from_flat(flat: Array) -> Constants:
+    """The constants of `flattened`."""
+    return Constants(
+        flat[0],
+        flat[1],
+        flat[2],
+        flat[3:5],
+        flat[5:7],
+        flat[7],
+        flat[8],
+        flat[9],
+        flat[10] > 0.0,
+        flat[11:15].reshape(2, 2),
+        flat[15:19].reshape(2, 2),
+        flat[19:23].reshape(2, 2),
+        flat[23:27].reshape(2, 2),
+        flat[27:29],
+        flat[29:32],
+        flat[32:35],
+        flat[35:39],
+    )
 
 
 def _paper_law(law: FrictionLaw) -> Friction:

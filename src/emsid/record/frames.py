@@ -6,7 +6,7 @@ Frames and dictionaries of arrays are read by ``frame[name]``, so neither librar
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,46 @@ def frame(columns: Mapping[str, Array], library: str = "polars") -> Any:
         return narwhals.from_dict(dict(columns), backend=library).to_native()  # type: ignore[arg-type]
     except (ImportError, ValueError, TypeError) as problem:
         raise DataError(f"no frame of {library!r} can be made ({problem}); give 'polars' or 'pandas'") from None
+
+
+class Channelled(Protocol):
+    """Channels over time, as a record has them."""
+
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_names: tuple[str, ...]
+    output_units: tuple[str, ...]
+    input: Array
+    output: Array
+
+    @property
+    def time(self) -> Array:
+        """(N,) in s."""
+        ...
+
+
+class FrameMethods:
+    """`to_frame` of a record."""
+
+    def to_frame(self: Channelled, library: str = "polars", *, units: bool = False) -> Any:
+        """A data frame with the time ``t`` in seconds and a column for every channel.
+
+        >>> import emsid
+        >>> emsid.Record([0.0, 1.0], [2.0, 3.0], 0.1, "v", "w", "V", "rad/s").to_frame(units=True).columns
+        ['t [s]', 'v [V]', 'w [rad/s]']
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+            units: whether names end with the unit in brackets.
+
+        Raises:
+            DataError: for another library, or one that is not installed.
+        """
+        channels = (("t", "s"), *zip(self.input_names, self.input_units, strict=True))
+        channels = (*channels, *zip(self.output_names, self.output_units, strict=True))
+        names = [f"{name} [{unit}]" if units and unit else name for name, unit in channels]
+        columns = np.column_stack([self.time, self.input, self.output]).T
+        return frame(dict(zip(names, columns, strict=True)), library)
 
 
 def numbers(frame: Any, names: Sequence[str]) -> Array:

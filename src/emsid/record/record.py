@@ -24,8 +24,7 @@ from emsid.findings import Finding
 from emsid.presentation import Presented
 from emsid.record.checks import as_channels, check_finite, whole_number
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, low_passed, without_trend
-from emsid.record.frames import frame as made_frame
-from emsid.record.frames import numbers, seconds
+from emsid.record.frames import FrameMethods, numbers, seconds
 from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import TimeAxis, time_axis
@@ -35,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Record(Presented):
+class Record(Presented, FrameMethods):
     """A sampled experiment. Its samples are read-only and independent of the arrays it was made from.
 
     Args:
@@ -201,25 +200,6 @@ class Record(Presented):
         if resample and at is not None:
             record = record.resample(at, dt)
         return record.convert() if given else record
-
-    def to_frame(self, library: str = "polars", *, units: bool = False) -> Any:
-        """A data frame with the time ``t`` in seconds and a column for every channel.
-
-        >>> Record([0.0, 1.0], [2.0, 3.0], 0.1, "v", "w", "V", "rad/s").to_frame(units=True).columns
-        ['t [s]', 'v [V]', 'w [rad/s]']
-
-        Args:
-            library: ``"polars"`` or ``"pandas"``.
-            units: whether names end with the unit in brackets.
-
-        Raises:
-            DataError: for another library, or one that is not installed.
-        """
-        names_of, units_of = ("t", *self.input_names, *self.output_names), ("s", *self.input_units, *self.output_units)
-        names = [f"{name} [{unit}]" if units and unit else name for name, unit in zip(names_of, units_of, strict=True)]
-        return made_frame(
-            dict(zip(names, np.column_stack([self.time, self.input, self.output]).T, strict=True)), library
-        )
 
     def __len__(self) -> int:
         return len(self.input)

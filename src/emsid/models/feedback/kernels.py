@@ -24,43 +24,10 @@ from numpy.typing import NDArray
 
 from emsid.compiled import njit
 from emsid.models.blocks.static_maps.static_map import StaticMap
+from emsid.models.blocks.static_maps.tables import Tables as Tables
+from emsid.models.blocks.static_maps.tables import tables_of as tables_of
 
 Array = NDArray[np.float64]
-
-
-class Tables(NamedTuple):
-    """The pieces of several maps, one after the other.
-
-    Attributes:
-        first: (m + 1,) the first piece of each map, and the number of pieces.
-        edges, origins, coefficients: as in `Pieces`, of all maps.
-        signs: (m, 2) jump and width of each map.
-    """
-
-    first: NDArray[np.int64]
-    edges: Array
-    origins: Array
-    coefficients: Array
-    signs: Array
-
-
-def tables_of(maps: Sequence[StaticMap]) -> Tables | None:
-    """The tables of maps; None if one of them is no polynomial between break points."""
-    pieces = [each.pieces() for each in maps]
-    known = [each for each in pieces if each is not None]
-    if len(known) < len(maps):
-        return None
-    first = np.zeros(len(known) + 1, dtype=np.int64)
-    for k, each in enumerate(known):
-        first[k + 1] = first[k] + len(each.edges)
-    edges, origins = np.empty(first[-1]), np.empty(first[-1])
-    coefficients = np.zeros((first[-1], max((each.coefficients.shape[1] for each in known), default=1)))
-    signs = np.empty((len(known), 2))
-    for k, each in enumerate(known):
-        rows = slice(first[k], first[k + 1])
-        edges[rows], origins[rows], signs[k] = each.edges, each.origins, (each.jump, each.width)
-        coefficients[rows, : each.coefficients.shape[1]] = each.coefficients
-    return Tables(first, edges, origins, coefficients, signs)
 
 
 class LoopSignals(NamedTuple):

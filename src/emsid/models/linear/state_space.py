@@ -345,12 +345,12 @@ def run_linear(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Arr
     """The outputs (N, ny) of x(t + 1) = A x + B u, y = C x + D u from a state (n,), and the state after them."""
     after, outputs = np.array(state, dtype=float), np.empty((len(inputs), len(c)))
     a, b, c, d, u = (read_only(each) for each in (a, b, c, d, inputs))
-    _run(a, b, c, d, after, u, outputs)
+    run_in_place(a, b, c, d, after, u, outputs)
     return outputs, after
 
 
 @njit(nogil=True)
-def _run(a: Array, b: Array, c: Array, d: Array, x: Array, u: Array, y: Array) -> None:
+def run_in_place(a: Array, b: Array, c: Array, d: Array, x: Array, u: Array, y: Array) -> None:
     """Write y (N, ny) for u (N, nu) and leave in x (n,) the state after them."""
     n, inputs, following = len(a), u.shape[1], np.empty(len(a))
     for t in range(len(u)):

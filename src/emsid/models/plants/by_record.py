@@ -19,7 +19,7 @@ from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal, refuse_overlap
-from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.state import PlantState
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
@@ -300,6 +300,12 @@ class PlantByRecord(Plant):
         output, after = self.of_record(int(present[0])).run(state._replace(motion=state.motion[:-1]), inputs, signals)
         return output, after._replace(motion=np.append(after.motion, present))
 
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
+        """That of the plant with the parameters of the record in the state, which it keeps."""
+        present = state.motion[-1:]
+        own = self.of_record(int(present[0])).sampler(state._replace(motion=state.motion[:-1]), signals)
+        return None if own is None else _SamplerOfRecord(own, present)
+
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The output (N, ny) from an initial state."""
         return self.of_record(self.present).simulate(inputs, dt, state, signals)
@@ -377,3 +383,17 @@ def names_of(records: Sequence[str]) -> tuple[str, ...]:
     if len(set(records)) == len(records):
         return tuple(records)
     return tuple(str(number) for number in range(1, len(records) + 1))
+
+
+class _SamplerOfRecord:
+    """A sampler whose state has the number of its record."""
+
+    __slots__ = ("_own", "_present", "advance")
+
+    def __init__(self, own: Sampler, present: Array) -> None:
+        self._own, self._present, self.advance = own, present, own.advance
+
+    @property
+    def state(self) -> PlantState:
+        state = self._own.state
+        return state._replace(motion=np.append(state.motion, self._present))

@@ -24,7 +24,8 @@ from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import NEED_SUPPLY, DrivenPlant
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Quantity, Sampler, StaticCharacteristic
+from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Parameter
@@ -162,6 +163,13 @@ class LinearAxis(DrivenPlant):
         shown = speeds[on.samples], positions[on.samples]
         output, sensed = self.sensor.read(signals, *shown, state.dt, state.sensed)
         return output, PlantState(state.dt, motion, on.left, sensed)
+
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
+        """See `Plant.sampler`."""
+        outer, mass = Outer.of(self.drive, self.sensor, state, signals), self._as_one_mass(np.zeros(1), np.ones(1))
+        zone, load = Inside.numbers_of(self.dead_zone), float(self.offset)
+        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, float(self.mass), 1.0)
+        return OneMassSampler(outer, inside, mass.law, mass.friction, self.steps, state)
 
     @property
     def is_one_mass(self) -> bool:

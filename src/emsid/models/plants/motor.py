@@ -28,7 +28,17 @@ from emsid.models.plants.motor_equations import equations, linear_motor, quantit
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
+from emsid.models.plants.plant import (
+    Channels,
+    Limits,
+    Plant,
+    Quantity,
+    Sampler,
+    Sizes,
+    StaticCharacteristic,
+    plausible,
+)
+from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import FrictionLaw, Measure, Motor, Parameter
@@ -295,6 +305,24 @@ class DrivenMotor(DrivenPlant):
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
+        """See `Plant.sampler`.
+
+        Raises:
+            ModelError: for quadratic friction or cogging with a shaft or an inductance.
+        """
+        outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
+        if not self.is_one_mass:
+            self._check_two_masses()
+            return MotorSampler(outer, motor, self.load_torque, state)
+        volts, k = self.feed is Feed.VOLTAGE, motor.motor_constant
+        slope = k / motor.resistance
+        before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
+        zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
+        mass = self._sliding(np.zeros(1), np.zeros(1))
+        numbers = (before, after, slope * k if volts else 0.0, float(mass.damping[0]), self.load_torque, mass.mass, k)
+        return OneMassSampler(outer, Inside(zone, *map(float, numbers)), mass.law, mass.friction, self.steps, state)
+
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""
         torque, braking = self._torque(on.voltage, on.conducts)
@@ -330,12 +358,15 @@ class DrivenMotor(DrivenPlant):
                 "or leave out these samples with a mask",
                 arguments=("mask",),
             )
+        self._check_two_masses()
+        return two_masses(self.motor, self.load_torque, on, motion)
+
+    def _check_two_masses(self) -> None:
         if self.quadratic_viscous or len(self.cogging.waves):
             raise ModelError(
                 "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose "
                 "rigid-motor"
             )
-        return two_masses(self.motor, self.load_torque, on, motion)
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """See `linear_motor`."""

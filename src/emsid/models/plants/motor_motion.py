@@ -52,7 +52,7 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
     volts, durations = _pieces(on.voltage, on.dt, on.late)
     if len(volts):
         start = State(*motion.tolist())
-        if not motor.is_rigid and not motor.shaft_backlash and _fastest(motor) * on.dt > STIFFEST:
+        if is_stiff(motor, on.dt):
             start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
         whole = simulate(motor, volts, durations, disturbance=load_torque, initial=start, method=LONG_STEPS)
         motion = np.array(astuple(whole.final))
@@ -61,6 +61,11 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
         ends = np.column_stack([np.array(rows)[:, every], motion])
     current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
     return MotorMotion(lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
+
+
+def is_stiff(motor: Motor, dt: float) -> bool:
+    """Whether a shaft is too stiff to be simulated over pieces of ``dt``; it is then rigid."""
+    return not motor.is_rigid and not motor.shaft_backlash and _fastest(motor) * dt > STIFFEST
 
 
 def _fastest(motor: Motor) -> float:

@@ -266,6 +266,17 @@ def _in_python(kernel: Any) -> Any:
     return kernel.py_func
 
 
+@cache
+def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
+    """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python."""
+    if law is level:
+        return kernel  # type: ignore[no-any-return]
+    if hasattr(law, "py_func"):
+        return _compiled_with(law, kernel, "move", _compiled_with(law, move, "level", law))
+    one = _with(law, move, {"level": law, "_phi": _in_python(_phi), "_ripple": _in_python(_ripple)})
+    return _with(law, kernel, {"move": one})
+
+
 def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
     """A compiled loop in plain Python with other functions for some that it calls."""
     code = _in_python(loop)

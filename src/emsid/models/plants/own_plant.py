@@ -17,8 +17,9 @@ from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.interpolation import INTERPOLATION_REACH, between
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.own_sampling import OwnSampler, compiled, kernel_for
 from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.plant import BEGINNING, Plant
+from emsid.models.plants.plant import BEGINNING, Plant, Sampler
 from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.models.terms import check_whole
 from emsid.plant.parameter import Measure, Parameter
@@ -213,6 +214,20 @@ class OwnPlant(Plant):
         with self._reporting("derivative or output"):
             moving(self.derivative, self.output, fine, parameters, x, state.dt, self.steps, out[waiting:])
         return out, state._replace(motion=x, commands=window[max(len(window) - 2 * reach - 1, 0) :])
+
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
+        """See `Plant.sampler`; the functions are compiled, which takes a second, if Numba can compile them."""
+        inputs = max(state.commands.shape[1] if len(state.commands) else 1, 1)
+        arguments = state.motion.copy(), np.zeros(inputs), np.array(self.values)
+        f, g = (compiled(each, *arguments) for each in (self.derivative, self.output))
+        if f is None or g is None:
+            return None
+        reach = REACH[self.between]
+        taps = None
+        if reach is not None:
+            units = np.eye(2 * reach + 2)
+            taps = np.column_stack([self._fine(each[:, None], reach)[: 2 * self.steps + 1, 0] for each in units])
+        return OwnSampler(kernel_for(f, g), arguments[2], taps, self.steps, state, inputs)
 
     def _fine(self, window: Array, reach: int) -> Array:
         """(k, nu) the inputs at every half step, from the row ``reach`` of a window on."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +104,19 @@ class Sizes(NamedTuple):
 Limits = Mapping[str, tuple[float, float]]
 
 
+class Sampler(Protocol):
+    """A plant between two samples, in arrays that a compiled call changes in place."""
+
+    def advance(self, u: Array, y: Array) -> None:
+        """Write the outputs (ny,) for inputs (nu,), and change the state."""
+        ...
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        ...
+
+
 class Plant(ABC):
     """A physical model for a grey box: a value with named parameters that simulates itself.
 
@@ -129,6 +142,10 @@ class Plant(ABC):
     @abstractmethod
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The output (N, ny) for inputs (N, nu), and the state after them; blocks give the same as one run."""
+
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
+        """The plant between two samples, for runs from Python sample by sample; None where `run` has to do."""
+        return None
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None

@@ -87,7 +87,7 @@ class Sensor:
         kept[..., 1] = 0.0
         if self.lag:
             seen = motion[..., 1 if position else 0]
-            kept[..., 1] = (seen - self.lag * shown if position else shown) - self._weights(dt)[0] * seen
+            kept[..., 1] = (seen - self.lag * shown if position else shown) - self.weights(dt)[0] * seen
         return kept
 
     def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
@@ -107,12 +107,12 @@ class Sensor:
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         lagging, after = values, kept.copy()
         if self.lag:
-            newest, before, decay = self._weights(dt)
+            newest, before, decay = self.weights(dt)
             lagging, after[..., 1:] = filtered_from([newest, before], [1.0, -decay], values, kept[..., 1:])
         after[..., 0] = positions[..., -1]
         return lagging / self.ratio + self.offset, after
 
-    def _weights(self, dt: float) -> tuple[float, float, float]:
+    def weights(self, dt: float) -> tuple[float, float, float]:
         """The discrete 1/(1 + lag·s) for a piecewise linear signal: weights of the newest value, the previous one, and
         the previous reading."""
         z = dt / self.lag

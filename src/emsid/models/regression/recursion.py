@@ -67,6 +67,13 @@ def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
 
 
 @njit(nogil=True)
+def advance_one(y: Array, u: Array, recursion: Recursion, coefficient: Array, t: int) -> None:
+    """Overwrite y at one sample, as `run_freely` does; ``coefficient`` (…, ≥ 1) is a work array."""
+    weigh(coefficient, u, recursion, t, 1)
+    _advance(y, coefficient, recursion, t, 0, 1)
+
+
+@njit(nogil=True)
 def predict_ahead(
     result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
 ) -> None:

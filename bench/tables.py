@@ -88,7 +88,7 @@ def accuracy() -> Iterator[tuple[str, float, float, float, str]]:
     """Parameter, true value, estimate, half of the 95 % interval, unit."""
     motor = emsid.Motor()
     known = {"resistance": motor.resistance, "rotor_viscous": motor.rotor_viscous + motor.load_viscous}
-    fit = emsid.fit(emsid.plants.rigid_motor(), motor_record(), fixed=known)
+    fit = emsid.fit(emsid.plants.rigid_motor(), motor_record(), fixed=known, search=False)
     zone = motor.voltage_dead_zone
     truth = {
         "motor_constant": (motor.motor_constant, "N·m/A"),

@@ -37,7 +37,11 @@ def experiments(seed=0, **changes):
 
 
 def by_record(records, **options):
-    return emsid.fit(rigid_motor(), records, **{"free": FREE, "fixed": KNOWN, "per_record": "rotor_inertia", **options})
+    return emsid.fit(
+        rigid_motor(),
+        records,
+        **{"free": FREE, "fixed": KNOWN, "per_record": "rotor_inertia", "search": False, **options},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +72,7 @@ def test_every_load_is_recovered_with_one_motor(fit):
 
 def test_loads_are_recovered_that_are_far_apart_and_nothing_is_given():
     records = [experiment("bare", 1e-4), experiment("flywheel", 4e-3)]
-    fit = emsid.fit(rigid_motor(), records, per_record="rotor_inertia")
+    fit = emsid.fit(rigid_motor(), records, per_record="rotor_inertia", search=False)
     bare, flywheel = (rows["rotor_inertia"].value for rows in fit.by_record.values())
     assert flywheel / bare == pytest.approx(40, rel=0.02)
     assert emsid.compare(fit, records[1]).rows[0].simulation_rmse < 0.35  # noise of 0.3

@@ -12,6 +12,7 @@ import pytest
 
 import emsid
 from emsid.identification.options import KEYWORDS
+from emsid.study import demonstration
 
 
 @pytest.fixture(scope="session")
@@ -117,6 +118,22 @@ def test_whatever_has_a_fit_method_is_fitted(linear_record):
 def test_what_cannot_be_fitted_is_answered(linear_record, wrong, answer):
     with pytest.raises(emsid.EmsidError, match=answer):
         wrong(linear_record)
+
+
+@pytest.mark.long
+def test_a_plant_is_fitted_as_identify_fits_it():
+    record = demonstration.motor_record()
+    train, test = record.split(0.7)
+    fit = emsid.fit(emsid.plants.rigid_motor(), train, fixed={"resistance": 2.0})
+    found = emsid.identify(train, test, models="rigid-motor", fixed={"resistance": 2.0})
+    assert fit.names == found.chosen.names
+    np.testing.assert_allclose(fit.estimate, found.chosen.estimate, rtol=1e-9)
+
+
+def test_a_plant_is_fitted_exactly_where_that_is_asked_for(linear_record):
+    motor = emsid.plants.rigid_motor()
+    with pytest.raises(emsid.ModelError, match="additions are searched for"):
+        emsid.fit(motor, linear_record, free="motor_constant", search=True)
 
 
 # --- compare ---------------------------------------------------------------------------------------------------------

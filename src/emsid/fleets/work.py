@@ -23,7 +23,7 @@ from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.fleets.sources import BINARY, Batch, scan, scanned, time_number
 from emsid.identification.verdict import model_verdicts
 from emsid.io import read
-from emsid.models.verbs import fit
+from emsid.models.verbs import fit, is_plant
 from emsid.record import Record, concatenate
 from emsid.units import column_of, name_and_unit
 from emsid.validation.comparison import compare
@@ -175,7 +175,8 @@ def fitted(job: Job, record: Record) -> tuple[Fit[Any], dict[str, Any]]:
         EmsidError: where the data do not suit the model.
     """
     train, rest = record.split(1 - job.unseen) if job.unseen else (record, record)
-    found = fit(job.what, train, **job.options)
+    exactly = {"search": False} if is_plant(job.what) else {}  # every motor the same plant, so that they compare
+    found = fit(job.what, train, **{**exactly, **job.options})
     on_rest = compare([found], rest)
     row = on_rest.best.row
     (verdict,) = model_verdicts(compare([found], train), on_rest, found.findings)

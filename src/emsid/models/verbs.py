@@ -29,15 +29,23 @@ from emsid.models.free_run import as_record
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
+from emsid.models.plants.drive import Hold
+from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMENTS
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
-from emsid.record import ChannelNames, Record
+from emsid.record import ChannelNames, Record, concatenate
 
 Estimator = Callable[..., Fit[Any]]
 
@@ -55,13 +63,14 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     `emsid.armax`, `emsid.box_jenkins`                  ``start``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
-    a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
+    a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``search``, …
     ==================================================  ===============================================================
 
     A structure is linear in its parameters and fitted to the one-step prediction error by least squares, or with
     ``free_run=True`` to the error of the free run, which noise of the output does not bias: ``arx`` then is an
     output-error model. ``instruments=True`` estimates a linear structure without that bias and without a search.
-    A cascade and a plant are always fitted to the free run, by Gauss–Newton steps.
+    A cascade and a plant are always fitted to the free run, by Gauss–Newton steps. A plant is fitted as `identify`
+    fits it, with the additions that the data support; with ``free``, exactly those parameters (see `fit_plant`).
 
     >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
     >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
@@ -122,6 +131,58 @@ def _regression(
     return recursive_least_squares(structure, records, forgetting=forgetting or 1.0, history=history)
 
 
+def fit_plant(
+    plant: Plant,
+    records: Record | Iterable[Record],
+    *,
+    search: bool | None = None,
+    free: str | Sequence[str] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    datasheet: Mapping[str, Any] | None = None,
+    signals: str | Signal | Sequence[str | Signal] | None = None,
+    weighting: Weighting | None = None,
+    hold: Hold | str | None = None,
+    per_record: str | Sequence[str] = (),
+    find_start: bool = True,
+    max_iterations: int = 60,
+    threads: int | None = None,
+    control: Control = FREE,
+) -> GreyBoxFit:
+    """A plant fitted to the free run: with the additions that the data support, or exactly as given.
+
+    Args:
+        plant: what to fit.
+        records: a record, or several.
+        search: whether to try additions, such as a delay, a Stribeck effect or how the sensor samples, as
+            `emsid.identify` does; by default where the plant has a drive and none of the arguments says what exactly to
+            fit: ``free``, ``bounds``, ``signals``, ``find_start``, ``max_iterations``, ``threads``.
+        free, fixed, bounds, datasheet, signals, weighting, hold, per_record: see `simulation_error`.
+        find_start, max_iterations, threads, control: likewise.
+
+    Raises:
+        ModelError, DataError: as `simulation_error` does; for a search of a plant without a drive.
+    """
+    exact = free is not None or bounds is not None or signals is not None or threads is not None
+    exact = exact or not find_start or max_iterations != 60
+    if search and (exact or not isinstance(plant, DrivenPlant)):
+        raise ModelError(
+            f"{plant.name}: additions are searched for a plant with a drive, without free, bounds and signals"
+        )
+    if isinstance(plant, DrivenPlant) and not exact and search is not False:
+        several = (records,) if isinstance(records, Record) else tuple(records)
+        together = several[0] if len(several) == 1 else concatenate(several)
+        return choose(
+            plant, together, fixed=fixed, datasheet=datasheet, weighting=weighting, hold=hold, per_record=per_record,
+            refinements=OF_SHAFT if plant.secondary else REFINEMENTS, control=control,
+        )  # fmt: skip
+    return simulation_error(
+        plant, records, free=free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,
+        weighting=all_alike if weighting is None else weighting, hold=hold, per_record=per_record,
+        find_start=find_start, max_iterations=max_iterations, threads=threads, control=control,
+    )  # fmt: skip
+
+
 FITTED: dict[type, Estimator] = {
     Structure: _regression,
     StateSpaceStructure: fit_state_space,
@@ -147,7 +208,7 @@ def _estimator(what: Any) -> tuple[Estimator, Any]:
         if kind in FITTED:
             return FITTED[kind], what
     if is_plant(what):
-        return simulation_error, what
+        return fit_plant, what
     if callable(getattr(what, "fit", None)):
         return type(what).fit, what
     given = f"a {type(what).__name__}"

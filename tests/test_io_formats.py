@@ -18,7 +18,7 @@ import pytest
 import scipy.io
 
 from emsid.errors import FormatError
-from emsid.io import files, mat5
+from emsid.io import files, mat
 from emsid.io.columns import Columns, nearest
 from emsid.io.mat import read_mat
 from emsid.io.npz import read_npz
@@ -114,27 +114,55 @@ def test_mat_5(compressed: bool) -> None:
     assert columns.series["counts"].to_list() == list(range(N))
     assert columns.others["label"] == columns.others["run.label"] == "text"
     assert columns.others["phasor"] == "complex numbers"
-    assert columns.others["cells"] == "a cell array"
+    assert (columns.others["cells{1}"], columns.others["cells{2}"]) == ("a single number", "text")
 
 
-@pytest.mark.parametrize("compressed", [False, True])
-def test_mat_5_is_read_as_scipy_reads_it(compressed: bool) -> None:
-    kinds = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
-    random = np.random.default_rng(3)
-    variables = {
-        f"{'a long name ' * (k % 2)}v{k}".replace(" ", "_"): (100 * random.standard_normal((k + 2, k % 3 + 1))).astype(
-            kind
-        )
-        for k, kind in enumerate(kinds)
-    }
-    content = mat_5(
-        {**variables, "x": {"inner": np.arange(5.0), "deeper": {"y": np.arange(4.0)}}}, do_compression=compressed
+def test_cells_and_structs_in_cells_are_read() -> None:
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, 0], cells[0, 1] = {"u": np.arange(N)}, np.arange(2.0 * N).reshape(N, 2)
+    columns = read_mat(mat_5({"runs": cells}))
+    np.testing.assert_array_equal(columns.series["runs{1}.u"].to_numpy(), np.arange(N))
+    np.testing.assert_array_equal(columns.series["runs{2}_2"].to_numpy(), 1 + 2 * np.arange(N))
+
+
+def mat_object(name: str, kind: str) -> bytes:
+    """An element with an object of a class, as MATLAB writes it: flags, three names, and an array of its own."""
+
+    def element(type: int, data: bytes) -> bytes:
+        return np.array([type, len(data)], "<u4").tobytes() + data.ljust(-(-len(data) // 8) * 8, b"\0")
+
+    numbers = element(6, np.array([13, 0], "<u4").tobytes()) + element(5, np.array([1, 1], "<i4").tobytes())
+    numbers += element(1, b"") + element(6, np.array([7], "<u4").tobytes())
+    flags = element(6, np.array([17, 0], "<u4").tobytes())
+    return element(
+        14, flags + b"".join(element(1, text.encode()) for text in (name, "MCOS", kind)) + element(14, numbers)
     )
-    ours, reference = dict(mat5.variables(content)), scipy.io.loadmat(io.BytesIO(content))
-    for name in variables:
-        np.testing.assert_array_equal(ours[name], reference[name])
-    np.testing.assert_array_equal(ours["x.inner"], np.arange(5.0)[None])
-    np.testing.assert_array_equal(ours["x.deeper.y"], np.arange(4.0)[None])
+
+
+def test_objects_of_matlab_are_named_with_what_to_do() -> None:
+    """Bytes that MATLAB hides behind the last variable, where objects are, are no column."""
+    hidden = mat_5({"x": np.arange(8, dtype=np.uint8)})[128:].replace(b"\x01\0\1\0x", b"\x01\0\0\0\0")
+    content = mat_5({"u": np.arange(N)}) + mat_object("z", "iddata") + mat_object("m", "idnlarx") + hidden
+    columns = read_mat(content)
+    assert list(columns.series) == ["u"]
+    assert columns.others["z"].endswith("u = z.u; y = z.y; Ts = z.Ts; save z_arrays.mat u y Ts -v7")
+    assert columns.others["m"].endswith("holds a model and no signals")
+
+
+def test_cells_and_objects_of_mat_73() -> None:
+    content = io.BytesIO()
+    with h5py.File(content, "w", userblock_size=512) as file:
+        refs = file.create_group("#refs#")
+        parts = [refs.create_dataset(str(k), data=np.arange(1.0 * N)[None, :] + k) for k in range(2)]
+        cell = file.create_dataset("runs", data=np.array([[p.ref for p in parts]], dtype=h5py.ref_dtype))
+        cell.attrs["MATLAB_class"] = np.bytes_("cell")
+        table = file.create_dataset("log", data=np.zeros((1, 6), dtype=np.uint32))
+        table.attrs["MATLAB_class"], table.attrs["MATLAB_object_decode"] = np.bytes_("timetable"), 3
+        file.create_group("#subsystem#").create_dataset("MCOS", data=np.zeros(400, dtype=np.uint8))
+    columns = read_mat(content.getvalue())
+    assert list(columns.series) == ["runs{1}", "runs{2}"]
+    np.testing.assert_array_equal(columns.series["runs{2}"].to_numpy(), 1 + np.arange(N))
+    assert columns.others["log"].endswith("writetimetable(log, 'log.csv')")
 
 
 def test_a_log_of_simulink_is_read() -> None:
@@ -148,9 +176,9 @@ def test_a_log_of_simulink_is_read() -> None:
     np.testing.assert_array_equal(columns.series["three"].to_numpy(), y)
     assert columns.others["two.signals(1).dimensions"] == "a single number"
     deep: dict[str, Any] = {"y": y}
-    for _ in range(mat5.DEEPEST + 1):
+    for _ in range(mat.DEEPEST + 1):
         deep = {"x": deep}
-    assert "a struct inside many others" in read_mat(mat_5({"y": y, "deep": deep})).others.values()
+    assert "structs inside many others" in read_mat(mat_5({"y": y, "deep": deep})).others.values()
     many = np.array([(u,)] * 101, dtype=[("u", object)])
     assert read_mat(mat_5({"y": y, "many": many})).others == {"many": "an array of 101 structs"}
 
@@ -201,8 +229,8 @@ def test_parquet() -> None:
         }
     )
     columns = read_parquet(parquet(frame))
-    assert list(columns.series) == ["when", "u", "state"]
-    assert columns.others == {"pairs": "nested values"}
+    assert list(columns.series) == ["when", "u", "state", "pairs_1", "pairs_2"]
+    assert columns.others == {}
     assert columns.place(0) == "row 1"
 
 

@@ -1,6 +1,8 @@
-"""MAT files: version 5 (and 7, which is the same compressed) by `mat5`, version 7.3, which is HDF5, by h5py.
+"""MAT files: version 4 to 7 by SciPy, and version 7.3, which is HDF5, by h5py.
 
-HDF5 is parsed in a process of its own; see `emsid.io.sandbox`.
+Both are parsed in a process of their own (see `emsid.io.sandbox`), because a damaged file can end the process that
+parses it. Objects of MATLAB's classes have a format of their own that neither library decodes;
+`emsid.io.matlab_objects` says how to save their numbers.
 """
 
 from __future__ import annotations
@@ -12,79 +14,132 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import FormatError
-from emsid.io import mat5
 from emsid.io.columns import Columns, from_arrays, reason_against
 from emsid.io.files import looks_like
+from emsid.io.matlab_objects import reason_against_object
 from emsid.io.sandbox import in_sandbox
+
+DEEPEST = 8
+"""A struct or cell inside so many others is not read."""
+MOST_OF_ARRAY = 100
+"""An array of more structs or cells is not read."""
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HDF5_AT = (0, 512)  # MATLAB puts 512 bytes of its own before the HDF5 part
 _ENDIAN_AT = slice(126, 128)
+_DAMAGED = "this MAT file is damaged or cut off; copy or save it again"
 
 
 def read_mat(content: bytes) -> Columns:
-    """The vectors and matrices of a MAT file; those inside a struct are called ``struct.field``, at any depth
-    up to `mat5.DEEPEST`.
+    """The vectors and matrices of a MAT file.
 
-    The version is recognised from the content.
+    The fields of a struct are called ``struct.field``, the cells of a cell array ``cell{1}``, and the fields of an
+    array of structs ``struct(1).field``, at any depth up to `DEEPEST`.
 
     Raises:
         FormatError: for content that is no MAT file of version 5 to 7.3, or a damaged one.
     """
-    if any(content[at : at + len(_HDF5)] == _HDF5 for at in _HDF5_AT):
-        variables = _from_sandbox
-    elif content[_ENDIAN_AT] in (b"IM", b"MI"):
-        variables = mat5.variables
-    else:
+    is_hdf5 = any(content[at : at + len(_HDF5)] == _HDF5 for at in _HDF5_AT)
+    if not is_hdf5 and content[_ENDIAN_AT] not in (b"IM", b"MI"):
         raise FormatError(
             f"this is not a MAT file; it looks like {looks_like(content)}: give it its right suffix, or save it "
             "again with save -v7"
         )
-    try:
-        return from_arrays(variables(content))
-    except FormatError:
-        raise
-    except Exception as problem:  # a parser may raise any exception for a damaged file
-        raise FormatError(
-            f"this MAT file is damaged or cut off ({type(problem).__name__}); copy or save it again"
-        ) from None
+    parsed = in_sandbox(parsed_73 if is_hdf5 else parsed_5, content, _DAMAGED)
+    with np.load(BytesIO(parsed), allow_pickle=False) as archive:
+        named = {str(name): archive[f"v{k}"] for k, name in enumerate(archive["names"])}
+    return from_arrays(
+        (name, str(value) if value.dtype.kind == "U" and value.ndim == 0 else value) for name, value in named.items()
+    )
 
 
-def _from_sandbox(content: bytes) -> Iterator[tuple[str, Any]]:
-    """The variables of a file of version 7.3."""
-    damaged = "this MAT file is damaged or cut off; copy or save it again"
-    with np.load(BytesIO(in_sandbox(parsed_73, content, damaged)), allow_pickle=False) as archive:
-        for k, name in enumerate(archive["names"]):
-            value = archive[f"v{k}"]
-            yield str(name), str(value) if value.dtype.kind == "U" and value.ndim == 0 else value
+def parsed_5(content: bytes) -> bytes:
+    """The variables of a file of version 5 to 7, as `_packed` has them, for the process that parses it."""
+    return _packed(_variables_5(content))
 
 
 def parsed_73(content: bytes) -> bytes:
-    """The variables of an HDF5 file as an NPZ file, for the process that parses it; a text says why one is no array."""
+    """The variables of an HDF5 file, as `_packed` has them, for the process that parses it."""
+    return _packed(_variables_73(content))
+
+
+def _packed(variables: Iterator[tuple[str, Any]]) -> bytes:
+    """Variables as an NPZ file; a text says why one is no array."""
     names: list[str] = []
     arrays: dict[str, Any] = {}
-    for name, value in _variables_73(content):
-        reason = "" if isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS" else reason_against(value)
-        arrays[f"v{len(names)}"] = np.array(reason) if reason else value
+    for name, value in variables:
+        is_array = isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS"
+        arrays[f"v{len(names)}"] = value if is_array else np.array(reason_against(value))
         names.append(name)
     result = BytesIO()
     np.savez(result, names=np.array(names, dtype=str), **arrays)
     return result.getvalue()
 
 
+def _variables_5(content: bytes) -> Iterator[tuple[str, Any]]:
+    from scipy.io.matlab import loadmat, varmats_from_mat
+
+    for name, part in varmats_from_mat(BytesIO(content)):  # one by one, since every object is called None
+        for value in [value for key, value in loadmat(part).items() if not key.startswith("__")]:
+            yield from _inside(str(name), value, 0)
+
+
+def _inside(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    """The arrays in a variable as SciPy loads it; a text says why one is no array."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+
+    if isinstance(value, MatlabOpaque):
+        variable, kind = (value[field][0] for field in ("s0", "s2"))
+        name = variable.decode("latin-1") if depth == 0 and variable else name
+        yield name, reason_against_object(name, kind.decode("latin-1"))
+    elif isinstance(value, MatlabObject):
+        yield name, reason_against_object(name, value.classname)
+    elif isinstance(value, MatlabFunction):
+        yield name, "a function"
+    elif not isinstance(value, np.ndarray):
+        yield name, "a sparse matrix"
+    elif not (value.dtype.names or value.dtype.kind == "O"):
+        yield name, "text" if value.dtype.kind == "U" else value
+    elif depth == DEEPEST or value.size > MOST_OF_ARRAY:
+        kind = "structs" if value.dtype.names else "cells"
+        yield name, f"an array of {value.size} {kind}" if depth < DEEPEST else f"{kind} inside many others"
+    elif value.dtype.names:
+        for k, item in enumerate(value.ravel(order="F"), start=1):
+            owner = name if value.size == 1 else f"{name}({k})"
+            for field in value.dtype.names:
+                yield from _inside(f"{owner}.{field}", item[field], depth + 1)
+    else:
+        for k, item in enumerate(value.ravel(order="F"), start=1):
+            yield from _inside(f"{name}{{{k}}}", item, depth + 1)
+
+
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:
     import h5py
 
-    def inside(group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-        for name, item in group.items():
-            if name.startswith("#"):  # the targets of references in cells and objects
-                continue
-            if isinstance(item, h5py.Group) and depth < mat5.DEEPEST:
-                yield from inside(item, f"{prefix}{name}.", depth + 1)
-            else:
-                yield f"{prefix}{name}", _array(item)
-
     with h5py.File(BytesIO(content), "r") as file:
+
+        def inside(item: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+            kind = item.attrs.get("MATLAB_class", b"").decode("latin-1")
+            if "MATLAB_object_decode" in item.attrs:
+                yield name, reason_against_object(name, kind)
+            elif isinstance(item, h5py.Group):
+                for field, part in item.items():
+                    if not field.startswith("#"):  # the targets of references in cells and objects
+                        yield from parts(part, f"{name}.{field}".lstrip("."), depth + 1)
+            elif h5py.check_dtype(ref=item.dtype) is not None and depth and "MATLAB_empty" not in item.attrs:
+                targets = item[()].ravel()[:MOST_OF_ARRAY]  # HDF5 has the order of MATLAB's columns
+                shape = "{{{}}}" if kind == "cell" else "({})"
+                for k, reference in enumerate(targets, start=1):
+                    yield from parts(file[reference], name + shape.format(k), depth + 1)
+            else:
+                yield name, _array(item)
+
+        def parts(item: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+            if depth > DEEPEST:
+                yield name, "structs or cells inside many others"
+            else:
+                yield from inside(item, name, depth)
+
         yield from inside(file, "", 0)
 
 

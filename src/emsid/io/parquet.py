@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from emsid.errors import FormatError
 from emsid.io.columns import UNITS, Columns, units_as_json, units_from_json
 from emsid.io.files import looks_like
+from emsid.io.nested import flat
 from emsid.io.sandbox import in_sandbox
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _DAMAGED = "this Parquet file is damaged or cut off; copy or write it again"
 
 
 def read_parquet(content: bytes) -> Columns:
-    """The columns of a Parquet file that hold numbers, text or times; nested and binary ones are no columns.
+    """The columns of a Parquet file that hold numbers, text or times, or lists of them; binary ones are no columns.
 
     Raises:
         FormatError: for content that is no Parquet file, or a damaged one.
@@ -35,17 +36,16 @@ def read_parquet(content: bytes) -> Columns:
 
 
 def columns_of(frame: pl.DataFrame, units: Mapping[str, str]) -> Columns:
-    """The columns of a frame that hold numbers, text or times."""
+    """The columns of a frame that hold numbers, text or times, or lists of them; see `emsid.io.nested`."""
     import polars as pl
 
-    others = {name: "nested values" for name, kind in frame.schema.items() if kind.is_nested()}
-    others |= {name: "binary values" for name, kind in frame.schema.items() if kind in (pl.Binary, pl.Object)}
-    texts = {name for name, kind in frame.schema.items() if kind in (pl.Categorical, pl.Enum)}
+    series, others = flat(frame)
+    others |= {name: "binary values" for name, column in series.items() if column.dtype in (pl.Binary, pl.Object)}
     return Columns(
         series={
-            column.name: column.cast(pl.String) if column.name in texts else column
-            for column in frame
-            if column.name not in others
+            name: column.cast(pl.String) if column.dtype in (pl.Categorical, pl.Enum) else column
+            for name, column in series.items()
+            if name not in others
         },
         others=others,
         units=units,

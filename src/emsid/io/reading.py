@@ -29,6 +29,7 @@ from emsid.io.columns import Columns, errors_of, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import gunzipped, read_bytes
 from emsid.io.frames import columns_of_frame
+from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.long_form import one_column_per_signal
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
@@ -56,7 +57,9 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".dat": read_table,
     ".txt": read_table,
     ".log": read_table,
-    **dict.fromkeys((".jsonl", ".ndjson", ".lvm"), read_table),
+    ".lvm": read_table,
+    ".json": read_json,
+    **dict.fromkeys((".jsonl", ".ndjson"), read_json_lines),
     ".mat": read_mat,
     ".parquet": read_parquet,
     ".npz": read_npz,
@@ -172,10 +175,10 @@ def read(
     """Read a record from a file.
 
     Args:
-        path: a table (CSV, TSV, ``.dat``, ``.txt``, ``.log`` or ``.jsonl``), a MAT file (version 5 to 7.3), Parquet,
-            Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS,
-            MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); a file that is parsed already; or a pandas or Polars
-            frame, or a dictionary of arrays.
+        path: a table (CSV, TSV, ``.dat``, ``.txt``, ``.log``), JSON or JSON lines, a MAT file (version 5 to 7.3),
+            Parquet, Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a
+            spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); a file that is parsed already; or a
+            pandas or Polars frame, or a dictionary of arrays.
         input: the column, or columns, that drive the system. A unit in brackets may be left out, here and in all
             other arguments: ``speed`` is the column ``speed [rad/s]``. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first

@@ -1,6 +1,7 @@
 """MCAP files, read by mcap, and bags of ROS 1 and 2, read by rosbags. Every topic has its own times.
 
-The numbers of a message are columns ``topic.field``, also those of nested messages. MCAP messages are JSON, or those of
+The numbers of a message are columns ``topic.field``, also those of nested messages, and ``topic.field_1`` … where the
+field is a list. MCAP messages are JSON, or those of
 ROS 2, which rosbags decodes.
 """
 
@@ -14,8 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import ZipFile
 
+import numpy as np
+
 from emsid.io.columns import Columns
 from emsid.io.files import read_bytes
+from emsid.io.nested import MOST_VALUES
 from emsid.io.packing import Packed, read_by
 
 DESCRIPTION, DATABASES = "metadata.yaml", (".db3", ".mcap")
@@ -141,6 +145,10 @@ def _numbers(message: Any, name: str, depth: int = 0) -> Iterator[tuple[str, flo
     """The numbers in a message by the names of their fields."""
     if isinstance(message, (bool, int, float)):
         yield name, float(message)
+    elif isinstance(message, (list, tuple, np.ndarray)):
+        if depth < DEEPEST and len(message) <= MOST_VALUES:
+            for k, value in enumerate(message.tolist() if isinstance(message, np.ndarray) else message, start=1):
+                yield from _numbers(value, f"{name}_{k}", depth + 1)
     elif depth < DEEPEST:
         if isinstance(message, dict):
             fields = message

@@ -38,7 +38,7 @@ COUNTERS = (2.0**16, 2.0**32)
 _AGREEMENT = 0.01  # allowed relative difference between a given sample time and that of the time column
 
 _ENTRY = re.compile(
-    r"(?:.*\.)?(?:(?P<rate>f_?s|f_?sample|sampl\w*?_?(?:rate|freq|frequency))|"
+    r"(?:.*\.)?(?:(?P<rate>f_?s|fps|f_?sample|(?:sampl|log|rec|act|contr|loop)\w*?_?(?:rate|freq|frequency|(?=_k?hz)))|"
     r"(?P<time>dt|t_?s|delta_?t|sampl\w*?_?(?:time|interval|period)))(?:_?(?P<unit>k?hz|ns|us|ms|s))?",
     re.IGNORECASE,
 )

@@ -18,9 +18,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from emsid.errors import FormatError
+from emsid.io.blocks import side_by_side, stacked
 from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, parse, without_units
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
+from emsid.io.labels import labelled
 from emsid.io.regular_table import check_lines, check_size, read_regular
 from emsid.io.serial_monitor import LAST_LINES, monitor_lines
 from emsid.units import known_unit
@@ -74,6 +76,9 @@ def _read_by_lines(content: bytes) -> Columns:
     tail = [text for text in texts[-LAST_LINES:] if _DIGIT.search(text)]
     separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
     texts = _with_marks(numbers, texts, separator)
+    signals = None if times or labels else stacked(texts)
+    if signals is not None:
+        return signals
     if times:
         texts = [f"{time}{MARK}{text}" for time, text in zip(times, texts, strict=True)]
         labels, units = labels and ("", *labels), units and ("", *units)
@@ -92,7 +97,7 @@ def _read_by_lines(content: bytes) -> Columns:
     constants = {names[k]: value for k, value in header.constants}
     found = behind if len(behind) == width else header.units
     known = [given or unit for given, unit in zip(header.units, found, strict=True)]
-    return Columns(
+    columns = Columns(
         series={name: series for name, series in parse(texts, names).items() if name not in constants},
         units={name: unit for name, unit in zip(names, known, strict=True) if unit},
         preamble=(
@@ -101,6 +106,9 @@ def _read_by_lines(content: bytes) -> Columns:
         ),
         lines=numbers,
         damaged=damaged,
+    )
+    return side_by_side(
+        columns, [name for name, given in zip(names, header.names, strict=True) if given == header.names[0]]
     )
 
 
@@ -287,6 +295,9 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
             cells.append("")
         return cells if _are_names(cells, width) else []
 
+    found = labelled(texts, start, width)
+    if found:
+        return _Header(*found)
     constants = _constants(texts, start - 1, width)
     if constants:
         units = [unit if _is_unit(unit) else "" for unit in cells_of(texts[start - 1])]

@@ -148,7 +148,7 @@ def test_what_unpacks_to_an_absurd_size_is_refused(tmp_path: Path, monkeypatch: 
             archive.writestr("xl/worksheets/sheet1.xml", bytes(16_000_000))
         path = tmp_path / "bomb.xlsx"
     path.write_bytes(packed.getvalue())
-    for module in (files, *([sys.modules["emsid.io.mat5"]] if kind == "mat" else [])):
+    for module in (files, *([sys.modules["emsid.io.mat"]] if kind == "mat" else [])):
         monkeypatch.setattr(module, "SMALL", 2**20)
     with pytest.raises(FormatError, match=rf"{path.name}: unpacked, this file has more than"):
         read_columns(path)

@@ -7,7 +7,9 @@ parses it. Objects of MATLAB's classes have a format of their own that neither l
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from typing import Any
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from emsid.errors import FormatError
 from emsid.io.columns import Columns, from_arrays, reason_against
-from emsid.io.files import looks_like
+from emsid.io.files import EXPANSION, SMALL, check_expansion, looks_like
 from emsid.io.matlab_objects import reason_against_object
 from emsid.io.sandbox import in_sandbox
 
@@ -26,6 +28,7 @@ MOST_OF_ARRAY = 100
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HDF5_AT = (0, 512)  # MATLAB puts 512 bytes of its own before the HDF5 part
+_HEADER, _COMPRESSED = 128, 15
 _ENDIAN_AT = slice(126, 128)
 _DAMAGED = "this MAT file is damaged or cut off; copy or save it again"
 
@@ -45,12 +48,34 @@ def read_mat(content: bytes) -> Columns:
             f"this is not a MAT file; it looks like {looks_like(content)}: give it its right suffix, or save it "
             "again with save -v7"
         )
+    if not is_hdf5:
+        _check_sizes(content)
     parsed = in_sandbox(parsed_73 if is_hdf5 else parsed_5, content, _DAMAGED)
     with np.load(BytesIO(parsed), allow_pickle=False) as archive:
         named = {str(name): archive[f"v{k}"] for k, name in enumerate(archive["names"])}
     return from_arrays(
         (name, str(value) if value.dtype.kind == "U" and value.ndim == 0 else value) for name, value in named.items()
     )
+
+
+def _check_sizes(content: bytes) -> None:
+    """Refuse compressed variables that are absurdly large when they are unpacked, before any is.
+
+    Behind the header of 128 bytes, each has a tag of 8 bytes: the type, 15 where it is compressed, and its length.
+
+    Raises:
+        FormatError: that says how large.
+    """
+    order = "<u4" if content[_ENDIAN_AT] == b"IM" else ">u4"
+    at = _HEADER
+    while at + 8 <= len(content):
+        kind, length = (int(word) for word in np.frombuffer(content, order, 2, at))
+        data = memoryview(content)[at + 8 : at + 8 + length]
+        if kind == _COMPRESSED:
+            unpacking, most = zlib.decompressobj(), max(SMALL, EXPANSION * length)
+            with suppress(zlib.error):  # SciPy refuses a damaged one
+                check_expansion(length, len(unpacking.decompress(data, most)) + bool(unpacking.unconsumed_tail))
+        at += 8 + length
 
 
 def parsed_5(content: bytes) -> bytes:

@@ -34,7 +34,8 @@ LAYERS = (
     {"excitation", "plant", "estimation", "selection"},  # selection compares numbers and knows no model
     {"models"},
     {"validation"},
-    {"io", "export", "live"},
+    {"io", "live"},
+    {"exports"},
     {"first_look"},  # what a file holds, before anything is identified
     {"identification"},
     {"study"},
@@ -243,7 +244,7 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
         ({"rich"}, r"cli\.(terminal|live_view)"),
         ({"serial", "socket", "selectors", "select"}, r"(live|studio)(\..*)?"),
         ({"h5py", "polars"}, r"(io|fleets)(\..*)?"),
-        ({"tempfile", "shutil"}, r"(io|export|fleets|studio)(\..*)?|live\.log"),
+        ({"tempfile", "shutil"}, r"(io|exports|fleets|studio)(\..*)?|live\.log"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
     ids=["printed plots", "command line", "terminal", "connections", "file formats", "temporary files", "pickle"],
@@ -261,7 +262,7 @@ OPENS = re.compile(
 )
 
 
-DOORS = ("io", "live", "export", "fleets", "studio")
+DOORS = ("io", "live", "exports", "fleets", "studio")
 
 
 def test_only_the_doors_touch_files() -> None:

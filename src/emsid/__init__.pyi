@@ -1,6 +1,7 @@
 from . import blocks as blocks
 from . import estimation as estimation
 from . import excitation as excitation
+from . import exports as exports
 from . import findings as findings
 from . import first_look as first_look
 from . import fleets as fleets
@@ -26,6 +27,7 @@ from .estimation.linear.recursive_state import RecursiveState as RecursiveState
 from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
+from .exports import export as export
 from .first_look import FirstLook as FirstLook
 from .first_look import describe as describe
 from .fleets import Fleet as Fleet

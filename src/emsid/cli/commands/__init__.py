@@ -1,12 +1,13 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
 from emsid.cli.commands import demo, describe, identify, validate, simulate  # noqa: I001
-from emsid.cli.commands import orders, study, track, bench, fleet, parameters, names
+from emsid.cli.commands import orders, study, track, bench, fleet, export, parameters, names
 
 __all__ = [
     "bench",
     "demo",
     "describe",
+    "export",
     "fleet",
     "identify",
     "names",

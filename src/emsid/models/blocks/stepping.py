@@ -77,6 +77,21 @@ class CascadeStepper(Stepper):
         )
 
     @property
+    def blocks(self) -> Blocks:
+        """The blocks as numbers."""
+        return self._blocks
+
+    @property
+    def tables(self) -> Tables:
+        """The static maps as numbers."""
+        return self._tables
+
+    @property
+    def numbers(self) -> tuple[Array, Array, Array, Array]:
+        """Taps of the input, offsets of input and output, past inputs, states of the blocks."""
+        return self._taps, self._offsets, self._past.copy(), self._states.copy()
+
+    @property
     def state(self) -> CascadeState:
         """The present state."""
         return CascadeState(self._past[1:].copy(), self._states.copy())

@@ -48,6 +48,16 @@ class FeedbackStepper(Stepper):
         )
 
     @property
+    def tables(self) -> Tables:
+        """The static maps as numbers."""
+        return self._tables
+
+    @property
+    def numbers(self) -> tuple[tuple[Array, Array, Array], Array, Array, Array]:
+        """Matrix, offsets and factors; taps of the input; past inputs; the linear state."""
+        return self._numbers, self._taps, self._past.copy(), self._x.copy()
+
+    @property
     def state(self) -> FeedbackState:
         """The present state."""
         return FeedbackState(self._past[1:].copy(), self._x.copy())

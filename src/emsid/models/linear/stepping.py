@@ -42,6 +42,11 @@ class LinearStepper(Stepper):
         self._begun = True
 
     @property
+    def form(self) -> StateSpaceModel:
+        """The model in state space."""
+        return self._form
+
+    @property
     def state(self) -> Array:
         """(n,) the present state."""
         return self._x.copy()

@@ -119,7 +119,19 @@ class Inside(NamedTuple):
 class OneMassSampler:
     """One mass between two samples."""
 
-    __slots__ = ("_arrays", "_count", "_inside", "_kernel", "_law", "_motion", "_outer", "_rows", "_sensed", "_steps")
+    __slots__ = (
+        "_arrays",
+        "_count",
+        "_inside",
+        "_kernel",
+        "_law",
+        "_level",
+        "_motion",
+        "_outer",
+        "_rows",
+        "_sensed",
+        "_steps",
+    )
 
     def __init__(
         self, outer: Outer, inside: Inside, law: Level, friction: Sliding, steps: int, state: PlantState
@@ -134,7 +146,7 @@ class OneMassSampler:
             state: where it begins.
         """
         self._kernel: Callable[..., None] = compiled_with_law(law, one_mass_sample)
-        varies = friction.varies
+        self._level, varies = law, friction.varies
         self._outer, self._inside, self._law = outer, inside, friction
         self._steps = steps if varies[0] or varies[1] else 1
         self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
@@ -156,6 +168,16 @@ class OneMassSampler:
             u,
             y,
         )
+
+    @property
+    def numbers(self) -> tuple[Outer, Inside, Sliding, int, Level]:
+        """Drive and sensor, what is between them, the friction, steps per sample, and the friction law."""
+        return self._outer, self._inside, self._law, self._steps, self._level
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Integers]:
+        """The state: delayed rows, speed and position, the state of the sensor, whether a sample was simulated."""
+        return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
 
     @property
     def state(self) -> PlantState:

@@ -34,6 +34,11 @@ class PlantStepper(Stepper):
         sampler = model.plant.sampler(state, model.signals)
         return PlainStepper(model, state, inputs) if sampler is None else cls(model, sampler, inputs)
 
+    @property
+    def sampler(self) -> Sampler:
+        """The plant between two samples."""
+        return self._sampler
+
     def _advance(self) -> None:
         self._sampler.advance(self._u, self._y)
 

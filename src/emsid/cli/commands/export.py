@@ -1,0 +1,61 @@
+"""``emsid export``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, pairs, sample_time
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json, check_folder
+
+Options = Annotated[
+    list[str], typer.Option("--option", metavar="NAME=VALUE", help="An option of the format; may be repeated.")
+]
+
+
+@app.command()
+def export(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")],
+    to: Annotated[str, typer.Option(metavar="FORMAT", help="The format; `emsid list` names them.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")],
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name of files and functions.  [default: that of the model]")
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(metavar="S", parser=sample_time, help="Sample time, for a model that has none: 1ms, 100Hz."),
+    ] = None,
+    single: Annotated[bool, typer.Option("--float", help="C in single precision.")] = False,
+    option: Options = [],  # noqa: B006
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    json: Json = False,
+) -> None:
+    """Write a model as C, for MuJoCo, a firmware or a table.
+
+    Beside the files a README has the equation, the parameters with their intervals, and what could not be carried.
+
+    \b
+    Examples:
+      emsid export emsid-result/rigid-motor.json --to c99 --out motor-c --dt 1ms
+      emsid export emsid-result/arx.json --to c99 --out plant --name plant --float
+      emsid export emsid-result/rigid-motor.json --to mujoco --out joint
+      emsid export emsid-result/rigid-motor.json --to wpilib --out gains
+    """
+    from emsid.exports import export as run
+    from emsid.io import load, origin
+    from emsid.models.verbs import as_model
+
+    check_folder(out)
+    loaded, source = load(model), origin(model)
+    if dt is None and as_model(loaded).dt is None and source is not None:
+        dt = source.dt
+    options = {**pairs(option, "--option", "NAME=VALUE"), **({"single": True} if single else {})}
+    with INTERRUPTION.put_off():
+        written = run(loaded, to, out, name=name, dt=dt, force=force, **options)
+    if json:
+        say_json(as_json({"schema": 1, "format": to, "files": [str(path) for path in written]}))
+        return
+    say(f"written to {out}: {', '.join(path.name for path in written)}")

@@ -1,0 +1,121 @@
+"""A model as C99: ``NAME.h`` and ``NAME.c``, without heap or globals, with ``math.h`` alone.
+
+The state is a struct of the caller. ``NAME_init`` puts it into the steady state of a zero input, ``NAME_step`` takes
+the inputs of a sample and gives its outputs: the same statements and, in double precision, the same numbers as
+`emsid.start`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.exports.formats import Export, Files
+from emsid.models.c_form import CForm, number
+from emsid.models.c_forms import c_form_of
+
+FUNCTIONS = ("exp", "expm1", "fabs", "floor", "log1p", "sin", "cos", "tanh")
+HELPERS = {
+    "sign_of": "static real sign_of(real x)\n{\n    return (real)((x > K(0.0)) - (x < K(0.0)));\n}\n",
+    "above": "static real above(real x)\n{\n    return x > K(0.0) ? x : K(0.0);\n}\n",
+}
+"""Functions that are written where they are used."""
+WIDTH = 100
+"""Characters of a line of a table."""
+
+
+def c99(export: Export) -> tuple[Files, list[str]]:
+    """The header and the source of a model.
+
+    Raises:
+        ModelError: for a model without a form in C, or a sample time that is missing.
+    """
+    if export.dt is None:
+        raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
+    form = c_form_of(export.model, dt=export.dt)
+    single = bool(export.options.get("single"))
+    latency = int(export.model.latency)
+    files = {
+        f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
+        f"{export.name}.c": source(export.name, form, single=single),
+    }
+    late = [f"The output is {latency} samples late, as the model interpolates its input."] if latency else []
+    rounding = ["Single precision: compare it with the model before use."] if single else []
+    return files, [*form.notes, *late, *rounding]
+
+
+def header(name: str, form: CForm, dt: float, latency: int, *, single: bool) -> str:
+    """The header: types, sizes and two functions."""
+    guard = f"{name.upper()}_H"
+    arrays = "\n".join(f"    {name}_real {array}[{len(values)}];" for array, values in form.state if len(values))
+    return f"""\
+/* Made by emsid. Sample time {dt!r} s. */
+#ifndef {guard}
+#define {guard}
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+typedef {"float" if single else "double"} {name}_real;
+
+#define {name.upper()}_INPUTS {form.inputs}
+#define {name.upper()}_OUTPUTS {form.outputs}
+#define {name.upper()}_LATENCY {latency} /* samples by which the output is late */
+
+typedef struct {{
+{arrays or f"    {name}_real none[1];"}
+}} {name}_state;
+
+/* The steady state for an input of zero. */
+void {name}_init({name}_state *state);
+
+/* One sample: the outputs for its inputs, and the state after it. */
+void {name}_step({name}_state *state, const {name}_real u[], {name}_real y[]);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def source(name: str, form: CForm, *, single: bool) -> str:
+    """The source: constants, helpers, and two functions."""
+    text = form.functions + form.step
+    suffix = "f" if single else ""
+    macros = "".join(f"#define {each.upper()} {each}{suffix}\n" for each in FUNCTIONS if f"{each.upper()}(" in text)
+    helpers = "\n".join(code for called, code in HELPERS.items() if f"{called}(" in text)
+    tables = "\n".join(table(array, values) for array, values in form.constants if array in text)
+    initial = ", ".join(f"{{{', '.join(map(number, values.tolist()))}}}" for _, values in form.state if len(values))
+    parts = [
+        f'/* Made by emsid. */\n#include <math.h>\n\n#include "{name}.h"\n\ntypedef {name}_real real;\n\n'
+        f"#define K(x) {'x##f' if single else 'x'}\n#define K_INFINITY ((real)INFINITY)\n#define K_NAN ((real)NAN)\n"
+        f"{macros}",
+        helpers,
+        tables,
+        form.functions,
+        f"void {name}_init({name}_state *state)\n{{\n    static const {name}_state initial = "
+        f"{{{initial or '{K(0.0)}'}}};\n    *state = initial;\n}}\n",
+        f"void {name}_step({name}_state *s, const real u[], real y[])\n{{\n{form.step}}}\n",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def table(name: str, values: NDArray[Any]) -> str:
+    """A table of constants, wrapped."""
+    whole = np.issubdtype(values.dtype, np.integer)
+    texts = [str(int(value)) for value in values] if whole else [number(value) for value in values.tolist()]
+    lines, line = [], "   "
+    for text in texts:
+        if len(line) + len(text) + 2 > WIDTH:
+            lines.append(line)
+            line = "   "
+        line += f" {text},"
+    lines.append(line)
+    kind = "int" if whole else "real"
+    return f"static const {kind} {name}[{len(values)}] = {{\n" + "\n".join(lines) + "\n};\n"

@@ -1,0 +1,150 @@
+"""`emsid.export`: a model in another format, with a README that says what it is and what could not be carried."""
+
+from __future__ import annotations
+
+import os
+import re
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import FormatError, ModelError, listed
+from emsid.estimation.fit import Fit
+from emsid.exports.formats import Export, Files, format_of
+from emsid.io.files import atomic_write, write_several
+from emsid.models.verbs import as_model
+
+README = "README.md"
+RESERVED = frozenset(
+    """auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while""".split()  # noqa: SIM905
+)
+"""Words of C that are no names."""
+PROBE = 2_000
+"""Samples of a free run with a constant input, which shows whether a model runs away."""
+
+
+def export(
+    model: Any,
+    format: str,
+    path: str | os.PathLike[str],
+    *,
+    name: str | None = None,
+    dt: float | None = None,
+    force: bool = False,
+    **options: Any,
+) -> list[Path]:
+    """Write a model in another format, and a README beside it.
+
+    Args:
+        model: a model, or a fit; of a fit the README has the intervals of the parameters.
+        format: its name, see `emsid.exports.FORMATS`.
+        path: the folder to write to.
+        name: of files and functions; by default that of the model.
+        dt: sample time in s, for a model that has none of its own.
+        force: whether files that exist are replaced.
+        options: of the format; ``single=True`` for C in single precision.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        ModelError: for a model that the format cannot carry, one that runs away, a name that C cannot hold, or an
+            unknown format or option.
+        FormatError: where files exist or cannot be written.
+    """
+    kind = format_of(format)
+    unknown = [each for each in options if each not in kind.options]
+    if unknown:
+        have = listed(list(kind.options)) if kind.options else "none"
+        raise ModelError(f"{format} has no option {unknown[0]!r}; it has {have}", arguments=(unknown[0],))
+    subject = as_model(model)
+    check_stable(subject, dt)
+    made = Export(
+        subject, model if isinstance(model, Fit) else None, c_name(name or subject.name), _dt(subject, dt), options
+    )
+    files, notes = kind.function(made)
+    files = {**files, README: readme(made, format, notes, files)}
+    folder = Path(path)
+    there = [each for each in files if (folder / each).exists()]
+    if there and not force:
+        raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
+    written = [folder / each for each in files]
+    write_several(atomic_write, written, files.values())
+    return written
+
+
+def _dt(model: Any, dt: float | None) -> float | None:
+    """The sample time of a model, or that given.
+
+    Raises:
+        ModelError: for one that is not positive, or another one than that of the model.
+    """
+    if dt is not None and not (isfinite(dt) and dt > 0):
+        raise ModelError(f"a sample time of {dt!r} s; give a positive number", arguments=("dt",))
+    if dt is not None and model.dt is not None and not np.isclose(dt, model.dt, rtol=1e-6, atol=0.0):
+        raise ModelError(f"{model.name} has a sample time of {model.dt:g} s; leave dt out", arguments=("dt",))
+    own: float | None = model.dt
+    return dt if own is None else own
+
+
+def c_name(name: str) -> str:
+    """A name for files and functions: hyphens and other signs become underscores.
+
+    >>> c_name("rigid-motor")
+    'rigid_motor'
+
+    Raises:
+        ModelError: for a name that C cannot hold even then.
+    """
+    found = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", found) or found in RESERVED:
+        raise ModelError(
+            f"{name!r} cannot be a name in C; give one that begins with a letter, has at most 31 letters, digits and "
+            "underscores, and is no word of C",
+            arguments=("name",),
+        )
+    return found
+
+
+def check_stable(model: Any, dt: float | None) -> None:
+    """Refuse a model whose free run grows without bound at rest.
+
+    Raises:
+        ModelError: for such a model.
+    """
+    from emsid.models.starting import start
+
+    stepper = start(model, dt=model.dt or dt or 1e-3)
+    width = len(stepper._u)
+    ends = [model.run(stepper.state, np.full((PROBE * k, width), 1e-6))[0][-1] for k in (1, 2)]
+    if not np.isfinite(ends).all() or np.max(np.abs(ends[1])) > 1e6 * max(np.max(np.abs(ends[0])), 1e-6):
+        raise ModelError(f"{model.name} is unstable: its free run grows without bound; identify another model")
+
+
+def readme(made: Export, format: str, notes: list[str], files: Files) -> str:
+    """What the files are, and what could not be carried."""
+    from emsid.units import plain_unit
+
+    lines = [f"# {made.name}", "", f"The model {made.model.name} as {format}, made by emsid.", ""]
+    if made.dt is not None:
+        lines += [f"Sample time: {made.dt!r} s.", ""]
+    if made.fit is not None and made.fit.channels is not None:
+        for what, channels in (("Input", made.fit.channels.inputs), ("Output", made.fit.channels.outputs)):
+            lines += [
+                f"{what} {k}: {name}, in {plain_unit(unit) or 'the unit of the record'}."
+                for k, (name, unit) in enumerate(channels)
+            ]
+        lines.append("")
+    lines += ["Files: " + ", ".join(files) + ".", "", "## Equation", "", "```", made.model.equation(), "```", ""]
+    if made.fit is not None and made.fit.parameters:
+        lines += ["## Parameters", "", "| parameter | value | 95 % interval | unit | status |", "|---|---|---|---|---|"]
+        for row in made.fit.parameters.values():
+            shown = "–" if row.interval is None else "{:.4g} … {:.4g}".format(*row.interval)
+            lines.append(f"| {row.name} | {row.value:.6g} | {shown} | {plain_unit(row.unit) or '–'} | {row.how} |")
+        lines.append("")
+    lines += ["## What is not carried", ""]
+    lines += [f"- {note}" for note in notes] or ["Nothing is left out."]
+    return "\n".join(lines) + "\n"

@@ -24,7 +24,7 @@ from emsid.identification.candidates import CANDIDATES
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
-from emsid.record.time_axis import time_axis
+from emsid.record.time_axis import about_time, time_axis
 from emsid.wording import sentence
 from independent.cases import motor as friction_motor
 from independent.nonlinear_systems import tanks
@@ -290,16 +290,18 @@ def test_both_limits_of_a_sensor_are_seen_behind_a_held_input() -> None:
 
 
 def test_times_that_were_resampled_are_not_taken_as_equal() -> None:
-    t = 0.01 * np.arange(N) + 2e-3 * np.random.default_rng(0).uniform(-1, 1, N)
+    t = np.cumsum(0.01 + 2e-3 * np.random.default_rng(0).uniform(-1, 1, N))
     assert not time_axis(t).regular
-    assert "clock-jitters" not in findings(U, motor(U), time_axis=time_axis(t))
+    assert about_time(time_axis(t), "log") == []
+    assert [each.code for each in about_time(time_axis(t), "log", resample=True)] == ["data-resampled"]
 
 
 def test_jitter() -> None:
     t = 0.01 * np.arange(N) + 2e-4 * np.random.default_rng(0).uniform(-1, 1, N)
-    found = findings(U, motor(U), time_axis=time_axis(t))
-    assert found["clock-jitters"].data["jitter"] == pytest.approx(0.04, abs=0.005)
-    assert "clock-jitters" not in findings(U, motor(U), time_axis=time_axis(0.01 * np.arange(N)))
+    (found,) = about_time(time_axis(t), "log")
+    assert (found.code, found.data["dt"]) == ("clock-jitters", 0.01)
+    assert found.data["jitter"] == pytest.approx(0.02, abs=0.001)  # of the stamps; twice as much of the steps
+    assert about_time(time_axis(0.01 * np.arange(N)), "log") == []
 
 
 @pytest.mark.parametrize("late", [0, 1, 2])

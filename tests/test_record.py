@@ -387,7 +387,7 @@ def test_invalid_times_are_refused(times: list[float], message: str) -> None:
 def test_resampling_holds_inputs_and_interpolates_outputs() -> None:
     t = np.array([0.0, 0.9, 2.1, 3.0, 4.0])
     record = Record([1, 2, 3, 4, 5], 10 * t, 1.0).resample(t, dt=1.0)
-    np.testing.assert_array_equal(record.input[:, 0], [1, 2, 2, 4, 5])
+    np.testing.assert_array_equal(record.input[:, 0], [1, 2, 3, 4, 5])  # each step in the nearest row
     np.testing.assert_allclose(record.output[:, 0], [0, 10, 20, 30, 40])
     assert record.dt == 1.0
 

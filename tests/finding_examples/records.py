@@ -54,7 +54,8 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("outliers", "y", {"count": n, "sample": 123, "size": 80.0, "confidence": 0.8, "mask": mask})
         for n, mask in ((1, ""), (4, "abs(y) > 50"))
     ),
-    Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4}),
+    Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4, "dt": 0.01}),
+    Finding("data-resampled", "log.csv", {"dt": 0.01}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),
     Finding("aliasing-possible", "y", {"share": 0.15, "frequency": 175.0, "confidence": 0.5}),
     Finding("output-integrates", "y", {"input": "u"}),

@@ -16,8 +16,9 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.io.columns import Columns
-from emsid.io.sampling import SECONDS, clock_resets, counted_on, entry_with_sample_time
+from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time
 from emsid.record.time_axis import TimeAxis, time_axis
+from emsid.record.time_units import SECONDS
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""

@@ -148,8 +148,8 @@ def _hardly_changes(data: Examined, delay: int) -> bool:
 
 
 def _looks_ahead(data: Examined) -> bool:
-    """Whether the channels were filtered forwards and backwards, so that the output seems to precede the input."""
-    return data.output.startswith("d(") or any(finding.code == "data-filtered" for finding in data.record.findings)
+    """Whether an output may seem to precede its input: channels were filtered forwards and backwards, or resampled."""
+    return data.output.startswith("d(") or any(finding.code in LOOKING_AHEAD for finding in data.record.findings)
 
 
 def _without_sign(data: Examined) -> Iterable[Finding]:
@@ -230,6 +230,8 @@ CHECKS: tuple[Callable[[Examined], Iterable[Finding]], ...] = (
 """All checks, in the order of their findings."""
 
 
+LOOKING_AHEAD = frozenset({"data-filtered", "data-resampled"})
+"""Findings about a record whose outputs may seem to precede its inputs by a part of a sample."""
 QUESTIONABLE = frozenset(
     {
         "all-standstill",

@@ -35,10 +35,10 @@ from emsid.io.columns import Columns, as_numbers, errors_of
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
-from emsid.io.sampling import SECONDS
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
+from emsid.record.time_units import SECONDS
 
 Array = NDArray[np.float64]
 
@@ -251,7 +251,8 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
         return _with_record(look, parsed, noticed, given)
     found = found or Response(None, 0, 0.0)
-    if not {"shift", "direction"} & set(look.reading) and _acts_in_its_own_row(look, found):
+    known = {"shift", "direction", "resample"} & set(look.reading) or parsed.columns.clocks  # nothing else: rows move
+    if not known and _acts_in_its_own_row(look, found):
         noticed.append(Finding("command-before-its-row", look.roles.input, {"output": look.roles.output}))
         look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})
         return _with_record(look, parsed, noticed, given | {"shift"})

@@ -90,12 +90,8 @@ def outliers(data: Examined) -> Iterable[Finding]:
 
 
 def sampling(data: Examined) -> Iterable[Finding]:
-    """Jitter, repeated samples, aliasing, and the sample time against the time constant."""
-    axis, dt = data.record.time_axis, data.record.dt
-    if axis is not None and axis.jitter > 0.01 and axis.regular:  # a record of irregular times was resampled
-        yield Finding(
-            "clock-jitters", data.record.name, {"jitter": float(axis.jitter), "deviation": float(axis.deviation)}
-        )
+    """Repeated samples, aliasing, and the sample time against the time constant."""
+    dt = data.record.dt
     held = repeated(data.y[~data.near_zero] if (~data.near_zero).any() else data.y)
     if held > 1:
         yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from emsid.io.sampling import CLOCK_NAMES
+from emsid.record.time_units import CLOCK_NAMES
 from emsid.units import BRACKETED, known_unit, unit_in_name
 
 

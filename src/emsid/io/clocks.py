@@ -9,6 +9,7 @@ import numpy as np
 
 from emsid.errors import DataError
 from emsid.io.columns import Columns, as_numbers
+from emsid.record.resampling import held_at
 
 
 def on_one_clock(columns: Columns, clock: str, held: Collection[str]) -> Columns:
@@ -34,10 +35,11 @@ def on_one_clock(columns: Columns, clock: str, held: Collection[str]) -> Columns
     if not inside.any():
         raise DataError(f"the columns have no time in common with {clock!r}; take columns of one recording")
     series = {}
+    step = float(np.median(np.diff(times[inside]))) if np.count_nonzero(inside) > 1 else 0.0
     for name, values in columns.series.items():
         if name in others:
             t, x = own[others[name]], as_numbers(values)
-            at = np.searchsorted(t, times[inside], side="right") - 1
+            at = held_at(t, times[inside], step)
             series[name] = pl.Series(name, x[at] if name in held else np.interp(times[inside], t, x))
         elif columns.clocks.get(name) == clock:
             series[name] = values.filter(pl.Series(inside))

@@ -190,7 +190,8 @@ def read(
             file whose columns have times of their own, by default that of the output; other columns are brought to it,
             inputs held and outputs interpolated. A table with a row for every message is such a file: its input and its
             output have values in different rows, and ``rows`` then counts those of the output.
-        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
+        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds. It may
+            also be given in ``units``.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
@@ -226,6 +227,9 @@ def read(
     named |= {"direction": direction, "scale": scale, "offset": offset, "units": units}
     with errors_of(file):
         named = with_names_of(parsed.columns, named)
+    if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
+        named["units"] = dict(named["units"])
+        time_unit = named["units"].pop(named["time"])
     sides = [_as_tuple(named[side]) for side in ("input", "output")]
     columns, rename = with_other_files(parsed.columns, file, [*sides[0], *sides[1]], named["time"], read_columns)
     inputs, outputs = ([rename.get(name, name) for name in side] for side in sides)
@@ -325,8 +329,8 @@ def _record(
     used = [s.column for s in signals]
     by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
     _check_options({**by_column, "units": units}, signals)
-    columns = shifted(continuous(columns, wrap), shift, direction)
-    columns, clock = _on_one_clock(columns, clock, used, {*used[: len(inputs)], *direction.values()})
+    apart = shifted(continuous(columns, wrap), shift, direction)
+    columns, clock = _on_one_clock(apart, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
@@ -352,7 +356,8 @@ def _record(
         )
         record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
         record = record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
-        return replace(record, findings=(*record.findings, *about_sample_time(record.dt, name)))
+        moved = [Finding("data-resampled", name, {"dt": record.dt})] if columns is not apart else []
+        return replace(record, findings=(*moved, *record.findings, *about_sample_time(record.dt, name)))
 
 
 def _on_one_clock(

@@ -20,11 +20,11 @@ from emsid.findings import Finding
 from emsid.io.columns import Columns
 from emsid.io.selection import Selection
 from emsid.record import Record, TimeAxis, concatenate, time_axis
+from emsid.record.time_axis import BRIDGED, about_time
+from emsid.record.time_units import SECONDS, UNIT_IN_NAME, seconds_in_unit
+from emsid.record.timer import on_timer
 
 Array = NDArray[np.float64]
-
-BRIDGED = 10
-"""Resampling interpolates over gaps shorter than this many sample times; a longer gap ends a segment."""
 
 SHORTEST, LONGEST = 1e-6, 1.0
 """Sample times in seconds outside this range are questioned."""
@@ -44,22 +44,6 @@ _ENTRY = re.compile(
 )
 """The name of an entry with the sampling frequency in Hz, or the sample time, perhaps with its unit."""
 
-SECONDS = {
-    "ns": 1e-9,
-    "us": 1e-6,
-    "µs": 1e-6,  # the micro sign
-    "μs": 1e-6,  # the Greek letter
-    "ms": 1e-3,
-    "msec": 1e-3,
-    "s": 1.0,
-    "sec": 1.0,
-    "seconds": 1.0,
-    "min": 60.0,
-    "h": 3600.0,
-}
-CLOCK_NAMES = {"millis": "ms", "micros": "us"}
-"""Units of columns that are called like the function of a board that they come from."""
-_UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
 _LIKE_TIME = re.compile(r"t|time|timestamp|zeit|sec|seconds", re.IGNORECASE)
 
 
@@ -112,8 +96,9 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     if len(resets):
         data = {"count": len(resets), "column": clock.time, "line": selection.number(resets[0])}
         record = replace(record, findings=(*record.findings, Finding("clock-reset", record.name, data)))
+    record = replace(record, findings=(*record.findings, *about_time(axis, record.name, clock.dt, clock.resample)))
     if clock.resample:
-        return replace(_resampled(record, seconds, breaks, axis.dt, clock.dt), time_axis=axis)
+        return replace(_resampled(record, seconds, breaks, axis, clock.dt), time_axis=axis)
     _check_axis(axis, clock)
     starts = seconds[[0, *breaks]]
     return replace(
@@ -146,15 +131,17 @@ def _check_axis(axis: TimeAxis, clock: SampleTime) -> None:
         )
 
 
-def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: float, dt: float | None) -> Record:
-    """The samples at the given times (N,), resampled to equidistant times; a long gap ends a segment."""
-    gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * step)
+def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], axis: TimeAxis, dt: float | None) -> Record:
+    """The samples at the given times (N,), resampled to equidistant times; a long gap ends a segment.
+
+    Where a timer lost rows, the others are first put where it sampled them: their stamps may jitter.
+    """
+    gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * axis.dt)
     breaks = np.union1d(breaks, gaps)
     edges = (0, *breaks, len(seconds))
     pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
-    return concatenate(
-        piece.resample(seconds[a:b], dt or step) for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
-    )
+    stamps = [on_timer(seconds[a:b]) if axis.gaps else seconds[a:b] for a, b in pairwise(edges)]
+    return concatenate(piece.resample(t, dt or axis.dt) for t, piece in zip(stamps, pieces, strict=True))
 
 
 def counted_on(counter: Array) -> Array:
@@ -195,14 +182,7 @@ def _time_unit(clock: SampleTime, columns: Columns) -> float:
     assert clock.time is not None
     if columns.series[clock.time].dtype.is_temporal():
         return 1.0
-    if clock.time_unit is not None:
-        if clock.time_unit not in SECONDS:
-            raise DataError(f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(SECONDS)}")
-        return SECONDS[clock.time_unit]
-    written = _UNIT_IN_NAME.search(clock.time)
-    in_name = written["bracketed"] or written["suffix"] if written else CLOCK_NAMES.get(clock.time.lower(), "s")
-    unit = columns.units.get(clock.time) or in_name
-    return SECONDS.get(unit, 1.0)
+    return seconds_in_unit(clock.time, clock.time_unit, columns.units.get(clock.time, ""))
 
 
 class EntryWithSampleTime(NamedTuple):
@@ -242,7 +222,7 @@ def entry_with_sample_time(numbers: Mapping[str, float]) -> EntryWithSampleTime 
 
 def _no_sample_time(columns: Columns) -> str:
     """The error for a missing sample time, with a hint from the file."""
-    candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(_UNIT_IN_NAME.sub("", name))]
+    candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(UNIT_IN_NAME.sub("", name))]
     hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
     entry = entry_with_sample_time(columns.numbers)
     if entry is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError
+from emsid.record.time_units import seconds_in_unit
 
 Array = NDArray[np.float64]
 
@@ -87,27 +88,28 @@ def numbers(frame: Any, names: Sequence[str]) -> Array:
     return np.column_stack(columns) if columns else np.empty((_length(frame), 0))
 
 
-def seconds(frame: Any, time: str | None) -> Array | None:
+def seconds(frame: Any, time: str | None, unit: str | None = None) -> Array | None:
     """(N,) the time of every row in seconds; None if the frame has no time.
 
     Args:
         frame: where to look.
         time: the column, or the name of the index of a pandas frame; None takes that index, unless it is a row number.
+        unit: of the time; by default the one in the name of the column, else seconds. Dates and times need none.
 
     Raises:
-        DataError: for a column that is not there, or that holds no times.
+        DataError: for a column that is not there, or that holds no times, and for a unit that is not one of time.
     """
     index = getattr(frame, "index", None)
     if callable(index):  # of a list or a tuple
         index = None
     if time is None:
-        return None if index is None or type(index).__name__ == "RangeIndex" else _as_seconds(index, "the index")
+        return None if index is None or type(index).__name__ == "RangeIndex" else _as_seconds(index, "the index", unit)
     if time not in column_names(frame) and index is not None and getattr(index, "name", None) == time:
-        return _as_seconds(index, f"index {time!r}")
-    return _as_seconds(_column(frame, time), f"column {time!r}")
+        return _as_seconds(index, f"index {time!r}", unit, time)
+    return _as_seconds(_column(frame, time), f"column {time!r}", unit, time)
 
 
-def _as_seconds(values: Any, what: str) -> Array:
+def _as_seconds(values: Any, what: str, unit: str | None, name: str = "") -> Array:
     kind = str(getattr(values, "dtype", "")).lower()
     if kind.startswith("datetime"):
         array: Any = np.asarray(values, dtype="datetime64[ns]")  # of times with a zone, in UTC
@@ -116,7 +118,7 @@ def _as_seconds(values: Any, what: str) -> Array:
     if array.dtype.kind in "mM":
         result: Array = (array - array[:1]) / np.timedelta64(1, "s")
         return result
-    return _as_floats(values, what)
+    return seconds_in_unit(name or str(getattr(values, "name", None) or ""), unit) * _as_floats(values, what)
 
 
 def _number_column(frame: Any, name: str) -> Array:

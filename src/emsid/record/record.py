@@ -27,7 +27,8 @@ from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, 
 from emsid.record.frames import FrameMethods, numbers, seconds
 from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
-from emsid.record.time_axis import TimeAxis, time_axis
+from emsid.record.time_axis import TimeAxis, about_time, time_axis
+from emsid.record.timer import on_timer
 from emsid.units import called, name_and_unit, readable_unit
 
 Array = NDArray[np.float64]
@@ -161,8 +162,9 @@ class Record(Presented, FrameMethods):
         Args:
             frame: where the columns are.
             input, output: the input and the output columns; one name or several.
-            time: the column with the time, in seconds or as dates and times, or the name of the index of a pandas
-                frame. Without it and without ``dt``, the index is the time.
+            time: the column with the time, or the name of the index of a pandas frame: dates and times, or numbers in
+                the unit in ``units`` or at the end of the name (``time_ms``), else seconds. Without it and without
+                ``dt``, the index is the time.
             dt: sample time in seconds, if there is no time column.
             units: the unit of each column; these channels are converted to SI, as by `emsid.read`.
             resample: resample an irregular time axis to an equidistant one; inputs are held, outputs interpolated.
@@ -174,10 +176,13 @@ class Record(Presented, FrameMethods):
         """
         inputs, outputs = as_names(input), as_names(output)
         given = dict(units or {})
+        unit_of_time = None if time is None or time in (*inputs, *outputs) else given.pop(time, None)
         strange = [column for column in given if column not in (*inputs, *outputs)]
         if strange:
-            raise DataError(f"{name}: units are given for {strange[0]!r}, which is neither input nor output")
-        at = None if dt is not None and time is None else seconds(frame, time)
+            raise DataError(
+                f"{name}: units are given for {strange[0]!r}, which is neither input nor output, nor the time"
+            )
+        at = None if dt is not None and time is None else seconds(frame, time, unit_of_time)
         if at is None and dt is None:
             raise DataError(f"{name}: no sample time; give dt in seconds, or the time column")
         axis = None if at is None else time_axis(at)
@@ -196,9 +201,10 @@ class Record(Presented, FrameMethods):
             times=() if at is None else (float(at[0]),),
             name=name,
             time_axis=axis,
+            findings=() if axis is None else tuple(about_time(axis, name, dt, resample)),
         )
         if resample and at is not None:
-            record = record.resample(at, dt)
+            record = record.resample(on_timer(at) if axis is not None and axis.gaps else at, dt)
         return record.convert() if given else record
 
     def __len__(self) -> int:

@@ -8,8 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
+from emsid.findings import Finding
+from emsid.record.timer import timer_of
 
 Array = NDArray[np.float64]
+
+
+BRIDGED = 10
+"""Resampling interpolates over gaps shorter than this many sample times; a longer gap ends a segment."""
+
+
+NOTABLE = 0.01
+"""Steps of time that differ by a larger share of the sample time are mentioned: rounding to three digits makes it."""
 
 
 class TimeAxis(NamedTuple):
@@ -18,13 +28,16 @@ class TimeAxis(NamedTuple):
     Attributes:
         samples: the number of samples.
         dt: sample time in seconds. For regular samples it is the shortest decimal number that fits all of them, so that
-            times written with few digits give the intended sample time; otherwise it is the median interval.
+            times written with few digits give the intended sample time; otherwise it is the mean interval without gaps.
         deviation: largest difference of an interval from ``dt``, in seconds, without gaps and duplicates; zero if it
             is below the rounding of the times.
-        gaps: index of every sample that is more than 1.5·dt later than the previous one.
+        gaps: index of every sample before which rows of the timer were lost; without a timer, of every one that is more
+            than 1.5·dt later than the previous one.
         lengths: of these gaps, in seconds.
         duplicates: index of every sample that is not later than the previous one.
         place: format of an index in messages, ``sample {}``.
+        stamp_error: the largest distance in seconds of a time from the straight line over the numbers of the samples,
+            where a timer sampled them (see `timer`) and only the times jitter; None for other samples.
     """
 
     samples: int
@@ -34,6 +47,7 @@ class TimeAxis(NamedTuple):
     lengths: tuple[float, ...] = ()
     duplicates: tuple[int, ...] = ()
     place: str = "sample {}"
+    stamp_error: float | None = None
 
     @property
     def jitter(self) -> float:
@@ -42,8 +56,8 @@ class TimeAxis(NamedTuple):
 
     @property
     def regular(self) -> bool:
-        """Whether the samples count as equidistant: no gap, no duplicate, jitter below 5 %."""
-        return not self.gaps and not self.duplicates and self.jitter < 0.05
+        """Whether the samples count as equidistant: no gap, no duplicate; sampled by a timer, or jitter below 5 %."""
+        return not self.gaps and not self.duplicates and (self.stamp_error is not None or self.jitter < 0.05)
 
     def __str__(self) -> str:
         step = f" (largest deviation of a step {_duration(self.deviation, 2)})" if self.deviation else ""
@@ -75,8 +89,13 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     steps = np.diff(t)
     forward = steps[steps > 0]
     digits = rounding(t)
-    dt = _simplest(float(np.median(forward)), digits)
-    gap, back = steps > 1.5 * dt, steps <= 0
+    dt = float(np.median(forward))
+    timer = timer_of(t)
+    if timer is None:
+        gap, back = steps > 1.5 * dt, steps <= 0
+    else:
+        gap, back = np.diff(timer.numbers) > 1, np.zeros(len(steps), dtype=bool)
+        dt = timer.dt
     ordinary = steps[~gap & ~back]
 
     def deviation(dt: float) -> float:
@@ -90,11 +109,38 @@ def time_axis(time: ArrayLike) -> TimeAxis:
         gaps=tuple(int(k) + 1 for k in np.flatnonzero(gap)),
         lengths=tuple(float(length) for length in steps[gap]),
         duplicates=tuple(int(k) + 1 for k in np.flatnonzero(back)),
+        stamp_error=None if timer is None else timer.error,
     )
-    if not axis.regular:
-        return axis
-    dt = _simplest_step(t)
+    if axis.regular:
+        dt = _simplest_step(t, dt if timer is not None else float(t[-1] - t[0]) / (len(t) - 1))
+    elif timer is not None:
+        dt = _simplest(dt, (timer.error + digits) / int(timer.numbers[-1]))
+    else:
+        dt = _simplest(dt if axis.jitter < 0.05 else _mean_step(forward), digits)
     return axis._replace(dt=dt, deviation=deviation(dt))
+
+
+def about_time(axis: TimeAxis, name: str, dt: float | None = None, resample: bool = False) -> list[Finding]:
+    """What to know about the times of a record: that they jitter, or that it is resampled.
+
+    Args:
+        axis: of the times.
+        name: of the record.
+        dt: the sample time in seconds that is given, if any.
+        resample: whether the record is resampled.
+    """
+    if resample:
+        return [Finding("data-resampled", name, {"dt": float(dt or axis.dt)})]
+    if not axis.regular or axis.jitter <= NOTABLE:
+        return []
+    off = axis.deviation if axis.stamp_error is None else axis.stamp_error
+    data = {"jitter": float(off / axis.dt), "deviation": float(off), "dt": float(dt or axis.dt)}
+    return [Finding("clock-jitters", name, data)]
+
+
+def _mean_step(forward: Array) -> float:
+    """The mean of irregular steps, without those that are gaps of many of them."""
+    return float(np.mean(forward[forward < BRIDGED * np.median(forward)]))
 
 
 def _checked(time: ArrayLike) -> Array:
@@ -130,7 +176,7 @@ def _duration(seconds: float, digits: int = 6) -> str:
     return f"{seconds / size:.{digits}g} {unit}"
 
 
-def _simplest_step(t: Array) -> float:
+def _simplest_step(t: Array, mean: float) -> float:
     """The sample time of regular times ``t`` (N,): the decimal number of fewest digits near their mean interval.
 
     It shifts the last sample by no more than the scatter of the times, and by less than half a sample.
@@ -139,7 +185,6 @@ def _simplest_step(t: Array) -> float:
     first = float(t[1] - t[0])
     if np.array_equal(t[0] + first * k, t):
         return first
-    mean = float(t[-1] - t[0]) / (len(t) - 1)
     scatter = float(np.max(np.abs(t - t[0] - mean * k))) + rounding(t)
     return _simplest(mean, min(scatter, mean / 2) / (len(t) - 1))
 

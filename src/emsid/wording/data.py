@@ -9,7 +9,7 @@ from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
-from emsid.wording.durations import duration
+from emsid.wording.durations import duration, sample_time
 from emsid.wording.lists import assigned, shortened
 from emsid.wording.sureness import how_sure
 
@@ -308,13 +308,20 @@ def outliers(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("clock-jitters", Severity.WARNING)
+@words("clock-jitters")
 def clock_jitters(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: jitter (share of the sample time), deviation (s)."""
+    """Subject: the record. Data: jitter (share of the sample time), deviation (s), dt (s)."""
+    d = f.data
     return (
-        f"the steps of time differ by up to {100 * f.data['jitter']:.2g} % ({duration(f.data['deviation'])}); "
-        f"they are taken as equal. {argument('resample')} interpolates"
+        f"the times jitter by up to {duration(d['deviation'])} ({100 * d['jitter']:.2g} % of a sample); the rows are "
+        f"taken as equidistant, {sample_time(d['dt'])} apart"
     )
+
+
+@words("data-resampled")
+def data_resampled(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: dt (s)."""
+    return f"resampled to steps of {sample_time(f.data['dt'])}; these data do not show delays below a sample"
 
 
 @words("samples-repeated", Severity.WARNING)

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
+from emsid.cli.reading import Reader
 from emsid.first_look import describe
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import time_axis
@@ -124,3 +125,15 @@ def test_the_time_of_a_frame_has_a_unit_as_in_files(time: str, units: dict[str, 
         assert record.dt == DT
     with pytest.raises(emsid.DataError, match="time unit 'V' is not understood"):
         emsid.Record.from_frame(frame, input="u", output="y", time=time, units={time: "V"})
+
+
+def test_a_file_with_a_clock_of_another_rate_is_not_read_with_the_sample_time_of_the_model(log: Path) -> None:
+    remembered = {"input": ["voltage"], "output": ["speed"], "dt": 0.02}
+    record = Reader({}, {}).after(remembered)(log)
+    assert record.dt == DT
+    found = {each.code: each.data for each in record.findings}
+    assert found["sample-time-of-file"] == {"column": "time_ms", "dt": DT, "before": 0.02}
+    same = Reader({}, {}).after({**remembered, "dt": 0.01})(log)
+    given = Reader({"dt": 0.02}, {}).after(remembered)(log)
+    assert (same.dt, given.dt) == (0.01, 0.02)
+    assert not {"sample-time-of-file"} & {each.code for each in (*same.findings, *given.findings)}

@@ -55,6 +55,7 @@ EXAMPLES: tuple[Finding, ...] = (
         for n, mask in ((1, ""), (4, "abs(y) > 50"))
     ),
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4, "dt": 0.01}),
+    Finding("sample-time-of-file", "other.csv", {"column": "t", "dt": 0.02, "before": 0.01}),
     Finding("data-resampled", "log.csv", {"dt": 0.01}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),
     Finding("aliasing-possible", "y", {"share": 0.15, "frequency": 175.0, "confidence": 0.5}),

@@ -13,6 +13,7 @@ from emsid.cli.options import numbers, option, pairs, quantity, sample_time
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
+    from emsid.io import ParsedFile
     from emsid.record import Record
 
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -25,10 +26,12 @@ class Reader:
     Args:
         given: arguments by name.
         usual: defaults of the command.
+        recalled_dt: whether the sample time is that of a model file: the clock of a file replaces it.
     """
 
     given: Mapping[str, Any]
     usual: Mapping[str, Any]
+    recalled_dt: bool = False
 
     def __call__(self, path: Path) -> "Record":
         """Read a file; another sample time stated in it is a finding of the record."""
@@ -36,12 +39,31 @@ class Reader:
         from emsid.io import ParsedFile, read, read_columns
 
         parsed = ParsedFile(path, read_columns(path))
+        if self.recalled_dt and (other := self._by_its_clock(parsed)) is not None:
+            return other
         record, dt = read(parsed, **self.given), self.given.get("dt")
         if dt is None or "time" in self.given:
             return record
         return replace(
             record, findings=(*record.findings, *contradiction(stated_clock(parsed.columns, path.name), path.name, dt))
         )
+
+    def _by_its_clock(self, parsed: "ParsedFile") -> "Record | None":
+        """The record with the clock of its file, where that has another sample time; None where it has not."""
+        from emsid.findings import Finding
+        from emsid.first_look.clock import clock_of_file, differs
+        from emsid.io import read
+
+        before = self.given["dt"]
+        clock = clock_of_file(parsed.columns, (*self.given["input"], *self.given["output"]))
+        if clock is None or not differs(clock, before):
+            return None
+        given: dict[str, Any] = {name: value for name, value in self.given.items() if name != "dt"}
+        if clock.unit and clock.unit_confidence < 1:
+            given["time_unit"] = clock.unit
+        record = read(parsed, **given, time=clock.column)
+        found = Finding("sample-time-of-file", record.name, {"column": clock.column, "dt": record.dt, "before": before})
+        return replace(record, findings=(*record.findings, found))
 
     def files(self, files: Sequence[Path]) -> list[Path]:
         """The given files, or the one of the output where that is a column of a named file: ``y.csv:1``.
@@ -99,7 +121,8 @@ class Reader:
         merged = {
             name: with_others(name, value) if isinstance(value, dict) else value for name, value in self.given.items()
         }
-        return Reader({name: value for name, value in (before | merged).items() if value not in ("", [])}, {})
+        recalled = "dt" in before and not {"dt", "time"} & set(self.given)
+        return Reader({name: value for name, value in (before | merged).items() if value not in ("", [])}, {}, recalled)
 
 
 def _rows(text: str) -> slice:

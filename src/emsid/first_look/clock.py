@@ -6,16 +6,16 @@ It is stated in the lines above the header of a table, or as a single number of 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.first_look.columns import Column
-from emsid.first_look.names import ColumnQuantity
-from emsid.io.columns import Columns
+from emsid.first_look.columns import Column, column_of_numbers
+from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.io.columns import Columns, as_numbers
 from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time
 from emsid.record.time_axis import TimeAxis, time_axis
 from emsid.record.time_units import SECONDS
@@ -77,6 +77,29 @@ def find_clock(columns: Sequence[Column], stated: Clock | None, wanted: str = ""
             if clock is not None:
                 return clock
     return stated or Clock(ASSUMED, "nothing", 0.0)
+
+
+def clock_of_file(raw: Columns, besides: Collection[str] = ()) -> Clock | None:
+    """The clock in a time column of a file; None where it has no such column, or one that is not regular.
+
+    Args:
+        raw: the columns of the file.
+        besides: columns that are no time, such as inputs and outputs.
+    """
+    table = []
+    for name, series in raw.series.items():
+        if name not in besides and (series.dtype.is_numeric() or series.dtype.is_temporal()):
+            kind = "times" if series.dtype.is_temporal() else "numbers"
+            table.append(column_of_numbers(name, kind, meaning(name, raw.units.get(name, "")), as_numbers(series)))
+    clock = find_clock(table, None)
+    return clock if clock.axis is not None and clock.axis.regular else None
+
+
+def differs(clock: Clock, dt: float) -> bool:
+    """Whether the sample time of a clock is another one, in any unit that the clock may have."""
+    units = (clock.unit,) if clock.unit_confidence == 1 or clock.unit not in SECONDS else SECONDS
+    number = clock.dt / SECONDS.get(clock.unit, 1.0)
+    return all(abs(number * SECONDS.get(unit, 1.0) - dt) > SAME * dt for unit in units)
 
 
 def contradiction(stated: Clock | None, file: str, dt: float) -> Iterable[Finding]:

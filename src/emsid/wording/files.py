@@ -36,6 +36,16 @@ def sample_time_contradicted(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("sample-time-of-file", Severity.WARNING)
+def sample_time_of_file(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: column (its clock), dt (s), before (s, of the record that the model is from)."""
+    d = f.data
+    return (
+        f"{f.subject}: {d['column']} says {duration(d['dt'])} between rows, where the record of the model had "
+        f"{duration(d['before'])}; the clock of the file is used"
+    )
+
+
 @words("rows-skipped", Severity.WARNING)
 def rows_skipped(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: count, rows, line, text (of the first; may be empty), messages."""

@@ -120,7 +120,7 @@ def test_an_input_without_output_is_a_record() -> None:
         ({"output": [None, "a", 2, 3, 4]}, "log: output holds something else than numbers"),
         ({"output": [[1, 2], [3], [4], [5], [6]]}, "something else than numbers"),
         ({"output": np.array([1, 2, 3, 4, 5], "datetime64[s]")}, "something else than numbers"),
-        ({"dt": "fast"}, "sample time fast s; give a positive number"),
+        ({"dt": "fast"}, "sample time 'fast' s; give a positive number"),
         ({"dt": 0.0}, "sample time 0.0 s; give a positive number"),
         ({"dt": np.nan}, "sample time nan s"),
         ({"input": np.array([1, 2, np.nan, 4, 5])}, "channel 'u1' is nan at sample 2"),

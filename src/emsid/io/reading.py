@@ -47,6 +47,20 @@ from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
 from emsid.record import Record, concatenate
+from emsid.record.argument_types import (
+    CONDITION,
+    NAME,
+    NAMES,
+    NUMBER,
+    NUMBERS,
+    SLICE,
+    SWITCH,
+    TEXT,
+    TEXTS,
+    WHOLE,
+    Kind,
+    check_types,
+)
 from emsid.units import SI, column_of
 
 Array = NDArray[np.float64]
@@ -73,6 +87,21 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 }
 """The reader for each suffix: from the content of a file to its columns."""
 
+KINDS: Mapping[str, Kind] = {
+    **dict.fromkeys(("input", "output"), NAMES),
+    "time": NAME,
+    "time_unit": TEXT,
+    "mask": CONDITION,
+    **dict.fromkeys(("dt", "counts_per_revolution", "supply_voltage", "pwm_full_scale", "filter"), NUMBER),
+    **dict.fromkeys(("resample", "skip_bad_rows"), SWITCH),
+    **dict.fromkeys(("derivative_window", "decimate", "detrend"), WHOLE),
+    **dict.fromkeys(("wrap", "shift", "scale", "offset"), NUMBERS),
+    **dict.fromkeys(("direction", "units"), TEXTS),
+    "rows": SLICE,
+}
+"""The types of the arguments of `read`."""
+MOST_EXACT = 2**53
+"""Whole numbers up to this one are floats without rounding; NumPy refuses larger ones than 2⁶³."""
 _BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
 """The arguments of `read` that are given by column."""
 
@@ -221,11 +250,13 @@ def read(
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
+    given = locals()
     parsed = parsed_file(path)
     file = parsed.path
     named: dict[str, Any] = {"input": input, "output": output, "time": time, "wrap": wrap, "shift": shift}
     named |= {"direction": direction, "scale": scale, "offset": offset, "units": units}
     with errors_of(file):
+        check_types(given, KINDS)
         named = with_names_of(parsed.columns, named)
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
         named["units"] = dict(named["units"])
@@ -239,7 +270,9 @@ def read(
             name=file.name,
             inputs=inputs,
             outputs=outputs,
-            clock=SampleTime(dt, named["time"], time_unit, resample),
+            clock=SampleTime(
+                dt if dt is None or abs(dt) < MOST_EXACT else float(dt), named["time"], time_unit, resample
+            ),
             rows=rows or slice(None),
             mask=mask,
             skip_bad_rows=skip_bad_rows,
@@ -254,6 +287,11 @@ def read(
         clocks = () if parsed.columns.clocks else about_clocks(columns, (*inputs, *outputs), file.name)
         record = replace(record, findings=(*clocks, *record.findings))
         return _detrended(_filtered(record, filter, decimate), detrend)
+
+
+def _exact(dt: float | None) -> float | None:
+    """A sample time that NumPy takes."""
+    return dt if dt is None or abs(dt) < MOST_EXACT else float(dt)
 
 
 def with_names_of(columns: Columns, reading: Mapping[str, Any]) -> dict[str, Any]:

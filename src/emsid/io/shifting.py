@@ -24,7 +24,7 @@ def shifted(columns: Columns, rows: Mapping[str, float], direction: Mapping[str,
     series = dict(columns.series)
     for name, number in rows.items():
         check_column(name, columns)
-        if number != int(number) or not abs(number) < len(series[name]):
+        if not abs(number) < len(series[name]) or number != int(number):  # not a number is not less
             raise DataError(
                 f"shift of {name!r} is {number:g}; give a whole number of rows, fewer than there are",
                 arguments=("shift",),

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
+from emsid.findings import Finding
+from emsid.record.argument_types import NUMBER_LIST, PAIRS, TEXT, TEXT_LIST, WHOLE_LIST, Kind, items_of, shown
+from emsid.record.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
 
 
 def as_channels(values: ArrayLike, side: str, named: int) -> Array:
     """The samples (N, channels), read-only. More channels than samples are accepted only if ``named`` confirms them."""
-    array = _real_numbers(values, side)
+    array = real_numbers(values, side)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
@@ -26,13 +30,13 @@ def as_channels(values: ArrayLike, side: str, named: int) -> Array:
     return array
 
 
-def _real_numbers(values: ArrayLike, side: str) -> Array:
+def real_numbers(values: ArrayLike, side: str) -> Array:
     """The values as a read-only array; copied unless they are read-only already, as in a part of a record."""
     given: NDArray[Any] | None
     try:
         given = np.asarray(values)
         array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
-    except (TypeError, ValueError):  # strings among numbers, rows of unequal length
+    except (TypeError, ValueError, OverflowError):  # strings among numbers, rows of unequal length
         given = array = None
     if array is None:
         found = {"c": "complex numbers", "U": "text", "S": "text"}.get(given.dtype.kind if given is not None else "")
@@ -46,6 +50,38 @@ def _real_numbers(values: ArrayLike, side: str) -> Array:
         array = array.copy("K")
         array.flags.writeable = False  # set on the array itself, so that views of it need no copy
     return array
+
+
+KINDS = {
+    "name": TEXT,
+    "breaks": WHOLE_LIST,
+    "times": NUMBER_LIST,
+    "sources": TEXT_LIST,
+    "findings": items_of(Finding),
+    "conversions": PAIRS,
+    "time_axis": Kind(lambda value: isinstance(value, TimeAxis), "a TimeAxis"),
+}
+"""The types of the fields of a record that are no arrays."""
+
+
+def segments_of(record: Any) -> dict[str, tuple[Any, ...]]:
+    """The fields of a record about its segments, completed.
+
+    Raises:
+        DataError: for breaks, times and sources that do not agree.
+    """
+    name, breaks = record.name, tuple(int(b) for b in record.breaks)
+    edges = (0, *breaks, len(record))
+    if any(b <= a for a, b in pairwise(edges)):
+        raise DataError(f"{name}: breaks {shown(breaks)} must ascend inside 1 … {len(record) - 1}")
+    times = tuple(float(t) for t in record.times) or tuple(edge * record.dt for edge in edges[:-1])
+    if len(times) != len(edges) - 1:
+        raise DataError(f"{name}: {len(times)} segment times for {len(edges) - 1} segments")
+    sources, before = tuple(record.sources), tuple(record.before) if any(record.before) else ()
+    for what, values in (("sources", sources), ("parts before", before)):
+        if values and len(values) != len(edges) - 1:
+            raise DataError(f"{name}: {len(values)} segment {what} for {len(edges) - 1} segments")
+    return {"breaks": breaks, "times": times, "sources": sources, "before": before}
 
 
 def whole_number(value: object, least: int, problem: str) -> int:

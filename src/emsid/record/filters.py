@@ -11,6 +11,8 @@ LARGEST_TREND = 5
 """The largest order of a trend. One of a higher order follows the motion, which is then subtracted too."""
 DECIMATED, FILTERED = 20, 15
 """Samples of the slow rate, and of the record, that a segment must exceed for a filter to settle within it."""
+LOWEST = 1e-5
+"""The lowest cutoff as a part of the sampling frequency: below, the filter's poles lose half of their digits."""
 
 
 def without_trend(values: Array, time: Array, order: int) -> Array:
@@ -18,7 +20,8 @@ def without_trend(values: Array, time: Array, order: int) -> Array:
     span = time[-1] - time[0]
     within = 2 * (time - time[0]) / span - 1 if span else np.zeros_like(time)
     powers = np.polynomial.legendre.legvander(within, order)
-    return np.asarray(values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0])
+    size = np.maximum(np.abs(values).max(axis=0, initial=0.0), np.finfo(float).tiny)  # LAPACK must not overflow
+    return np.asarray(values - size * (powers @ np.linalg.lstsq(powers, values / size, rcond=None)[0]))
 
 
 def decimated(values: Array, factor: int) -> Array:

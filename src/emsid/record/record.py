@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,9 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
-from emsid.record.checks import as_channels, check_finite, whole_number
-from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, low_passed, without_trend
+from emsid.record.argument_types import NUMBER, SLICE, TEXT, TEXTS, WHOLE, check_types, items_of, names_of, shown, typed
+from emsid.record.checks import KINDS, as_channels, check_finite, real_numbers, segments_of, whole_number
+from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
 from emsid.record.frames import FrameMethods, numbers, seconds
 from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
@@ -79,8 +79,9 @@ class Record(Presented, FrameMethods):
     before: tuple[Record | None, ...] = ()
 
     def __post_init__(self) -> None:
+        check_types(self.__dict__, KINDS | {"before": items_of(Record)})
         for each in ("input_names", "output_names", "input_units", "output_units"):
-            self._put(each, as_names(getattr(self, each)))
+            self._put(each, names_of(getattr(self, each), each, self.name))
         if self.output is None:
             self._put("output", np.empty((np.shape(self.input)[0] if np.ndim(self.input) else 0, 0)))
         for side in ("input", "output"):
@@ -92,8 +93,8 @@ class Record(Presented, FrameMethods):
             )
         if not len(self.input):
             raise DataError(f"{self.name}: there are no samples; a record needs at least one")
-        if not (isinstance(self.dt, Real) and np.isfinite(self.dt) and self.dt > 0):
-            given = "no sample time" if self.dt is nan else f"sample time {self.dt} s"
+        if not (NUMBER.fits(self.dt) and np.isfinite(float(self.dt)) and self.dt > 0):
+            given = "no sample time" if self.dt is nan else f"sample time {shown(self.dt)} s"
             raise DataError(f"{self.name}: {given}; give a positive number of seconds as dt")
         self._put("dt", float(self.dt))
         self._complete_channels()
@@ -128,18 +129,8 @@ class Record(Presented, FrameMethods):
 
     def _complete_segments(self) -> None:
         """Complete the times of the segments, and refuse breaks, times and sources that do not agree."""
-        self._put("breaks", tuple(int(b) for b in self.breaks))
-        edges = (0, *self.breaks, len(self))
-        if any(b <= a for a, b in pairwise(edges)):
-            raise DataError(f"{self.name}: breaks {self.breaks} must ascend inside 1 … {len(self) - 1}")
-        self._put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
-        if len(self.times) != len(edges) - 1:
-            raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
-        self._put("sources", tuple(self.sources))
-        self._put("before", tuple(self.before) if any(self.before) else ())
-        for what, values in (("sources", self.sources), ("parts before", self.before)):
-            if values and len(values) != len(edges) - 1:
-                raise DataError(f"{self.name}: {len(values)} segment {what} for {len(edges) - 1} segments")
+        for what, values in segments_of(self).items():
+            self._put(what, values)
 
     @classmethod
     def from_frame(
@@ -247,7 +238,7 @@ class Record(Presented, FrameMethods):
 
         What is before the first of them is left out, unless a segment begins there; see `part`.
         """
-        if not isinstance(rows, slice) or rows.step not in (None, 1):
+        if not SLICE.fits(rows) or rows.step not in (None, 1):
             raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
         start, stop, _ = rows.indices(len(self))
         if stop <= start:
@@ -267,6 +258,7 @@ class Record(Presented, FrameMethods):
             else (),
         )
 
+    @typed(first=WHOLE, stop=WHOLE)
     def part(self, first: int, stop: int) -> Record:
         """Samples ``first`` to ``stop``, with the samples before them from the beginning of the segment.
 
@@ -275,6 +267,7 @@ class Record(Presented, FrameMethods):
         part: Record = part_with_lead(self, first, stop)
         return part
 
+    @typed(fraction=NUMBER)
     def split(self, fraction: float) -> tuple[Record, Record]:
         """The first ``fraction`` of the samples, to fit, and the rest, as unseen data.
 
@@ -321,6 +314,7 @@ class Record(Presented, FrameMethods):
             sources=tuple(self.sources[k] for k in of) if self.sources else (),
         )
 
+    @typed(name=TEXT)
     def channel(self, name: str) -> Array:
         """(N,) the samples of one channel by name; a unit in brackets may be left out.
 
@@ -350,7 +344,7 @@ class Record(Presented, FrameMethods):
         Raises:
             DataError: for an order above `LARGEST_TREND`.
         """
-        problem = f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
+        problem = f"{self.name}: detrending of order {shown(order)}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
         order = whole_number(order, 0, problem)
         if order > LARGEST_TREND:
             raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
@@ -363,15 +357,15 @@ class Record(Presented, FrameMethods):
         Raises:
             DataError: where a segment is too short for the filter (20 samples of the slow rate).
         """
-        problem = f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1"
+        problem = f"{self.name}: cannot decimate by {shown(factor)}; give a whole number of at least 1"
         factor = whole_number(factor, 1, problem)
         if factor == 1:
             return self
         shortest = min(map(len, self.segments))
         if shortest <= DECIMATED * factor:
             raise DataError(
-                f"{self.name}: a segment of {shortest} samples is too short to decimate by {factor}; "
-                f"it needs more than {DECIMATED * factor}"
+                f"{self.name}: a segment of {shortest} samples is too short to decimate by "
+                f"{shown(factor)}; it needs more than {shown(DECIMATED * factor)}"
             )
         inputs = [decimated(segment.input, factor) for segment in self.segments]
         outputs = [decimated(segment.output, factor) for segment in self.segments]
@@ -385,6 +379,7 @@ class Record(Presented, FrameMethods):
             before=(),
         )
 
+    @typed(dt=NUMBER)
     def resample(self, time: ArrayLike, dt: float | None = None) -> Record:
         """The record at equidistant times, from the times at which it was measured.
 
@@ -399,16 +394,17 @@ class Record(Presented, FrameMethods):
         Raises:
             DataError: if the times do not ascend or do not match the record, or if the new sample time is unreasonable.
         """
-        t = np.asarray(time, dtype=float)
+        t = real_numbers(time, f"{self.name}: time")
         if t.shape != (len(self),) or self.breaks:
             raise DataError(f"{self.name}: resampling takes one segment and a time for each of its samples")
-        step = time_axis(t).dt if dt is None else dt
+        step = time_axis(t).dt if dt is None else float(dt)
         try:
             u, y = equidistant(t, self.input, self.output, step)
         except DataError as error:
             raise DataError(f"{self.name}: {error}") from None
         return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None, before=())
 
+    @typed(cutoff=NUMBER)
     def lowpass(self, cutoff: float) -> Record:
         """Every channel through a Butterworth low-pass filter of order 4, forwards and backwards, segment by segment.
 
@@ -421,10 +417,10 @@ class Record(Presented, FrameMethods):
             DataError: for a frequency that is not between 0 and half the sampling frequency, or a segment that is too
                 short for the filter.
         """
-        if not 0 < cutoff < 0.5 / self.dt:
+        if not LOWEST / self.dt <= cutoff < 0.5 / self.dt:
             raise DataError(
-                f"{self.name}: a cutoff of {cutoff:g} Hz; give one between 0 and {0.5 / self.dt:g} Hz, half the "
-                "sampling frequency",
+                f"{self.name}: a cutoff of {cutoff:g} Hz; give one between {LOWEST / self.dt:g} Hz and "
+                f"{0.5 / self.dt:g} Hz, half the sampling frequency",
                 arguments=("filter",),
             )
         shortest = min(map(len, self.segments))
@@ -439,6 +435,7 @@ class Record(Presented, FrameMethods):
         output = filtered("output") if self.output.shape[1] else self.output
         return replace(self, input=filtered("input"), output=output, before=())
 
+    @typed(name=TEXT, gain=NUMBER, offset=NUMBER, unit=TEXT)
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
         """Channel ``name`` replaced by gain·x + offset, with its new unit."""
         name = self._own_name(name)
@@ -448,7 +445,8 @@ class Record(Presented, FrameMethods):
             if name in names:
                 k = names.index(name)
                 values, units = getattr(self, side).copy(), list(getattr(self, f"{side}_units"))
-                values[:, k] = gain * values[:, k] + offset
+                with np.errstate(over="ignore", invalid="ignore"):  # refused by the new record
+                    values[:, k] = gain * values[:, k] + offset
                 units[k] = units[k] if unit is None else unit
                 changes |= {side: values, f"{side}_units": tuple(units)}
         if name in self.conversions:
@@ -466,6 +464,7 @@ class Record(Presented, FrameMethods):
         closest = float(samples[np.argmin(np.abs(samples - value))])
         return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
 
+    @typed(units=TEXTS)
     def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
         """Convert every channel with a unit to SI, or the named channels to the given units.
 

@@ -147,6 +147,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": "rigid-motor"}),
     Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": ""}),
+    Finding("unstable-in-loop", "y", {"pole": 1.13, "time": 0.0266, "horizon": 9}),
     *(
         Finding("end-shows-little", "log.csv", {"share": 0.12, "first": 850, "last": 1149, "moved": moved})
         for moved in (True, False)

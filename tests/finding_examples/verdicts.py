@@ -19,7 +19,10 @@ LIMITS = [
     {"code": "another-differs", "other": "output-error", "times": 4.2},
     {"code": "parts-differ", "times": 1.24},
     {"code": "parts-differ", "times": None},
+    {"code": "response-uncertain"},
     {"code": "few-levels", "levels": 2},
+    {"code": "stable-model-of-unstable", "pole": 1.13, "horizon": 9},
+    {"code": "only-in-loop", "pole": 1.13, "horizon": 9},
     {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
     {"code": "search-not-finished", "ending": "stalled"},
 ]
@@ -31,6 +34,7 @@ RECOMMENDED = {
     "seen": False,
     "verdict": "model-supported",
     "reasons": [],
+    "ahead": None,
     "tests_failed": 0,
 }
 
@@ -64,6 +68,7 @@ EXAMPLES: tuple[Finding, ...] = (
             {"models": 1, "seen": True, "fit_percent": None},
             {"tests_failed": 1, "others": 1},
             {"models": 7, "others": 4},
+            {"models": 3, "ahead": 9, "fit_percent": None},
             {"verdict": "model-limited", "reasons": LIMITS[:2]},
             {"verdict": "model-limited", "reasons": LIMITS},
             {"verdict": "model-implausible", "reasons": [{"code": "map-turns-without-data", "block": 2, "at": 1.571}]},
@@ -99,6 +104,7 @@ EXAMPLES: tuple[Finding, ...] = (
         for kind, more in (
             ("longer", {"samples": 30, "needed": 50}),
             ("without-feedback", {}),
+            ("test-signal", {}),
             ("more-levels", {"levels": 2}),
             ("larger-input", {}),
             ("faster-sampling", {"dt": 0.01}),

@@ -12,9 +12,10 @@ from emsid.findings import Finding
 from emsid.identification.determined import Undetermined
 from emsid.identification.observations import about_the_fits
 from emsid.identification.options import Options
-from emsid.identification.ranking import Ranked, ranked
+from emsid.identification.ranking import Ranked, ranked, ranked_ahead
 from emsid.identification.recommendation import recommended
-from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts, unusable
+from emsid.identification.unstable import horizon_of
+from emsid.identification.verdict import excluded_models, implausible_models, is_weak, model_verdicts, unusable
 from emsid.record import Record
 from emsid.record.holding_back import choice_and_headline
 from emsid.validation.comparison import Comparison, compare
@@ -32,6 +33,7 @@ class Compared:
         ranking: their errors over the folds that ranked them.
         findings: of the estimators, and on how plausible the models are.
         undetermined: what the data leave open about the models.
+        pole: of a plant that is unstable without its controller; else None.
         whole: what the recommended model was fitted to in the end, where that is more than `record`; else None.
     """
 
@@ -42,6 +44,7 @@ class Compared:
     ranking: tuple[Ranked, ...]
     findings: tuple[Finding, ...]
     undetermined: Undetermined
+    pole: float | None
     whole: Record | None = None
 
     @classmethod
@@ -56,6 +59,7 @@ class Compared:
         *,
         transient: int | None,
         whole: Record | None,
+        pole: float | None = None,
     ) -> Compared:
         """Compare models.
 
@@ -69,6 +73,7 @@ class Compared:
             transient: samples that start the models where a segment begins in motion; they enter no error.
             whole: all data, where the unseen data are a part of them; these are then divided, and the models followed
                 over folds of all data. None where the unseen data are others.
+            pole: of a plant that is unstable without its controller: models are ranked by their predictions.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
         findings = about_the_fits(fits, train)
@@ -76,12 +81,18 @@ class Compared:
         chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
         errors = {each.row.model: each.row.ranked_by for each in chosen_on.assessments}
         fitted, excluded = None if whole is None else train, excluded_models(findings, errors)
-        ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
-        useless = excluded | _useless(chosen_on, on_record)
-        left_open = Undetermined.of(ranking, train, useless | implausible_models(findings))
+        if pole is not None:
+            ranking = ranked_ahead(chosen_on, horizon_of(pole))
+            useless = frozenset(each.row.model for each in chosen_on.assessments if each.row.diverged_at is None)
+            left_open = Undetermined({}, frozenset(), None)
+        else:
+            ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
+            useless = excluded | _useless(chosen_on, on_record)
+            left_open = Undetermined.of(ranking, train, useless | implausible_models(findings))
+            useless |= {each.row.model for each in chosen_on.assessments if is_weak(each, left_open.reasons)}
         order = _order(chosen_on, on_record, ranking, findings, useless, left_open)
         on_choice = on_choice and on_choice.in_order_of(order)
-        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open)
+        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open, pole)
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:

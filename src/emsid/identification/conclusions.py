@@ -142,7 +142,13 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
 
 
 def next_steps(
-    chosen: Assessment, found: Sequence[Finding], fits: Iterable[Fit[Any]], record: Record, over_folds: float = -np.inf
+    chosen: Assessment,
+    found: Sequence[Finding],
+    fits: Iterable[Fit[Any]],
+    record: Record,
+    over_folds: float = -np.inf,
+    *,
+    is_best: bool = True,
 ) -> Iterable[Finding]:
     """What to do next besides another experiment, the most useful first.
 
@@ -152,14 +158,17 @@ def next_steps(
         fits: of all models.
         record: what they were fitted to.
         over_folds: the fit of the recommended model over all folds in %, where there are several.
+        is_best: whether no other model has a smaller error.
     """
     fit = np.fmax(chosen.row.fit_percent, over_folds)
     depends = any(each.code == "residual-depends-on-input" for each in found)
+    looped = any(each.code == "feedback-likely" for each in found)
     failed = {each.subject for each in found if each.code == "model-failed"}
     physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)
-    if chosen.input_moves and not fit >= POOR:
+    unstable = any(each.code == "unstable-in-loop" for each in found)
+    if chosen.input_moves and not fit >= POOR and not unstable:
         tested = not any(each.code == "residual-not-tested" for each in found)
-        noisy = fit >= RELATED and tested and not depends
+        noisy = fit >= RELATED and tested and not depends and is_best and not looped
         yield Finding("next-reduce-noise" if noisy else "next-check-data", record.name, {"fit_percent": finite(fit)})
-    if (depends or not fit >= GOOD) and not physical:
+    if (depends or not fit >= GOOD) and not physical and not unstable:
         yield Finding("next-physical-model", chosen.row.model)

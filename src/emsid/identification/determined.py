@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
+from emsid.identification.conclusions import RELATED
 from emsid.identification.ranking import Ranked, compared, within_noise
 from emsid.models.model import Model
 from emsid.record import Record
@@ -203,15 +204,18 @@ def _of_rivals(
 
 
 def _of_itself(model: Ranked, own: Array, error: float, probes: Probes) -> list[Reason]:
-    """That fits of a model to parts of the data differ on the probes."""
+    """That fits of a model to parts of the data differ on the probes, by much of its error or of its own response."""
     squares = []
     for share, again in model.parts:
         y = probes.outputs(again)
         if y is None:
             return [{"code": "parts-differ", "times": None}]
         squares.append(probes.difference(own, y) ** 2 * (1 - share) / share)
-    doubled = 2 * sqrt(float(np.mean(squares))) / error if squares else 0.0
-    return [{"code": "parts-differ", "times": doubled}] if doubled > LARGEST else []
+    if not squares:
+        return [{"code": "response-uncertain"}] if error > 1 - RELATED / 100 else []
+    doubled = 2 * sqrt(float(np.mean(squares)))
+    found: list[Reason] = [{"code": "parts-differ", "times": doubled / error}] if doubled > LARGEST * error else []
+    return [*found, {"code": "response-uncertain"}] if doubled >= float(own.std(axis=1).max()) else found
 
 
 def _bend(model: Model, probes: Probes) -> float:

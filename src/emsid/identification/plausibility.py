@@ -1,8 +1,9 @@
 """What makes a fitted model implausible, whatever its error is on the data at hand.
 
-A static map that turns or leaves the range of the output where there are hardly any data, poles that zeros cancel,
-poles faster than the sampling, and a delay longer than the response of the drive are signs that the structure is too
-rich, or that it imitates something else. A free run that diverges on a larger input, on one that steps within its
+A static map that turns or leaves the range of the output where there are hardly any data, poles faster than the
+sampling, and a delay longer than the response of the drive are signs that the structure is too rich, or that it
+imitates something else. A pole that a zero nearly cancels is a remark: the model is larger than it need be, and does
+what a smaller one does. A free run that diverges on a larger input, on one that steps within its
 range, or while the largest or the smallest input is held, is another.
 """
 
@@ -72,7 +73,6 @@ IMPLAUSIBLE = frozenset(
         "knots-without-data",
         "map-leaves-range",
         "map-turns-without-data",
-        "zero-cancels-pole",
     }
 )
 """The findings that make a model implausible."""

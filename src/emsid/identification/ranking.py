@@ -47,7 +47,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.first_look.data_advice import advice_by_code
 from emsid.first_look.examined import is_position
 from emsid.identification.options import Options
-from emsid.models.free_run import free_run
+from emsid.models.free_run import free_run, predict
 from emsid.models.model import Model, Run
 from emsid.models.refitting import better_refit, refitted
 from emsid.record import Record, concatenate
@@ -175,6 +175,24 @@ def ranked(
     over_all.sort(key=lambda each: each.errors.mean)
     fits = {id(each.fit) for each in over_all}
     return (*over_all, *(each for each in alone if id(each.fit) not in fits))
+
+
+def ranked_ahead(choice: Comparison, horizon: int) -> tuple[Ranked, ...]:
+    """The models of a comparison with the errors of their predictions, the smallest first.
+
+    Args:
+        choice: the models on the part of the data that was held back from their fits.
+        horizon: the samples that are predicted ahead.
+    """
+    scale = _scale(choice.best.record)
+
+    def errors(each: Assessment) -> StretchErrors:
+        run = predict(each.fit.model, each.record, horizon, each.transient)
+        return stretch_errors(run, each.record, scale, STRETCHES)
+
+    return tuple(
+        sorted((Ranked(each.fit, (errors(each),)) for each in choice.assessments), key=lambda each: each.errors.mean)
+    )
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ OF_REASONS = {
     "error-in-one-stretch": "repeat-input",
 }
 """The experiment that shows what is behind a reason against a model."""
+IN_LOOP = frozenset({"stable-model-of-unstable", "only-in-loop"})
+"""The reasons against models of a plant that is unstable without its controller."""
 FAR_FEWER = 3
 """A model has far fewer parameters than another if the other has so many times as many."""
 TWO_SIDED = 0.05
@@ -104,6 +106,7 @@ def recommendation(
         findings: about the models.
         seen: whether the models were fitted to some of these data.
     """
+    ahead = [each["horizon"] for each in verdict.data["reasons"] if each["code"] in IN_LOOP]
     row, among = on_unseen.best.row, {each.name: each for each in compared(ranking)}
     data: dict[str, Any] = {
         "fit_percent": finite(row.fit_percent),
@@ -113,6 +116,7 @@ def recommendation(
         "seen": seen,
         "verdict": verdict.code,
         "reasons": verdict.data["reasons"],
+        "ahead": ahead[0] if ahead else None,
         "tests_failed": sum(not each["passed"] for each in verdict.data["tests"]),
     }
     if verdict.code == "model-unusable":
@@ -153,6 +157,8 @@ def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) 
         record, unseen: what the models were fitted to, and ranked on.
         seen: whether the models were fitted to some of the unseen data.
     """
+    if any(each["code"] in IN_LOOP for each in verdict.data["reasons"]):
+        return Finding("next-experiment", record.name, {"kind": "test-signal"})
     looked = advice_by_code(record)
     for code, kind in EXPERIMENTS.items():
         if code in looked:

@@ -163,7 +163,8 @@ class Identification(Presented):
         own = next(each for each in self.ranking if each.name == self.chosen.model.name)
         over_folds = own.fit_percent if len(own.folds) > 1 else -inf
         found = (*self.verdicts, *self.findings)
-        return tuple(next_steps(self.on_unseen.best, found, self.fits, self.record, over_folds))
+        is_best = self.on_unseen.by_error.best.row.model == own.name
+        return tuple(next_steps(self.on_unseen.best, found, self.fits, self.record, over_folds, is_best=is_best))
 
     def to_data(self) -> dict[str, Any]:
         """The content of ``result.json``; see `emsid.identification.result_format`."""

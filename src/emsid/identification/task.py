@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from emsid.identification.long_records import to_compare
 from emsid.identification.options import Options
 from emsid.identification.records import Records, as_one, given_records
 from emsid.identification.requests import check_physics, codes_of_channel, plants_of, understood, unused_requests
+from emsid.identification.unstable import ORDER, about_the_loop, unstable_pole
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.plant import Plant
 from emsid.record import Record
@@ -46,6 +47,7 @@ class Task:
         transient: samples that start a free run where a segment begins in motion.
         responses: of the outputs of `records`, as far as a first look shows them.
         about_delay: what was found about the delay.
+        pole: of a plant that is unstable without its controller, see `unstable_pole`; else None.
     """
 
     records: tuple[Record, ...]
@@ -62,6 +64,7 @@ class Task:
     transient: int | None
     responses: tuple[Response | None, ...]
     about_delay: tuple[Finding, ...]
+    pole: float | None = None
 
     @classmethod
     def of(
@@ -87,13 +90,16 @@ class Task:
         asked = understood(options, names)
         responses = tuple(map(response_of, several))
         options, about_delay = with_delay(codes_of_channel(asked, record), responses, several)
+        pole = unstable_pole(record)
+        if pole is not None:  # by free runs, the orders of a stable model would be chosen
+            options = replace(options, na=options.na or ORDER, nb=options.nb or ORDER)
         plants = plants_of(names, options)
         check_physics(plants, names, options)
         to_fit, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
         _check_records(to_fit, test, [name for name in names if name not in plants], transient)
         train, outside = to_compare(to_fit, names)
         data = several, others, record, to_fit, train, outside, test
-        return cls(*data, names, plants, asked, options, transient, responses, about_delay)
+        return cls(*data, names, plants, asked, options, transient, responses, about_delay, pole)
 
     @property
     def is_excerpt(self) -> bool:
@@ -111,6 +117,7 @@ class Task:
             *self._about_the_unseen_part(),
             *questions(self.records, self.responses),
             *self.about_delay,
+            *about_the_loop(self.record, self.pole),
             *unused_requests(self.plants, self.names, self.asked, self.record, quick=quick),
             *(each.about(name) for name, plant in self.plants.items() for each in self._assumptions(plant)),
         ]

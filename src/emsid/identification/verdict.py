@@ -22,6 +22,7 @@ from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import stretch_errors
+from emsid.identification.unstable import horizon_of
 from emsid.models.extrapolation import MUCH_BETTER
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
@@ -53,6 +54,7 @@ def model_verdicts(
     left_open: Mapping[str, list[Reason]] | None = None,
     *,
     tests: bool = True,
+    pole: float | None = None,
 ) -> tuple[Finding, ...]:
     """A verdict on every model, in the order of their ranks.
 
@@ -62,7 +64,10 @@ def model_verdicts(
         findings: about the models; some make them implausible.
         left_open: by model, what the data leave open about it, see `emsid.identification.determined`.
         tests: whether residuals are tested; if not, the verdicts say so.
+        pole: of a plant that is unstable without its controller: a free run then tests nothing.
     """
+    if pole is not None:
+        return tuple(_in_loop(each, pole) for each in on_unseen.assessments)
     fitted = {each.row.model: each for each in on_record.assessments}
     against: dict[str, list[Reason]] = {}
     for finding in findings:
@@ -74,6 +79,9 @@ def model_verdicts(
     def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
         name = unseen.row.model
         others = [*(left_open or {}).get(name, []), *other.get(name, [])]
+        if is_weak(unseen, left_open or {}):
+            reason = {"code": "explains-little", "fit_percent": float(unseen.row.fit_percent)}
+            return Finding("model-unusable", name, {"model": name, "reasons": [reason, *others], "tests": []})
         return _verdict(unseen, fitted[name], against.get(name, []), shares, others)
 
     if not tests:
@@ -128,6 +136,29 @@ def _verdict(
     if implausible:
         return Finding("model-implausible", row.model, data)
     return Finding("model-limited" if limits else "model-supported", row.model, data)
+
+
+def _in_loop(unseen: Assessment, pole: float) -> Finding:
+    """The verdict on a model of a plant that is unstable without its controller: a stable one is none."""
+    name, stable = unseen.row.model, unseen.row.diverged_at is None
+    reason = {
+        "code": "stable-model-of-unstable" if stable else "only-in-loop",
+        "pole": pole,
+        "horizon": horizon_of(pole),
+    }
+    code = "model-unusable" if stable else "model-limited"
+    return Finding(code, name, {"model": name, "reasons": [reason], "tests": []})
+
+
+def is_weak(unseen: Assessment, left_open: Mapping[str, list[Reason]]) -> bool:
+    """Whether a model leaves most of the variance, and its fits to parts of the data do not agree.
+
+    Where noise is larger than the response, a right model leaves most of the variance too; its parameters are then
+    about the same from every part.
+    """
+    codes = {each["code"] for each in left_open.get(unseen.row.model, [])}
+    agree = codes.isdisjoint({"parts-differ", "response-uncertain"})
+    return bool(unseen.row.fit_percent < 100 * (1 - np.sqrt(1 / DIFFERENT))) and not agree
 
 
 def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:

@@ -144,7 +144,7 @@ def _judged(task: Task, asked: Sequence[Finding], found: Fits, control: Control,
     if excerpt and not found.stopped:
         judged = on_all_samples(judged, task.to_fit, task.options, control)
     taken = profiles_of(judged.fits, () if found.stopped else task.options.profile, control)
-    no_final = found.stopped or bool(task.others)
+    no_final = found.stopped or bool(task.others) or task.pole is not None
     final = None if no_final else from_all_data(judged, task.unseen, task.record, task.options, control)
     stopped = found.stopped or taken.stopped or control.cancelled()
     return Identification(
@@ -166,7 +166,7 @@ def _judged(task: Task, asked: Sequence[Finding], found: Fits, control: Control,
 
 def _verdicts(judged: Compared, *, tests: bool) -> tuple[Finding, ...]:
     left_open = judged.undetermined.reasons
-    return model_verdicts(judged.on_record, judged.on_unseen, judged.findings, left_open, tests=tests)
+    return model_verdicts(judged.on_record, judged.on_unseen, judged.findings, left_open, tests=tests, pole=judged.pole)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
@@ -203,6 +203,7 @@ def _compared(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compare
         task.outside,
         transient=task.transient,
         whole=None if task.others else task.record,
+        pole=task.pole,
     )
 
 

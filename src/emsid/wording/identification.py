@@ -159,6 +159,17 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("unstable-in-loop", Severity.PROBLEM)
+def unstable_in_loop(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: pole (per sample), time (in s, in which an error grows by e), horizon (samples)."""
+    d = f.data
+    return (
+        f"the plant is unstable without its controller (a pole of {d['pole']:.3g} per sample), so a free run cannot "
+        f"rank models; they are ranked by predictions {d['horizon']} samples ahead. Use a closed-loop method: "
+        "two-stage, instrumental variables or Box–Jenkins"
+    )
+
+
 @words("end-shows-little", Severity.WARNING)
 def end_shows_little(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: share (of the deviation of the output), first, last (samples of the unseen part), moved

@@ -64,6 +64,14 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
             else f"leave it uncertain by {d['times']:.2g} times its error on other inputs"
         )
     ),
+    "stable-model-of-unstable": lambda d: (
+        f"it is stable, and the plant is not without its controller (a pole of {d['pole']:.3g} per sample)"
+    ),
+    "only-in-loop": lambda d: (
+        f"it predicts some samples ahead only, as the plant is unstable without its controller (a pole of "
+        f"{d['pole']:.3g} per sample)"
+    ),
+    "response-uncertain": lambda d: "its response to the input may be zero",
     "few-levels": lambda d: f"the input has {d['levels']} levels, which cannot show a nonlinearity",
     "residual-untested": lambda d: "its residual was not tested",
     "pieces-differ": lambda d: (
@@ -127,10 +135,11 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent (over all folds), models, others (that were not compared with these), folds
     (parts of the data that were left out of a fit in turn), seen, verdict, reasons, tests_failed (how many);
     instead_of, because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and
-    of the other) and same_in (noise or practice, None where the errors differ) where another model has a smaller
-    error."""
+    of the other), ahead (the samples of the predictions that ranked models, None for free runs) and same_in (noise or
+    practice, None where the errors differ) where another model has a smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
+    run = "free run" if d["ahead"] is None else f"prediction {d['ahead']} samples ahead"
     if d["folds"] > 1:
         where = f"{d['folds']} parts of the data, each unseen by the fit that was run on it,"
     fit = [] if d["fit_percent"] is None else [f"a fit of {d['fit_percent']:.1f} %"]
@@ -149,7 +158,7 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     elif d["models"] > 1:
         among = f"{d['models']} models" if d["folds"] <= 1 else f"the {d['models']} models that were compared there"
         about = _in_brackets([*fit, *_others(d["others"])])
-        why = f"its free run on {where} has the smallest error of {among}{about}"
+        why = f"its {run} on {where} has the smallest error of {among}{about}"
     else:
         why = f"it is the only model{_in_brackets(fit)}"
     verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
@@ -189,7 +198,7 @@ def no_model_recommended(f: Finding, argument: Spelling) -> str:
     folds = f.data["folds"]
     where = f" over {folds} parts of the data" if folds > 1 else ""
     return (
-        f"No model is recommended: that with the smallest error{where} is {f.subject}, and "
+        f"No model describes these data: that with the smallest error{where} is {f.subject}, and "
         f"{_first_reasons(f.data['reasons'])}"
     )
 
@@ -214,6 +223,9 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
     "more-levels": lambda d: (
         "record an input of many levels over the whole range, such as an amplitude-modulated PRBS; this one has too "
         "few to show dead zone, friction and saturation"
+    ),
+    "test-signal": lambda d: (
+        "add a test signal to the reference of the controller and record it too: without it the plant is unstable"
     ),
     "larger-input": lambda d: "record with larger inputs: much of this record is inside the dead zone, or at rest",
     "faster-sampling": lambda d: f"sample at least five times faster than every {duration(d['dt'])}",

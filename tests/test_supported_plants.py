@@ -15,7 +15,7 @@ def test_there_are_enough_kinds_and_each_is_judged_on_another_kind_of_input():
     assert all(plant.fitted is not plant.judged for plant in SIMULATED.values())
 
 
-@pytest.mark.parametrize("name", ["motor", "encoder", "linear, coloured", "tanks"])
+@pytest.mark.parametrize("name", ["motor", "encoder", "electrical time constant", "linear, coloured", "tanks"])
 def test_records_of_a_seed_are_the_same_and_begin_at_rest(name):
     plant = PLANTS[name]
     first, again, other = plant.pair(3), plant.pair(3), plant.pair(4)

@@ -176,7 +176,7 @@ def dead_zone(u: Array, dt: float, k: Array) -> Array:
 
 def inductive(u: Array, dt: float, k: Array) -> Array:
     """An electrical time constant of 40 ms beside a mechanical one of about 60 ms."""
-    return armature.speed(u, dt, 1.0, 0.04 * k[0], 0.1 * k[1], 6e-4 * k[2], 0.05, 0.0, smooth=0.3)
+    return armature.speed(u, dt, 1.0, 0.04 * k[0], 0.1 * k[1], 6e-4 * k[2], 0.05, 0.0)
 
 
 def worm(u: Array, dt: float, k: Array) -> Array:

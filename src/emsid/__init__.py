@@ -9,10 +9,11 @@ from importlib import import_module
 
 import lazy_loader
 
-from emsid.presentation import present_with
+from emsid.presentation import analyse_with, present_with
 
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 present_with(partial(import_module, "emsid.report.notebook"))
+analyse_with(partial(import_module, "emsid.validation.analysis"))

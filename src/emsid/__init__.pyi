@@ -29,6 +29,7 @@ from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
 from .exports import export as export
 from .first_look import FirstLook as FirstLook
+from .first_look import advice as advice
 from .first_look import describe as describe
 from .fleets import Fleet as Fleet
 from .fleets import fleet as fleet
@@ -54,6 +55,7 @@ from .models.linear.prediction_error import armax as armax
 from .models.linear.prediction_error import box_jenkins as box_jenkins
 from .models.linear.state_space import StateSpaceModel as StateSpaceModel
 from .models.linear.subspace_fit import state_space as state_space
+from .models.linear.system import LinearSystem as LinearSystem
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.plants.grey_box import GreyBox as GreyBox
@@ -82,10 +84,25 @@ from .record import Record as Record
 from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate
 from .record import time_axis as time_axis
+from .validation.analysis import Residuals as Residuals
+from .validation.analysis import Spectrum as Spectrum
+from .validation.analysis import bode as bode
+from .validation.analysis import forecast as forecast
+from .validation.analysis import impulse as impulse
+from .validation.analysis import linearize as linearize
+from .validation.analysis import poles as poles
+from .validation.analysis import predict as predict
+from .validation.analysis import residuals as residuals
+from .validation.analysis import spectrum as spectrum
+from .validation.analysis import step as step
+from .validation.analysis import to_continuous as to_continuous
+from .validation.analysis import to_discrete as to_discrete
+from .validation.analysis import zeros as zeros
 from .validation.comparison import Comparison as Comparison
 from .validation.comparison import assess as assess
 from .validation.comparison import assess_model as assess_model
 from .validation.comparison import compare as compare
 from .validation.reestimation import reestimate as reestimate
+from .validation.residual_test import ResidualTest as ResidualTest
 
 __version__: str

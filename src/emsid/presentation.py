@@ -7,7 +7,7 @@ loaded when a result is shown.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +33,20 @@ def present_with(presenter: Callable[[], Presenter]) -> None:
     """Let all results be shown by what ``presenter`` gives. It is called when the first of them is shown."""
     global _presenter
     _presenter = presenter
+
+
+_analysis: Callable[[], Any]
+
+
+def analyse_with(module: Callable[[], Any]) -> None:
+    """Let fits be analysed by the functions of what ``module`` gives. It is called when the first of them is needed."""
+    global _analysis
+    _analysis = module
+
+
+def analysis() -> Any:
+    """The module with the functions that analyse a fit."""
+    return _analysis()
 
 
 class Presented:

@@ -19,8 +19,9 @@ from emsid.arguments import did_you_mean
 from emsid.errors import ModelError, some
 from emsid.estimation.estimates import Estimate, Status
 from emsid.findings import Finding, plain
-from emsid.presentation import Presented
+from emsid.presentation import Presented, analysis
 from emsid.record.channels import ChannelNames
+from emsid.record.record import Record
 
 Array = NDArray[np.float64]
 M = TypeVar("M", covariant=True)
@@ -158,6 +159,10 @@ class Fit(Presented, Generic[M]):
         short = name if len(name) <= 40 else f"{name[:39]}…"
         count = f"{self.size} parameter{'s' * (self.size != 1)}"
         return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"
+
+    def residuals(self, record: Record) -> Any:
+        """What the model leaves of the outputs of a record, with its tests; see `emsid.residuals`."""
+        return analysis().residuals(self, record)
 
     @property
     def size(self) -> int:

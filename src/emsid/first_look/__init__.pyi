@@ -2,6 +2,7 @@ from .clock import Clock as Clock
 from .columns import Code as Code
 from .columns import Column as Column
 from .columns import Stretch as Stretch
+from .data_advice import Advice as Advice
 from .data_advice import advice as advice
 from .data_advice import opposite_signs as opposite_signs
 from .dynamics import Response as Response

@@ -28,6 +28,7 @@ from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
 from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
 from emsid.record import Record
+from emsid.wording import sentence as worded
 
 FEWEST_SAMPLES = 50
 """A shorter record has no findings about dynamics."""
@@ -49,23 +50,31 @@ COLOURED = 1e-4
 """An output that does not respond is noise unless white noise has its autocorrelations with a lower probability."""
 
 
-def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> list[Finding]:
+class Advice(list[Finding]):
+    """Findings about data; prints as sentences."""
+
+    def __str__(self) -> str:
+        return "\n".join(worded(each) for each in self)
+
+
+def advice(record: Record, response: Response | None = None, tolerance: float = TOLERANCE) -> Advice:
     """Findings about the quality of the data in a record.
 
     Args:
         record: at least one output.
-        response: of its first output to its first input.
+        response: of its first output to its first input; found by default.
         tolerance: singular values of the lagged input below this share of the largest are no excitation.
     """
     if not record.output.shape[1]:
-        return []
+        return Advice()
     found = list(_useless(record))
     if len(record) < FEWEST_SAMPLES:
         found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
     if found:
-        return found
-    data = Examined(record, response, tolerance)
-    return [finding for check in CHECKS for finding in check(data)]
+        return Advice(found)
+    known = (response_of(record) or Response(None, 0, 0.0)) if response is None else response
+    data = Examined(record, known, tolerance)
+    return Advice(finding for check in CHECKS for finding in check(data))
 
 
 def _useless(record: Record) -> Iterable[Finding]:

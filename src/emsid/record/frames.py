@@ -6,7 +6,7 @@ Frames and dictionaries of arrays are read by ``frame[name]``, so neither librar
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,26 +35,10 @@ def frame(columns: Mapping[str, Array], library: str = "polars") -> Any:
         raise DataError(f"no frame of {library!r} can be made ({problem}); give 'polars' or 'pandas'") from None
 
 
-class Channelled(Protocol):
-    """Channels over time, as a record has them."""
-
-    input_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_names: tuple[str, ...]
-    output_units: tuple[str, ...]
-    input: Array
-    output: Array
-
-    @property
-    def time(self) -> Array:
-        """(N,) in s."""
-        ...
-
-
 class FrameMethods:
     """`to_frame` of a record."""
 
-    def to_frame(self: Channelled, library: str = "polars", *, units: bool = False) -> Any:
+    def to_frame(self: Any, library: str = "polars", *, units: bool = False) -> Any:
         """A data frame with the time ``t`` in seconds and a column for every channel.
 
         >>> import emsid

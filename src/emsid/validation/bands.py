@@ -37,6 +37,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.record import Record
+from emsid.record.frames import frame
 from emsid.validation.feedback_curves import feedback_at_rest, feedback_run_error
 from emsid.validation.frequency_responses import check_channel, frequency_response, output_at_rest
 
@@ -97,6 +98,18 @@ class Band:
     def high(self) -> Array:
         """The upper edge."""
         return self.value + self.half
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with ``x``, ``value``, ``low`` and ``high``; of several outputs, these are numbered.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        columns = {"x": self.x}
+        for name, values in (("value", self.value), ("low", self.low), ("high", self.high)):
+            each = values[:, None] if values.ndim == 1 else values
+            columns |= {name if each.shape[1] == 1 else f"{name}_{k + 1}": column for k, column in enumerate(each.T)}
+        return frame(columns, library)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +332,7 @@ def _band(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
 def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error."""
     here = np.asarray(curve(fit.model), dtype=float)
-    if not fit.has_bands:
+    if not fit.has_bands or fit.method == "file":  # a model alone has no estimates
         return here, np.full_like(here, np.nan)
     variance, directions = np.zeros_like(here), _directions(fit.covariance)
     if directions:

@@ -19,6 +19,7 @@ from emsid.models.free_run import mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
+from emsid.record.frames import frame
 from emsid.validation.metrics import Array, fit_percent
 from emsid.validation.nonlinear_correlation import NonlinearTest, free_run_tests
 
@@ -181,6 +182,24 @@ class Comparison(Presented):
     def fits(self) -> tuple[Fit[Any], ...]:
         """The models, the best free run first."""
         return tuple(assessment.fit for assessment in self.assessments)
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with time, measured outputs, and simulated outputs and errors of every model, one per row.
+
+        Columns are named ``speed``, ``speed by arx`` and ``error of speed by arx``; NaN where a run has diverged.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        record = self.best.record
+        columns = {"t": record.time}
+        columns |= dict(zip(record.output_names, record.output.T, strict=True))
+        for each in self.assessments:
+            for k, name in enumerate(record.output_names):
+                simulated = each.simulation.output[:, k]
+                columns[f"{name} by {each.row.model}"] = simulated
+                columns[f"error of {name} by {each.row.model}"] = record.output[:, k] - simulated
+        return frame(columns, library)
 
     @property
     def best(self) -> Assessment:

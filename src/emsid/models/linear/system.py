@@ -1,0 +1,120 @@
+r"""A linear system without noise, offsets and dead time as a value: of a linear model, or of another one at a level.
+
+Discrete time: x(t + 1) = A x + B u, y = C x + D u. Continuous time: dx/dt = A x + B u. A command that is held over a
+sample takes one into the other by
+
+    exp([A B; 0 0]·dt) = [A_d B_d; 0 I]                  the matrix logarithm goes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+INFINITE = 1e8
+"""Generalised eigenvalues that are this many times larger than the matrices are zeros at infinity."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """A linear system in state space.
+
+    Args:
+        a: (n, n).
+        b: (n, nu).
+        c: (ny, n).
+        d: (ny, nu).
+        dt: sample time in s; None in continuous time.
+        delay: dead time in s that is left out of the matrices.
+        name: of the model that it describes.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    dt: float | None
+    delay: float = 0.0
+    name: str = "linear"
+
+    @property
+    def poles(self) -> Complex:
+        """(n,) eigenvalues of A, in 1/s in continuous time."""
+        return np.linalg.eigvals(self.a).astype(complex) if len(self.a) else np.zeros(0, dtype=complex)
+
+    @property
+    def zeros(self) -> Complex:
+        """The finite transmission zeros, where [A − zI, B; C, D] loses rank; of as many inputs as outputs.
+
+        Raises:
+            ModelError: for other numbers of inputs and outputs.
+        """
+        from scipy.linalg import eigvals
+
+        n, (outputs, inputs) = len(self.a), self.d.shape
+        if inputs != outputs:
+            raise ModelError(f"{self.name} has {inputs} inputs and {outputs} outputs; zeros need as many of both")
+        whole = np.block([[self.a, self.b], [self.c, self.d]])
+        finite = np.zeros_like(whole)
+        finite[:n, :n] = np.eye(n)
+        found = eigvals(whole, finite)
+        scale = INFINITE * max(1.0, float(np.abs(whole).max(initial=0.0)))
+        return np.asarray(found[np.isfinite(found) & (np.abs(found) < scale)], dtype=complex)
+
+    @property
+    def gain(self) -> Array:
+        """(ny, nu) the gain in steady state; infinite for an integrator."""
+        n = len(self.a)
+        left = -self.a if self.dt is None else np.eye(n) - self.a
+        if n and np.linalg.cond(left) > 1.0 / np.finfo(float).eps:
+            return np.full(self.d.shape, np.inf)
+        return np.asarray(self.c @ np.linalg.solve(left, self.b) + self.d)
+
+    def response(self, frequency: ArrayLike) -> Complex:
+        """(F, ny, nu) the frequency response at frequencies (F,) in Hz, with the dead time."""
+        w = 2j * np.pi * np.atleast_1d(np.asarray(frequency, dtype=float))
+        at = w if self.dt is None else np.exp(w * self.dt)
+        resolvent = at[:, None, None] * np.eye(len(self.a)) - self.a
+        inside = np.linalg.solve(resolvent, np.broadcast_to(self.b, (len(at), *self.b.shape)))
+        return np.asarray((self.c @ inside + self.d) * np.exp(-w * self.delay)[:, None, None])
+
+    def to_discrete(self, dt: float) -> LinearSystem:
+        """The system at a sample time in s, for inputs that are held over a sample."""
+        from scipy.linalg import expm
+
+        if self.dt is not None:
+            return self if np.isclose(dt, self.dt, rtol=1e-9, atol=0.0) else self.to_continuous().to_discrete(dt)
+        n, inputs = self.b.shape
+        both = np.zeros((n + inputs, n + inputs))
+        both[:n, :n], both[:n, n:] = self.a * dt, self.b * dt
+        moved = expm(both)
+        return replace(self, a=moved[:n, :n], b=moved[:n, n:], dt=float(dt))
+
+    def to_continuous(self) -> LinearSystem:
+        """The system in continuous time that gives the same samples for inputs that are held.
+
+        Raises:
+            ModelError: for a pole at zero or on the negative real axis, which no such system of this order has.
+        """
+        from scipy.linalg import logm
+
+        if self.dt is None:
+            return self
+        poles = self.poles
+        if np.any((np.abs(poles.imag) <= 1e-12 * np.abs(poles)) & (poles.real <= 0)):
+            raise ModelError(
+                f"{self.name} has a pole that is zero or negative, so no system of this order in continuous time has "
+                "its samples; a model of smaller order or with less delay has one"
+            )
+        n, inputs = self.b.shape
+        both = np.eye(n + inputs)
+        both[:n, :n], both[:n, n:] = self.a, self.b
+        moved = np.real(logm(both)) / self.dt
+        return replace(self, a=moved[:n, :n], b=moved[:n, n:], dt=None)

@@ -1,0 +1,487 @@
+r"""Everyday analysis of any model in one call: what it does to a step, its poles, its residuals, its forecast.
+
+A function takes a model or a fit. Of a fit, curves have a confidence band. A model that lacks what is asked for says
+so. The linear part of each kind of model is in `LINEAR`.
+
+**Forecast.** From the last measured sample on, the error of the forecast k samples ahead is
+
+    y(t + k) − ŷ(t + k) = e(t + k) + h₁ e(t + k − 1) + … + hₖ₋₁ e(t + 1),      hⱼ = ∂ŷ(t + j)/∂e(t),
+
+with white noise e of the variance of the fit; the hⱼ are found by moving one measured output. The uncertainty of the
+parameters comes on top. A model without a noise model has hⱼ = 0: its error is taken as white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.state_space import StateSpaceModel, observer_form
+from emsid.models.linear.system import LinearSystem
+from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.regression.narx import Narx
+from emsid.models.starting import start
+from emsid.models.verbs import as_model
+from emsid.record import Record
+from emsid.validation.bands import (
+    LONGEST,
+    Band,
+    FrequencyResponse,
+    frequency_response_band,
+    step_response_band,
+    with_error,
+)
+from emsid.validation.comparison import as_fit, assess
+from emsid.validation.frequency_responses import about_rest, linearised
+from emsid.validation.nonlinear_correlation import NonlinearTest
+from emsid.validation.residual_test import ResidualTest, residual_tests
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+NUDGE = 1e-3
+"""The move of a measured output that shows how the forecast follows it, in standard deviations of the noise."""
+
+
+# --- linear parts ----------------------------------------------------------------------------------------------------
+
+
+def _of_states(model: StateSpaceModel, at: float) -> LinearSystem:
+    return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
+
+
+def _of_regression(model: Narx, at: float) -> LinearSystem:
+    below, above = model.linear_part() if model.is_linear else linearised(model, at)[:2]
+    a, columns = observer_form(below, list(above))
+    return LinearSystem(a, columns, np.eye(1, len(a)), above[:, :1].T.copy(), model.dt, name=model.name)
+
+
+def _of_cascade(model: Cascade, at: float) -> LinearSystem:
+    """The filters with the slopes of the maps at rest; in steps of the blocks, with the delay aside."""
+    if model.dt is None:
+        raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
+    dt = model.dt / model.oversampling
+    system = LinearSystem(
+        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)), dt, model.delay * model.dt, model.name
+    )
+    x = at - model.input_offset
+    for block in model.blocks:
+        if isinstance(block, Rational):
+            b, a = block.transfer
+            own, columns = observer_form(a, [b])
+            n, m = len(system.a), len(own)
+            joined = np.zeros((n + m, n + m))
+            joined[:n, :n], joined[n:, :n], joined[n:, n:] = system.a, columns @ system.c, own
+            entering = np.vstack([system.b, columns @ system.d])
+            shown = np.hstack([b[0] * system.c, np.eye(1, m)])
+            system = replace(system, a=joined, b=entering, c=shown, d=b[0] * system.d)
+        else:
+            slope = float(block.slope(np.array([x]))[0])  # type: ignore[attr-defined]
+            system = replace(system, c=slope * system.c, d=slope * system.d)
+        x = block.resting(x)[1]
+    return system
+
+
+def _of_feedback(model: FeedbackModel, at: float) -> LinearSystem:
+    if model.dt is None:
+        raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
+    n, (_, matrix) = model.states, about_rest(model, at)
+    parts = matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
+    return LinearSystem(*parts, model.dt / model.oversampling, model.delay * model.dt, model.name)
+
+
+def _of_plant(model: GreyBox, at: float) -> LinearSystem:
+    part = model.plant.linearised(model.signals)
+    if part is None:
+        raise ModelError(f"{model.name} has no linear part that is known; linearise its functions yourself")
+    late = model.plant.drive.delay if isinstance(model.plant, DrivenPlant) else 0.0
+    return LinearSystem(*part[:4], None, late, model.name)
+
+
+LINEAR: dict[type, Callable[[Any, float], LinearSystem]] = {
+    StateSpaceModel: _of_states,
+    PolynomialModel: lambda model, at: _of_states(model.form, at),
+    Narx: _of_regression,
+    Cascade: _of_cascade,
+    FeedbackModel: _of_feedback,
+    GreyBox: _of_plant,
+}
+"""The linear part of each kind of model at a constant input."""
+
+
+def linearize(model: Any, at: float = 0.0) -> LinearSystem:
+    """The linear system that a model is, or near which it is for small changes about a constant input.
+
+    A plant is taken in motion, in continuous time, without dry friction, dead zone and limits.
+
+    Args:
+        model: a model, a fit or a plant.
+        at: the constant input, in its unit.
+
+    Raises:
+        ModelError: for a model without a linear part, or that does not come to rest at this input.
+    """
+    subject = as_model(model)
+    for kind in type(subject).__mro__:
+        if kind in LINEAR:
+            return LINEAR[kind](subject, at)
+    raise ModelError(f"{subject.name} has no linear part")
+
+
+def poles(model: Any, at: float = 0.0) -> Complex:
+    """(n,) the poles of `linearize`: in z of a model in discrete time, in 1/s of a plant.
+
+    Args:
+        model: a model, a fit or a plant.
+        at: the constant input about which it is linearised.
+    """
+    return linearize(model, at).poles
+
+
+def zeros(model: Any, at: float = 0.0) -> Complex:
+    """The finite zeros of `linearize`.
+
+    Args:
+        model: a model, a fit or a plant with as many inputs as outputs.
+        at: the constant input about which it is linearised.
+    """
+    return linearize(model, at).zeros
+
+
+def to_discrete(model: Any, dt: float, at: float = 0.0) -> LinearSystem:
+    """The linear part of a model at another sample time, or that of a plant at one, for inputs that are held.
+
+    Args:
+        model: a model, a fit, a plant or a `LinearSystem`.
+        dt: sample time in s.
+        at: the constant input about which it is linearised.
+    """
+    return (model if isinstance(model, LinearSystem) else linearize(model, at)).to_discrete(dt)
+
+
+def to_continuous(model: Any, at: float = 0.0) -> LinearSystem:
+    """The linear part of a model in continuous time, with the same samples for inputs that are held.
+
+    Args:
+        model: a model, a fit, a plant or a `LinearSystem`.
+        at: the constant input about which it is linearised.
+    """
+    return (model if isinstance(model, LinearSystem) else linearize(model, at)).to_continuous()
+
+
+# --- responses -------------------------------------------------------------------------------------------------------
+
+
+def _fit_and_time(model: Any, dt: float | None) -> tuple[Fit[Any], float]:
+    """A fit of the model, and its sample time.
+
+    Raises:
+        ModelError: where no sample time is known.
+    """
+    fit = model if isinstance(model, Fit) else as_fit(as_model(model))
+    known = dt or fit.model.dt or (fit.channels.dt if fit.channels is not None else None)
+    if known is None:
+        raise ModelError(f"{fit.model.name} runs at any sample time; give one, dt=… in s", arguments=("dt",))
+    return fit, known
+
+
+def _inputs(model: Any) -> int:
+    """How many inputs a model has, where it has a linear part; else one."""
+    try:
+        return int(linearize(model).b.shape[1])
+    except ModelError:
+        return 1
+
+
+def step(
+    model: Any, size: float = 1.0, *, at: float = 0.0, dt: float | None = None, input: int = 0, level: float = 0.95
+) -> Band:
+    """The response to a step of one input from rest, until it settles, with a band where the model is a fit.
+
+    Args:
+        model: a model, a fit or a plant.
+        size: of the step, in the unit of the input.
+        at: the input before it.
+        dt: sample time in s of a model that has none.
+        input: which input steps, from 0.
+        level: of the band.
+
+    Raises:
+        ModelError: for a model without a sample time, or an input that it does not have.
+    """
+    fit, time = _fit_and_time(model, dt)
+    command = np.zeros((LONGEST, max(_inputs(fit.model), input + 1)))
+    command[:, input] = at
+    like = Record(command, np.zeros(LONGEST), time)
+    return step_response_band(fit, like, size=size, start=at, input=input, level=level)
+
+
+def impulse(
+    model: Any, size: float = 1.0, *, at: float = 0.0, dt: float | None = None, input: int = 0, level: float = 0.95
+) -> Band:
+    """The response to a pulse of one sample with this area, until it settles: to size/dt during one sample.
+
+    Args:
+        model: a model, a fit or a plant.
+        size: area of the pulse, in the unit of the input times seconds.
+        at: the input before and after it.
+        dt: sample time in s of a model that has none.
+        input: which input has the pulse, from 0.
+        level: of the band.
+
+    Raises:
+        ModelError: as `step` does.
+    """
+    fit, time = _fit_and_time(model, dt)
+    settled = len(step(fit, at=at, dt=time, input=input).x)
+    rest = np.zeros(max(_inputs(fit.model), input + 1))
+    rest[input] = at
+
+    def response(moved: Any) -> Array:
+        late = moved.latency
+        command = np.tile(rest, (settled + late, 1))
+        command[0, input] += size / time
+        return np.asarray(moved.run(moved.at_rest(rest, time), command)[0][late:])
+
+    return Band(time * np.arange(settled, dtype=float), *with_error(fit, response), level)
+
+
+def bode(
+    model: Any, *, at: float = 0.0, dt: float | None = None, output: int = 0, input: int = 0, level: float = 0.95
+) -> FrequencyResponse:
+    """The frequency response up to half the sampling rate, with bands where the model is a fit.
+
+    Args:
+        model: a model, a fit or a plant.
+        at: the constant input about which it is linearised.
+        dt: sample time in s of a model that has none.
+        output, input: of a model with several, from 0.
+        level: of the bands.
+
+    Raises:
+        ModelError: for a model without a frequency response.
+    """
+    fit, time = _fit_and_time(model, dt)
+    return frequency_response_band(fit, time, output=output, input=input, around=at, level=level)
+
+
+# --- against data ----------------------------------------------------------------------------------------------------
+
+
+def predict(model: Any, record: Record, horizon: int = 1) -> Record:
+    """The record with the outputs as predicted ``horizon`` samples ahead of the last measured one that is used.
+
+    Args:
+        model: a model, a fit or a plant.
+        record: with measured outputs; those that start a segment are repeated.
+        horizon: samples ahead.
+
+    Raises:
+        ModelError: for a record of other channels, or a prediction that diverges.
+        DataError: for a record without outputs.
+    """
+    subject = as_model(model, record)
+    run = subject.predict(record, horizon)
+    if run.diverged_at is not None:
+        raise ModelError(f"{subject.name}: the prediction diverges at sample {run.diverged_at}")
+    return replace(record, output=run.output, name=f"{record.name}, {horizon} ahead by {subject.name}")
+
+
+def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.95) -> Band:
+    """The outputs after a record, for inputs that are known, with a band for noise and parameters of a fit.
+
+    Args:
+        model: a fit; of a model alone there is no band.
+        record: what was measured so far.
+        inputs: (N,) or (N, nu) the inputs after it.
+        level: of the band.
+
+    Returns:
+        Values (N,), or (N, ny) of several outputs, over the time of the record that goes on.
+
+    Raises:
+        ModelError: for a record of other channels.
+        DataError: for a record that is too short or has no outputs.
+    """
+    fit = model if isinstance(model, Fit) else as_fit(as_model(model, record))
+    u = np.asarray(inputs, dtype=float)
+    u = u[:, None] if u.ndim == 1 else u
+    last = record.segments[-1]
+    if not last.output.shape[1]:
+        raise DataError(f"{record.name} has no output to forecast from; simulate it")
+
+    def ahead(moved: Any) -> Array:
+        outputs = moved.run(moved.initial(last, len(last)), u)[0]
+        return np.asarray(outputs[:, 0] if outputs.shape[1] == 1 else outputs)
+
+    value, error = with_error(fit, ahead)
+    if np.isfinite(fit.noise_variance):
+        noise = _noise_ahead(fit, last, u).reshape(value.shape)
+        error = np.sqrt(np.where(np.isfinite(error), error, 0.0) ** 2 + noise)
+    time = float(last.time[-1]) + record.dt * np.arange(1, len(u) + 1, dtype=float)
+    return Band(np.asarray(time, dtype=float), value, error, level)
+
+
+def _noise_ahead(fit: Fit[Any], last: Record, u: Array) -> Array:
+    """(N, ny) the variance of the noise in a forecast."""
+    size, outputs = float(np.sqrt(fit.noise_variance)), last.output.shape[1]
+    follows = np.zeros((len(u), outputs))
+    follows[0] = 1.0
+    try:
+        runs = []
+        for moved in (0.0, NUDGE * size):
+            running = start(fit.model, record=last)
+            y = running.step(u[0])
+            running.correct(y + moved)
+            runs.append(running.predict(u[1:]).reshape(-1, outputs) if len(u) > 1 else np.zeros((0, outputs)))
+        follows[1:] = (runs[1] - runs[0]) / (NUDGE * size) if size > 0 else 0.0
+    except ModelError:  # without a model of its noise
+        pass
+    return np.asarray(size**2 * np.cumsum(follows**2, axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What a model leaves of the measured outputs, with its tests.
+
+    Attributes:
+        free_run: a record with measured minus simulated outputs, without the samples that start the model.
+        one_step: the same of the prediction one sample ahead.
+        whiteness: whether the one-step errors of every output are white; empty where there are too few samples.
+        inputs: the errors of the free run of every output against nonlinear functions of the inputs.
+    """
+
+    free_run: Record
+    one_step: Record
+    whiteness: tuple[ResidualTest, ...]
+    inputs: tuple[tuple[NonlinearTest, ...], ...]
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with time, inputs and the errors of the free run; see `Record.to_frame`.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        return self.free_run.to_frame(library)
+
+    def __str__(self) -> str:
+        rms = np.sqrt(np.mean(self.free_run.output**2, axis=0))
+        lines = [
+            f"{name}: {size:.4g} {unit}".rstrip()
+            for name, size, unit in zip(self.free_run.output_names, rms, self.free_run.output_units, strict=True)
+        ]
+        for test in self.whiteness:
+            word = "white" if test.white else "not white"
+            lines.append(
+                f"one-step errors of {test.output}: {word} (p = {test.p_value:.2g}; largest autocorrelation "
+                f"{test.largest_autocorrelation:.2f} at lag {test.at_lag})"
+            )
+        return "\n".join(["RMS error of the free run", *lines])
+
+
+def residuals(model: Any, record: Record) -> Residuals:
+    """Measured minus simulated outputs, with tests of whiteness and of what the inputs still explain.
+
+    Args:
+        model: a model, a fit or a plant.
+        record: with measured outputs.
+
+    Raises:
+        ModelError: for a record of other channels, or a run that diverges.
+        DataError: where no sample is left after the start of the model.
+    """
+    fit = model if isinstance(model, Fit) else as_fit(as_model(model, record))
+    found = assess(fit, record)
+    if found.simulation.diverged_at is not None:
+        raise ModelError(f"{fit.model.name}: the free run diverges at sample {found.simulation.diverged_at}")
+    counted = found.simulation.counted
+
+    def errors(output: Array) -> Record:
+        whole = replace(record, output=np.where(counted[:, None], record.output - output, 0.0))
+        return whole if counted.all() else whole.mask(~counted)
+
+    tests = tuple(residual_tests(record, found.prediction))
+    return Residuals(errors(found.simulation.output), errors(found.prediction.output), tests, found.nonlinear_tests)
+
+
+# --- without a model -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The frequency response of a record without a model.
+
+    Attributes:
+        frequency: (F,) in Hz.
+        response: (F, ny, nu) output over input.
+        coherence: (F, ny) share of each output's power that is linear in the inputs, 0 to 1.
+        standard_error: (F, ny, nu) of the magnitude of the response.
+        windows: how many windows were averaged.
+    """
+
+    frequency: Array
+    response: Complex
+    coherence: Array
+    standard_error: Array
+    windows: int
+
+    @property
+    def magnitude(self) -> Array:
+        """(F, ny, nu) in dB."""
+        return np.asarray(20 * np.log10(np.abs(self.response)))
+
+    @property
+    def phase(self) -> Array:
+        """(F, ny, nu) in degrees, continuous over frequency."""
+        return np.asarray(np.degrees(np.unwrap(np.angle(self.response), axis=0)))
+
+
+def spectrum(record: Record, window: int | None = None) -> Spectrum:
+    """The frequency response from the inputs to the outputs, by averaged Hann windows with half overlap (Welch).
+
+    With U and Y the windowed transforms, H = S_yu S_uu⁻¹ and coherence γ² = H S_uy / S_yy.
+
+    Args:
+        record: with outputs.
+        window: samples of a window; by default an eighth of the longest segment, at least 16.
+
+    Raises:
+        DataError: for a record without outputs, a window that is too long, or inputs that cannot be told apart.
+    """
+    longest = max(len(segment) for segment in record.segments)
+    size = max(16, longest // 8) if window is None else window
+    inputs, outputs = record.input.shape[1], record.output.shape[1]
+    if not outputs:
+        raise DataError(f"{record.name} has no output; a frequency response needs one")
+    if not 8 <= size <= longest:
+        raise DataError(f"a window of {size} samples; give 8 to {longest}, the longest segment of {record.name}")
+    taper = np.hanning(size + 1)[:size, None]
+    both = [np.hstack([segment.input, segment.output]) for segment in record.segments if len(segment) >= size]
+    pieces = [x[k : k + size] for x in both for k in range(0, len(x) - size + 1, size // 2)]
+    transforms = np.array([np.fft.rfft((piece - piece.mean(axis=0)) * taper, axis=0) for piece in pieces])[:, 1:]
+    if len(pieces) <= inputs:
+        raise DataError(f"{len(pieces)} windows for {inputs} inputs; give a shorter window or a longer record")
+    products = np.einsum("kfi,kfj->fij", transforms, transforms.conj()) / len(pieces)
+    s_uu, s_yu = products[:, :inputs, :inputs], products[:, inputs:, :inputs]
+    s_yy = np.real(np.einsum("fii->fi", products[:, inputs:, inputs:]))
+    if np.any(np.linalg.cond(s_uu) > 1.0 / np.finfo(float).eps):
+        raise DataError(f"{record.name}: an input does not change, or follows another at some frequency; leave it out")
+    inverse = np.linalg.inv(s_uu)
+    response = s_yu @ inverse
+    explained = np.real(np.einsum("fij,fij->fi", response, s_yu.conj()))
+    coherence = np.clip(np.divide(explained, s_yy, out=np.zeros_like(s_yy), where=s_yy > 0), 0.0, 1.0)
+    left = ((1 - coherence) * s_yy)[:, :, None] * np.real(np.einsum("fii->fi", inverse))[:, None, :]
+    independent = max(1.0, 0.6 * len(pieces))  # half overlapped Hann windows share a part of their samples
+    frequency = np.asarray(np.fft.rfftfreq(size, record.dt)[1:], dtype=float)
+    return Spectrum(frequency, response, coherence, np.sqrt(left / (2 * independent)), len(pieces))

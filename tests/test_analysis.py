@@ -1,0 +1,150 @@
+"""Everyday analysis in one call: linear parts, responses, forecasts, residuals and spectra, of any kind of model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.models.linear.state_space import run_linear
+from emsid.models.linear.system import LinearSystem
+from model_examples import ALL, DT, inputs
+
+WITHOUT = ("own plant", "friction")
+at_dt = [
+    name
+    for name, model in ALL.items()
+    if not any(word in name for word in WITHOUT) and model.dt and "oversa" not in name
+]
+
+
+@pytest.fixture(scope="module")
+def record() -> emsid.Record:
+    """2000 samples of y(t) = 1.2 y(t−1) − 0.5 y(t−2) + 0.3 u(t−1) + e(t), e of size 0.01."""
+    rng = np.random.default_rng(1)
+    u, noise, y = rng.standard_normal(2000), 0.01 * rng.standard_normal(2000), np.zeros(2000)
+    for t in range(2, 2000):
+        y[t] = 1.2 * y[t - 1] - 0.5 * y[t - 2] + 0.3 * u[t - 1] + noise[t]
+    return emsid.Record(u, y, DT, "voltage", "speed", "V", "rad/s")
+
+
+@pytest.fixture(scope="module")
+def fit(record: emsid.Record) -> emsid.Fit[Any]:
+    return emsid.fit(emsid.arx(2, 1), record)
+
+
+@pytest.mark.parametrize("name", at_dt)
+def test_the_linear_part_is_the_response_to_a_small_step(name: str) -> None:
+    model, small = ALL[name], 1e-6
+    system = emsid.linearize(model)
+    late, step = round(system.delay / DT), np.zeros((60, 1))
+    step[5 + late :] = 1.0
+    expected, _ = run_linear(system.a, system.b, system.c, system.d, np.zeros(len(system.a)), step)
+    nothing, moved = np.zeros((60, 1)), np.zeros((60, 1))
+    moved[5:] = small
+    rest = model.at_rest(0.0, DT)
+    found = (model.run(rest, moved)[0] - model.run(rest, nothing)[0]) / small
+    np.testing.assert_allclose(found, expected, atol=1e-4 * max(1e-3, float(np.abs(expected).max())))
+
+
+def test_of_the_paper_motor_the_pole_is_its_time_constant() -> None:
+    plant = emsid.plants.rigid_motor()
+    known = {each.name: each.value for each in plant.quantities()}
+    slowest = emsid.poles(plant)
+    assert 1 / known["mechanical time constant"] == pytest.approx(float(np.abs(slowest).max()))
+    discrete = emsid.to_discrete(plant, 0.005)
+    assert np.sort(np.abs(discrete.poles)) == pytest.approx(np.sort(np.exp(-0.005 * np.abs(slowest))))
+    again = discrete.to_continuous()
+    f = np.array([0.1, 1.0, 10.0])
+    np.testing.assert_allclose(again.response(f), emsid.linearize(plant).response(f), rtol=1e-8)
+
+
+def test_poles_and_zeros_of_an_arx(fit: emsid.Fit[Any]) -> None:
+    assert np.sort_complex(emsid.poles(fit)) == pytest.approx(np.sort_complex(np.roots([1, *fit.estimate[:2]])))
+    two = emsid.fit(emsid.arx(2, 2), emsid.simulate(ALL["arx"], inputs()))
+    (zero,) = emsid.zeros(two)
+    assert zero == pytest.approx(-two["b2"].value / two["b1"].value)
+
+
+def test_a_negative_pole_has_no_continuous_time() -> None:
+    system = LinearSystem(np.array([[-0.5]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), 0.1)
+    with pytest.raises(emsid.ModelError, match="zero or negative"):
+        system.to_continuous()
+
+
+def test_what_has_no_linear_part_says_so() -> None:
+    with pytest.raises(emsid.ModelError, match="no linear part"):
+        emsid.linearize(ALL["own plant"])
+    with pytest.raises(emsid.ModelError, match="does not come to rest"):
+        emsid.poles(ALL["friction"])
+    with pytest.raises(emsid.ModelError, match="give one, dt"):
+        emsid.step(emsid.plants.rigid_motor())
+
+
+def test_responses_have_bands_and_agree(fit: emsid.Fit[Any]) -> None:
+    step, pulse, bode = emsid.step(fit, 2.0), emsid.impulse(fit), emsid.bode(fit)
+    gain = float(emsid.linearize(fit).gain[0, 0])
+    assert step.value[-1, 0] == pytest.approx(2.0 * gain, rel=0.01)
+    assert step.low[-1, 0] < 2.0 * 0.3 / 0.3 < step.high[-1, 0]
+    np.testing.assert_allclose(2.0 * DT * np.cumsum(pulse.value[:, 0]), step.value[:, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        bode.magnitude.value, 20 * np.log10(np.abs(emsid.linearize(fit).response(bode.magnitude.x)[:, 0, 0])), atol=1e-9
+    )
+    assert list(step.to_frame().columns) == ["x", "value", "low", "high"]
+    assert np.isnan(emsid.step(fit.model).half).all()
+
+
+def test_a_forecast_holds_what_comes_in_the_share_that_it_claims(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    inside = []
+    for end in range(200, 1900, 20):
+        ahead = emsid.forecast(fit, record[:end], record.input[end : end + 10])
+        measured = record.output[end : end + 10, 0]
+        inside.append((ahead.low <= measured) & (measured <= ahead.high))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
+    assert ahead.half[0] == pytest.approx(1.96 * 0.01, rel=0.1)
+    white = 0.01 * np.sqrt(1 + 1.2**2)  # of the model, two samples ahead
+    assert ahead.half[1] == pytest.approx(1.96 * white, rel=0.1)
+    assert ahead.x[0] == pytest.approx(record[:end].time[-1] + DT)
+
+
+def test_predictions_are_records(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    ahead = emsid.predict(fit, record, 3)
+    assert (ahead.output_names, ahead.output_units) == (("speed",), ("rad/s",))
+    assert np.array_equal(ahead.output, fit.model.predict(record, 3).output)
+
+
+def test_residuals_of_the_true_structure_are_white(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    found = fit.residuals(record)
+    assert found.whiteness[0].white
+    assert np.std(found.one_step.output) == pytest.approx(0.01, rel=0.05)
+    assert len(found.one_step) == len(record) - fit.model.memory
+    assert found.to_frame().columns == ["t", "voltage", "speed"]
+    lower = emsid.residuals(emsid.fit(emsid.arx(1, 1), record), record)
+    assert not lower.whiteness[0].white
+    assert "not white" in str(lower)
+
+
+def test_a_comparison_becomes_a_frame(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    frame = emsid.compare(fit, record).to_frame("pandas")
+    np.testing.assert_array_equal(frame["speed"] - frame["speed by arx"], frame["error of speed by arx"])
+
+
+def test_the_spectrum_of_a_linear_system_is_its_frequency_response(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    found = emsid.spectrum(record)
+    truth = emsid.linearize(fit).response(found.frequency)[:, 0, 0]
+    error = np.abs(found.response[:, 0, 0] - truth)
+    assert np.median(error / np.abs(truth)) < 0.05
+    assert np.min(found.coherence) > 0.8
+    noise = replace(record, output=np.random.default_rng(3).standard_normal((2000, 1)))
+    assert np.median(emsid.spectrum(noise).coherence) < 0.2
+    with pytest.raises(emsid.DataError, match="does not change"):
+        emsid.spectrum(replace(record, input=np.ones((2000, 1))))
+
+
+def test_advice_is_that_of_a_first_look(record: emsid.Record) -> None:
+    advice = emsid.advice(record)
+    assert "persistently exciting" in str(advice)
+    assert all(isinstance(each, emsid.findings.Finding) for each in advice)

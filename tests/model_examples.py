@@ -29,6 +29,7 @@ from emsid.models.blocks.static_maps import (
 )
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive
@@ -132,6 +133,13 @@ def polynomials() -> Iterator[tuple[str, PolynomialModel]]:
     yield "polynomials without noise model", PolynomialModel(none, fast, none, none, [slow], 0.0, 1, DT)
 
 
+def processes() -> Iterator[tuple[str, ProcessModel]]:
+    """Process models with and without zero, whole and fractional dead times."""
+    yield "process", ProcessModel(2.0, (0.08, 0.03), 0.0, 0.0, 0.1, DT)
+    yield "process, late", ProcessModel(-2.0, (0.08,), 0.02, 2.4 * DT, 0.0, DT)
+    yield "process, late by whole samples", ProcessModel(1.5, (0.05, 0.04, 0.02), -0.02, 3 * DT, 0.2, DT)
+
+
 def cascades() -> Iterator[tuple[str, Cascade]]:
     """Cascades with every map, of every topology, with delays and oversampling."""
     for name, static in MAPS.items():
@@ -186,6 +194,7 @@ ALL: dict[str, Model] = {
     **dict(regressions()),
     **dict(state_spaces()),
     **dict(polynomials()),
+    **dict(processes()),
     **dict(cascades()),
     **dict(feedback()),
     **dict(plants()),

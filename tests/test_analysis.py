@@ -13,11 +13,11 @@ from emsid.models.linear.state_space import run_linear
 from emsid.models.linear.system import LinearSystem
 from model_examples import ALL, DT, inputs
 
-WITHOUT = ("own plant", "friction")
+WITHOUT = ("own plant", "friction", "process, late")
 at_dt = [
     name
     for name, model in ALL.items()
-    if not any(word in name for word in WITHOUT) and model.dt and "oversa" not in name
+    if not any(word in name for word in WITHOUT) and model.dt and "oversampling" not in name
 ]
 
 
@@ -40,6 +40,7 @@ def fit(record: emsid.Record) -> emsid.Fit[Any]:
 def test_the_linear_part_is_the_response_to_a_small_step(name: str) -> None:
     model, small = ALL[name], 1e-6
     system = emsid.linearize(model)
+    system = system if system.dt else system.to_discrete(DT)
     late, step = round(system.delay / DT), np.zeros((60, 1))
     step[5 + late :] = 1.0
     expected, _ = run_linear(system.a, system.b, system.c, system.d, np.zeros(len(system.a)), step)
@@ -148,3 +149,23 @@ def test_advice_is_that_of_a_first_look(record: emsid.Record) -> None:
     advice = emsid.advice(record)
     assert "persistently exciting" in str(advice)
     assert all(isinstance(each, emsid.findings.Finding) for each in advice)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0237])
+def test_a_process_is_recovered_with_its_time_constants(delay: float) -> None:
+    truth = emsid.ProcessModel(2.5, (0.05, 0.21), 0.0, delay, 0.4, DT)
+    u = np.random.default_rng(2).uniform(-1, 1, 60).repeat(25)
+    clean = emsid.simulate(truth, u)
+    record = replace(clean, output=clean.output + 0.01 * np.random.default_rng(3).standard_normal(clean.output.shape))
+    fit = emsid.fit(emsid.process_model(poles=2, delay=delay > 0), record)
+    assert fit.ending is emsid.Ending.CONVERGED
+    found = {name: row.value for name, row in fit.parameters.items()}
+    times = sorted((found["T1"], found["T2"]))
+    assert times == pytest.approx([0.05, 0.21], rel=0.05)
+    assert (found["gain"], found["offset"], found.get("delay", 0.0)) == pytest.approx((2.5, 0.4, delay), abs=5e-3)
+    low, high = fit["gain"].interval
+    assert low < 2.5 < high
+    assert emsid.step(fit).known
+    time = np.maximum(DT * np.arange(200) - delay, 0.0)
+    exact = 2.5 * (1 + (0.05 * np.exp(-time / 0.05) - 0.21 * np.exp(-time / 0.21)) / (0.21 - 0.05)) + 0.4
+    np.testing.assert_allclose(emsid.simulate(truth, np.ones(200)).output[:, 0], exact, atol=1e-9)

@@ -53,6 +53,8 @@ from .models.feedback.search.estimation import feedback as feedback
 from .models.linear.polynomials import PolynomialModel as PolynomialModel
 from .models.linear.prediction_error import armax as armax
 from .models.linear.prediction_error import box_jenkins as box_jenkins
+from .models.linear.process_model import ProcessModel as ProcessModel
+from .models.linear.process_model import process_model as process_model
 from .models.linear.state_space import StateSpaceModel as StateSpaceModel
 from .models.linear.subspace_fit import state_space as state_space
 from .models.linear.system import LinearSystem as LinearSystem

@@ -13,6 +13,7 @@ from emsid.models.blocks.stepping import CascadeStepper
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.stepping import FeedbackStepper
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.stepping import LinearStepper
 from emsid.models.plants.grey_box import GreyBox
@@ -27,6 +28,7 @@ STEPPERS: dict[type, Callable[[Any, Any, int], Stepper]] = {
     Narx: lambda model, state, _: RegressionStepper(model, state),
     StateSpaceModel: lambda model, state, _: LinearStepper(model, state),
     PolynomialModel: lambda model, state, _: LinearStepper(model, state),
+    ProcessModel: lambda model, state, _: LinearStepper(model, state),
     Cascade: lambda model, state, _: CascadeStepper.of(model, state),
     FeedbackModel: lambda model, state, _: FeedbackStepper.of(model, state),
     GreyBox: PlantStepper.of,

@@ -27,6 +27,7 @@ from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import as_record
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
+from emsid.models.linear.process_model import ProcessStructure, fit_process
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.plants.drive import Hold
@@ -61,6 +62,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
                                                         ``transient``, ``control``
     `emsid.state_space`                                 ``free_run=True``, ``refine``, ``control``
     `emsid.armax`, `emsid.box_jenkins`                  ``start``, ``control``
+    `emsid.process_model`                               ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``search``, …
@@ -187,6 +189,7 @@ FITTED: dict[type, Estimator] = {
     Structure: _regression,
     StateSpaceStructure: fit_state_space,
     PolynomialStructure: fit_polynomials,
+    ProcessStructure: fit_process,
     Cascade: fit_cascade,
     FeedbackModel: fit_feedback,
     Motor: simulation_error,

@@ -26,6 +26,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel, observer_form
 from emsid.models.linear.system import LinearSystem
 from emsid.models.plants.driven import DrivenPlant
@@ -65,6 +66,11 @@ def _of_regression(model: Narx, at: float) -> LinearSystem:
     below, above = model.linear_part() if model.is_linear else linearised(model, at)[:2]
     a, columns = observer_form(below, list(above))
     return LinearSystem(a, columns, np.eye(1, len(a)), above[:, :1].T.copy(), model.dt, name=model.name)
+
+
+def _of_process(model: ProcessModel, at: float) -> LinearSystem:
+    a, b, c, d = model.continuous
+    return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
 
 
 def _of_cascade(model: Cascade, at: float) -> LinearSystem:
@@ -112,6 +118,7 @@ def _of_plant(model: GreyBox, at: float) -> LinearSystem:
 LINEAR: dict[type, Callable[[Any, float], LinearSystem]] = {
     StateSpaceModel: _of_states,
     PolynomialModel: lambda model, at: _of_states(model.form, at),
+    ProcessModel: _of_process,
     Narx: _of_regression,
     Cascade: _of_cascade,
     FeedbackModel: _of_feedback,

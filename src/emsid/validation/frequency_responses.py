@@ -21,6 +21,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
@@ -49,7 +50,7 @@ def frequency_response(
         ModelError: for a model without one, without these channels, or that does not rest at this input.
     """
     z = np.exp(-2j * np.pi * f * dt)
-    if isinstance(model, StateSpaceModel | PolynomialModel):
+    if isinstance(model, StateSpaceModel | PolynomialModel | ProcessModel):
         found = model.response(f)
         check_channel(model, "output", output, found.shape[1])
         check_channel(model, "input", input, found.shape[2])

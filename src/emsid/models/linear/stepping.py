@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel, run_in_place
 from emsid.models.stepping import Stepper
 
@@ -23,13 +24,13 @@ class LinearStepper(Stepper):
 
     __slots__ = ("_begun", "_form", "_input", "_level", "_matrices", "_output", "_x")
 
-    def __init__(self, model: StateSpaceModel | PolynomialModel, state: Array) -> None:
+    def __init__(self, model: StateSpaceModel | PolynomialModel | ProcessModel, state: Array) -> None:
         """
         Args:
             model: what runs.
             state: (n,) where it begins.
         """
-        form = model.form if isinstance(model, PolynomialModel) else model
+        form = model if isinstance(model, StateSpaceModel) else model.form
         super().__init__(model, form.b.shape[1], len(form.level))
         self._form = form
         self._matrices = (read_only(form.a), read_only(form.b), read_only(form.c), read_only(form.d))

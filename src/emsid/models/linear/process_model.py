@@ -1,0 +1,365 @@
+r"""A process model: gain, time constants, a zero and a dead time, from the free run.
+
+    y(t) = K · (1 + T_z s) / ((1 + T₁ s) … (1 + Tₙ s)) · e^(−L s) u(t) + y₀
+
+for an input that is held over every sample. The dead time is L = (m + f)·dt with a whole number m of samples and a
+fraction f. Over a sample the earlier input acts for f·dt and the later one for the rest,
+
+    x(t + 1) = e^(A dt) x(t) + e^(A (1 − f) dt) Γ(f dt) u(t − m − 1) + Γ((1 − f) dt) u(t − m)
+
+with Γ(h) = ∫₀ʰ e^(A s) ds B, so that the output is continuous in L. The model runs as a `StateSpaceModel` whose further states are past inputs.
+A search from the best of a grid of time constants and dead times minimises the error of the free run.
+
+References:
+    Ljung, *System Identification*, 2nd ed. (1999), sec. 4.3. Åström, Wittenmark, *Computer-Controlled Systems*, 3rd ed.
+    (1997), sec. 2.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.problem import Block
+from emsid.models.free_run import RunMethods, continued, from_rest
+from emsid.models.linear.state_space import StateSpaceModel
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+LONGEST = 10_000
+"""The longest dead time in samples; every one of them is a state."""
+STEP = 1e-5
+"""Relative step of the differences that give derivatives; of a time, relative to the sample time at least."""
+TIMES, DEAD_TIMES = 6, 6
+"""Time constants and dead times of the grid that a search begins with."""
+SHORTEST, LARGEST = 0.3, 0.5
+"""The shortest time constant in samples, as records show no shorter one, and the longest as a part of the record."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessModel(RunMethods):
+    """A gain with time constants, a zero and a dead time.
+
+    Args:
+        gain: K, in units of the output over those of the input.
+        time_constants: T₁, …, Tₙ in s, positive.
+        zero: T_z in s; 0 for none.
+        delay: L in s.
+        offset: y₀, the output at an input of zero.
+        dt: sample time in s.
+        name: in tables and files.
+
+    Raises:
+        ModelError: for no or negative time constants, a negative or very long delay, or numbers that are not finite.
+    """
+
+    gain: float
+    time_constants: tuple[float, ...]
+    zero: float
+    delay: float
+    offset: float
+    dt: float
+    name: str = "process"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time_constants", tuple(float(each) for each in self.time_constants))
+        numbers = (self.gain, *self.time_constants, self.zero, self.delay, self.offset, self.dt)
+        if not np.isfinite(numbers).all() or not self.dt > 0:
+            raise ModelError(f"{self.name}: gain, times and offset must be finite, and the sample time positive")
+        if not self.time_constants or min(self.time_constants) <= 0 or len(self.time_constants) > 8:
+            raise ModelError(f"{self.name}: time constants {self.time_constants}; give one to eight positive ones")
+        if not 0 <= self.delay <= LONGEST * self.dt:
+            raise ModelError(
+                f"{self.name}: a delay of {self.delay:g} s; give 0 to {LONGEST:,} samples of {self.dt:g} s"
+            )
+
+    @cached_property
+    def continuous(self) -> tuple[Array, Array, Array, float]:
+        """A, B, C and D in continuous time, without the dead time."""
+        n = len(self.time_constants)
+        a, b = np.diag([-1.0 / each for each in self.time_constants]), np.zeros((n, 1))
+        for k in range(1, n):
+            a[k, k - 1] = 1.0 / self.time_constants[k]
+        b[0, 0] = 1.0 / self.time_constants[0]
+        c = self.gain * (np.eye(1, n, n - 1) + self.zero * a[-1:])
+        return a, b, c, float(self.gain * self.zero * b[-1, 0])
+
+    @cached_property
+    def form(self) -> StateSpaceModel:
+        """The same in state space, with past inputs as states."""
+        from scipy.linalg import expm
+
+        a, b, c, d = self.continuous
+        n = len(a)
+        late = self.delay / self.dt
+        whole = int(late)
+        part = late - whole
+
+        def held(h: float) -> tuple[Array, Array]:
+            both = np.zeros((n + 1, n + 1))
+            both[:n, :n], both[:n, n:] = a * h, b * h
+            moved = expm(both)
+            return moved[:n, :n], moved[:n, n:]
+
+        moved, later = held((1 - part) * self.dt)
+        earlier = moved @ held(part * self.dt)[1]
+        kept = whole + (part > 0)
+        size = n + kept
+        am, bm, cm, dm = np.zeros((size, size)), np.zeros((size, 1)), np.zeros((1, size)), np.zeros((1, 1))
+        am[:n, :n] = held(self.dt)[0]
+        cm[0, :n] = c
+        past = [n + k for k in range(kept)]  # u(t − 1), u(t − 2), …
+        if whole:
+            am[:n, past[whole - 1]] = later[:, 0]
+        else:
+            bm[:n] = later
+        if part > 0:
+            am[:n, past[whole]] = earlier[:, 0]
+        acting = whole + (part > 0)  # the input that acts just before a sample, for the direct way
+        if acting:
+            cm[0, past[acting - 1]] = d
+        else:
+            dm[0, 0] = d
+        for k in range(1, kept):
+            am[past[k], past[k - 1]] = 1.0
+        if kept:
+            bm[past[0], 0] = 1.0
+        none = np.zeros((size, 1))
+        return StateSpaceModel(am, bm, cm, dm, none, np.array([self.offset]), self.dt, start=8 * n, name=self.name)
+
+    @property
+    def memory(self) -> int:
+        """The number of samples of a segment that give its initial state."""
+        return self.form.memory
+
+    @property
+    def latency(self) -> int:
+        """Zero: the model does not interpolate its input."""
+        return 0
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other channels; its outputs may be missing.
+
+        Raises:
+            ModelError: with the difference.
+        """
+        self.form.check_record(record)
+
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
+        """The steady state for a constant input."""
+        return self.form.at_rest(level, dt)
+
+    def initial(self, segment: Record, samples: int) -> Array:
+        """The state after these samples, by least squares on their outputs."""
+        return self.form.initial(segment, samples)
+
+    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
+        """The outputs (N, 1) for inputs (N, 1), and the state after them."""
+        return self.form.run(state, inputs)
+
+    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
+        """The output (1,) for the input of one sample, and the state after it."""
+        return self.form.advance(state, u)
+
+    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """(F, 1, 1) the frequency response at frequencies (F,) in Hz."""
+        return self.form.response(frequency)
+
+    def parameter_values(self) -> dict[str, float]:
+        """gain, T1, T2, …, Tz, delay and offset."""
+        times = {f"T{k + 1}": each for k, each in enumerate(self.time_constants)}
+        return {"gain": self.gain, **times, "Tz": self.zero, "delay": self.delay, "offset": self.offset}
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> ProcessModel:
+        """The model with other values of some parameters, by name.
+
+        Raises:
+            ModelError: for the names of other parameters, or impossible values.
+        """
+        known = self.parameter_values()
+        if not set(names) <= known.keys():
+            raise ModelError(f"{self.name}: {', '.join(names)} are not its parameters")
+        known |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
+        times = tuple(known[f"T{k + 1}"] for k in range(len(self.time_constants)))
+        return replace(
+            self,
+            gain=known["gain"],
+            time_constants=times,
+            zero=known["Tz"],
+            delay=known["delay"],
+            offset=known["offset"],
+        )
+
+    def equation(self) -> str:
+        """The transfer function with numbers."""
+        above = f"(1 + {self.zero:.6g}*s)" if self.zero else ""
+        below = "".join(f"(1 + {each:.6g}*s)" for each in self.time_constants)
+        late = f"*exp(-{self.delay:.6g}*s)" if self.delay else ""
+        return f"y = {self.gain:.6g}{above}/({below}){late} u {self.offset:+.6g} + e"
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything that `from_data` needs, in built-in types."""
+        numbers = {key: float(getattr(self, key)) for key in ("gain", "zero", "offset", "dt")}
+        return {
+            "name": self.name, "time_constants": list(self.time_constants), "dead_time": float(self.delay), **numbers
+        }  # fmt: skip
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> ProcessModel:
+        """The model described by `to_data`.
+
+        Raises:
+            ModelError: for data that do not describe a model.
+        """
+        try:
+            stored = msgspec.convert(data, _Stored)
+        except msgspec.ValidationError as problem:
+            raise ModelError(f"not a process model: {problem}") from None
+        times = tuple(stored.time_constants)
+        return cls(stored.gain, times, stored.zero, stored.dead_time, stored.offset, stored.dt, stored.name)
+
+
+class _Stored(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    gain: float
+    time_constants: list[float]
+    zero: float
+    dead_time: float
+    offset: float
+    dt: float
+
+
+@dataclass(frozen=True)
+class ProcessStructure:
+    """What `emsid.fit` fits a `ProcessModel` to.
+
+    Args:
+        poles: how many time constants, 1 to 4.
+        zero: whether there is a zero.
+        delay: whether there is a dead time.
+        name: in tables and files.
+
+    Raises:
+        ModelError: for another number of poles.
+    """
+
+    poles: int
+    zero: bool
+    delay: bool
+    name: str = "process"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.poles, bool) or not isinstance(self.poles, int) or not 1 <= self.poles <= 4:
+            raise ModelError(f"{self.name}: {self.poles!r} poles; give 1 to 4")
+
+
+def process_model(poles: int = 1, zero: bool = False, delay: bool = True) -> ProcessStructure:
+    """A process model to be fitted: a gain, time constants, perhaps a zero and a dead time; one input, one output.
+
+    >>> process_model(poles=2)
+    ProcessStructure(poles=2, zero=False, delay=True, name='process')
+
+    Args:
+        poles: how many time constants, 1 to 4.
+        zero: whether there is a zero.
+        delay: whether there is a dead time.
+    """
+    return ProcessStructure(poles, zero, delay)
+
+
+class _FreeRunError:
+    """The error of the free run over segments, with derivatives by differences."""
+
+    def __init__(self, like: ProcessModel, names: Sequence[str], segments: Sequence[Record]) -> None:
+        self.like, self.names, self.segments = like, tuple(names), segments
+
+    def model(self, theta: Array) -> ProcessModel:
+        return self.like.with_estimates(self.names, theta)
+
+    def residuals(self, theta: Array) -> list[Array]:
+        model = self.model(theta)
+        out = []
+        for segment in self.segments:
+            begun = from_rest(segment, model.memory)
+            y = continued(model, model.initial(begun, model.memory), begun, model.memory)
+            out.append(y[:, 0] - begun.output[model.memory :, 0])
+        return out
+
+    def linearised(self, theta: Array) -> list[Block]:
+        here, columns = self.residuals(theta), []
+        for k, value in enumerate(theta):
+            step = STEP * max(abs(value), self.like.dt if self.names[k] not in ("gain", "offset") else 1e-3)
+            moved = theta.copy()
+            moved[k] += step
+            columns.append([(each - r) / step for each, r in zip(self.residuals(moved), here, strict=True)])
+        return [(r, np.column_stack([column[s] for column in columns])) for s, r in enumerate(here)]
+
+
+def _start(structure: ProcessStructure, segments: Sequence[Record]) -> ProcessModel:
+    """The best of a grid of equal time constants and dead times; gain and offset are linear."""
+    dt, longest = segments[0].dt, max(map(len, segments))
+    times = np.geomspace(2 * dt, 0.1 * longest * dt, TIMES)
+    waits = [0.0] if not structure.delay else [0.0, *np.geomspace(dt, 0.05 * longest * dt, DEAD_TIMES - 1)]
+    best = (np.inf, ProcessModel(1.0, (times[0],) * structure.poles, 0.0, 0.0, 0.0, dt, structure.name))
+    for time, wait in product(times, waits):
+        spread = tuple(time / structure.poles * (1.0 + 0.3 * k) for k in range(structure.poles))
+        model = ProcessModel(1.0, spread, 0.0, wait, 0.0, dt, structure.name)
+        x = np.concatenate([model.run(model.at_rest(each.input[0]), each.input)[0][:, 0] for each in segments])
+        y = np.concatenate([each.output[:, 0] for each in segments])
+        columns = np.column_stack([x, np.ones(len(x))])
+        (gain, offset), *_ = np.linalg.lstsq(columns, y, rcond=None)
+        cost = float(np.sum((columns @ np.array([gain, offset]) - y) ** 2))
+        if cost < best[0]:
+            best = cost, replace(model, gain=float(gain), offset=float(offset))
+    return best[1]
+
+
+def fit_process(
+    structure: ProcessStructure, records: Record | Iterable[Record], *, control: Control = FREE
+) -> Fit[ProcessModel]:
+    """Fit a process model to the free run, see `process_model`.
+
+    Args:
+        structure: what to fit.
+        records: a record, or several, of one input and one output at one sample time.
+        control: when to stop, and where to report every step.
+
+    Raises:
+        ModelError: for records of other channels, or too short ones.
+    """
+    several = (records,) if isinstance(records, Record) else tuple(records)
+    least = 8 * structure.poles + 10
+    for record in several:
+        if record.input.shape[1] != 1 or record.output.shape[1] != 1 or record.dt != several[0].dt:
+            raise ModelError(f"{structure.name} has one input and one output, and one sample time for all records")
+    segments = [each for record in several for each in record.segments if len(each) > least]
+    if not segments:
+        raise ModelError(f"{structure.name}: no segment has more than {least} samples; record longer")
+    begin = _start(structure, segments)
+    names = [
+        name
+        for name in begin.parameter_values()
+        if (structure.zero or name != "Tz") and (structure.delay or name != "delay")
+    ]
+    dt, longest = begin.dt, max(map(len, segments)) * begin.dt
+    limits = {f"T{k + 1}": (SHORTEST * dt, LARGEST * longest) for k in range(structure.poles)}
+    limits["delay"] = (0.0, min(0.25 * longest, LONGEST * dt))
+    limits["Tz"] = (-LARGEST * longest, LARGEST * longest)
+    lower, upper = (np.array([limits.get(name, (-np.inf, np.inf))[side] for name in names]) for side in (0, 1))
+    problem = _FreeRunError(begin, names, segments)
+    values = begin.parameter_values()
+    theta = np.clip([values[name] for name in names], lower, upper)
+    minimum = gauss_newton(problem, theta, lower=lower, upper=upper, names=names, control=control)
+    return minimum.fit(problem.model(minimum.estimate), names, "gn")

@@ -7,12 +7,15 @@ True
 
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, armax, box_jenkins
+from emsid.models.linear.process_model import ProcessModel, ProcessStructure
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, cva, moesp, state_space
 
 __all__ = [
     "PolynomialModel",
     "PolynomialStructure",
+    "ProcessModel",
+    "ProcessStructure",
     "StateSpaceModel",
     "StateSpaceStructure",
     "armax",

@@ -7,7 +7,8 @@ fraction f. Over a sample the earlier input acts for f·dt and the later one for
 
     x(t + 1) = e^(A dt) x(t) + e^(A (1 − f) dt) Γ(f dt) u(t − m − 1) + Γ((1 − f) dt) u(t − m)
 
-with Γ(h) = ∫₀ʰ e^(A s) ds B, so that the output is continuous in L. The model runs as a `StateSpaceModel` whose further states are past inputs.
+with Γ(h) = ∫₀ʰ e^(A s) ds B, so that the output is continuous in L. The model runs as a `StateSpaceModel` whose further
+states are past inputs.
 A search from the best of a grid of time constants and dead times minimises the error of the free run.
 
 References:

@@ -55,7 +55,7 @@ def test_list_names_every_model_and_signal(run):
     assert status == 0
     rows = [line.split(maxsplit=1) for line in out.splitlines() if line.startswith("  ")]
     names = json.loads(run("list", "--json")[1])
-    assert dict(rows) == names["models"] | names["excitation"]
+    assert dict(rows) == names["models"] | names["excitation"] | names["exports"]
     assert (list(names["models"]), list(names["excitation"])) == (list(CANDIDATES), list(SIGNALS))
 
 

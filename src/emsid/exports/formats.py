@@ -68,6 +68,13 @@ _MODULES: dict[str, Callable[[], Any]] = {
 
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", ("c99", "c99"), ("single",)),
+    "mujoco": Format("MJCF: joint and actuator for MuJoCo", ("mujoco", "mujoco")),
+    "python-control": Format("the linear part as a script for python-control", ("control", "control")),
+    "csv": Format("friction, dead zone and static maps as tables", ("csv", "csv")),
+    "wpilib": Format("kS, kV and kA for WPILib", ("firmware", "wpilib")),
+    "odrive": Format("the motor of an ODrive", ("firmware", "odrive"), ("winding", "pole_pairs")),
+    "vesc": Format("the motor of a VESC", ("firmware", "vesc"), ("winding", "pole_pairs")),
+    "simplefoc": Format("the motor of SimpleFOC", ("firmware", "simplefoc"), ("winding", "pole_pairs")),
 }
 
 

@@ -10,6 +10,7 @@ from emsid.cli.writing import as_json
 def list_(json: Json = False) -> None:
     """List models, signals and file formats."""
     from emsid.excitation import SIGNALS
+    from emsid.exports import FORMATS
     from emsid.identification.candidates import CANDIDATES
     from emsid.io import READERS, WRITERS
     from emsid.models.blocks.search.map_families import families
@@ -17,7 +18,8 @@ def list_(json: Json = False) -> None:
     if json:
         signals = {name: signal.__doc__ for name, signal in SIGNALS.items()}
         models = {name: candidate.summary for name, candidate in CANDIDATES.items()}
-        document = {"models": models, "static": list(families()), "excitation": signals}
+        formats = {name: each.summary for name, each in FORMATS.items()}
+        document = {"models": models, "static": list(families()), "excitation": signals, "exports": formats}
         say_json(as_json({"schema": 1, **document, "read": list(READERS), "written": list(WRITERS)}))
         return
     width = 2 + max(map(len, (*CANDIDATES, *SIGNALS)))
@@ -28,5 +30,8 @@ def list_(json: Json = False) -> None:
     say("signals for --excitation:")
     for name, test_signal in SIGNALS.items():
         say(f"  {name:<{width}}{test_signal.__doc__}")
+    say("formats for export --to:")
+    for name, format_ in FORMATS.items():
+        say(f"  {name:<{width}}{format_.summary}")
     say(f"files read: {', '.join(READERS)}")
     say(f"files written: {', '.join(WRITERS)}")

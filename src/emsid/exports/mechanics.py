@@ -1,0 +1,101 @@
+"""What the exports of mechanics need of a plant: inertia, damping, dry friction and the gain of its command, in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from emsid.errors import ModelError
+from emsid.exports.formats import Export
+from emsid.units import plain_unit
+
+CARRIED = (
+    *("resistance", "motor_constant", "rotor_inertia", "load_inertia", "rotor_viscous", "load_viscous"),
+    *("rotor_friction.coulomb", "load_friction.coulomb", "drive.gain", "mass", "viscous_friction", "friction.coulomb"),
+)
+"""Parameters that an export of mechanics carries; of the others, those with an effect are named."""
+NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0}
+"""Values without an effect of parameters that have none at zero; slopes of dead zones and periods have none alone."""
+SILENT = (".m_l", ".m_r", ".b_l", ".b_r", ".period", "stribeck_rate", "drive.supply", "drive.knee", "drive.beyond")
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """One mass, driven by a command.
+
+    Attributes:
+        rotates: whether it turns; else it slides.
+        inertia: in kg·m² or kg.
+        damping: viscous friction, in N·m·s/rad or N·s/m.
+        friction: dry friction, forward and backward, in N·m or N.
+        gain: torque or force per unit of the command at rest.
+        braking: torque or force per speed by the back EMF, included in no other number.
+        resistance, constant: of the armature in Ω and N·m/A; zero for an axis.
+        dead_zone: half its width in units of the command.
+        notes: what is not carried, in sentences.
+    """
+
+    rotates: bool
+    inertia: float
+    damping: float
+    friction: tuple[float, float]
+    gain: float
+    braking: float
+    resistance: float
+    constant: float
+    dead_zone: float
+    notes: tuple[str, ...]
+
+
+def mechanics(export: Export) -> Mechanics:
+    """The mechanics of a plant.
+
+    Raises:
+        ModelError: for a model that is no plant of one mass.
+    """
+    plant: Any = getattr(export.model, "plant", None)
+    handles = getattr(plant, "handles", {})
+
+    def value(name: str) -> float:
+        return float(plant.value(name)) if name in handles else 0.0
+
+    def levels(name: str) -> tuple[float, float]:
+        return value(f"{name}.coulomb.forward"), value(f"{name}.coulomb.backward")
+
+    if "motor_constant" in handles and getattr(plant, "is_one_mass", True):
+        constant, resistance = value("motor_constant"), value("resistance")
+        rotor, load = levels("rotor_friction"), levels("load_friction")
+        return Mechanics(
+            True,
+            value("rotor_inertia") + value("load_inertia"),
+            value("rotor_viscous") + value("load_viscous"),
+            (rotor[0] + load[0], rotor[1] + load[1]),
+            value("drive.gain") * constant / resistance,
+            constant**2 / resistance,
+            resistance,
+            constant,
+            value("voltage_dead_zone.half_width"),
+            _left_out(plant),
+        )
+    if "mass" in handles:
+        half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))
+        gain, zone = value("drive.gain"), value("dead_zone.half_width")
+        return Mechanics(False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, _left_out(plant))
+    raise ModelError(
+        f"{export.model.name} has no inertia and friction to export; identify rigid-motor or linear-axis, or export it "
+        "as c99"
+    )
+
+
+def _left_out(plant: Any) -> tuple[str, ...]:
+    """Sentences on the parameters with an effect that are not carried."""
+    found = []
+    for name, handle in plant.handles.items():
+        whole = name.removesuffix(".forward").removesuffix(".backward")
+        if whole in CARRIED or name != whole or name.endswith(SILENT):
+            continue
+        value = float(plant.value(name))
+        if value != NEUTRAL.get(name, 0.0):
+            unit = plain_unit(handle.parameter.unit)
+            found.append(f"{name} = {value:.4g}{f' {unit}' if unit else ''} is not carried.")
+    return tuple(found)

@@ -1,0 +1,189 @@
+"""Exports other than C, and what an export refuses."""
+
+from dataclasses import replace
+from math import pi, sqrt
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.exports import FORMATS
+from emsid.exports.verb import README, c_name
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.parameters import Signal
+from emsid.plant import Friction, Motor
+
+R, K, J, B, LEVEL = 1.5, 0.05, 4e-5, 2e-5, 0.004
+
+
+def motor(dead_zone: float = 0.0, signals: tuple[Signal, ...] = (Signal.SPEED,)) -> GreyBox:
+    values = {
+        "resistance": R,
+        "motor_constant": K,
+        "rotor_inertia": J,
+        "rotor_viscous": B,
+        "rotor_friction.coulomb": LEVEL,
+        "voltage_dead_zone.half_width": dead_zone,
+    }
+    return GreyBox(emsid.plants.rigid_motor().with_values(values), signals)
+
+
+def texts(folder: Path, *arguments: object, **options: object) -> dict[str, str]:
+    written = emsid.export(*arguments, folder, **options)  # type: ignore[arg-type]
+    return {path.name: path.read_text("utf-8") for path in written}
+
+
+def numbers(text: str) -> dict[str, float]:
+    """The numbers of lines such as ``name: 1.0  # unit`` or ``name = 1.0``."""
+    lines = (line.split("#")[0].replace("=", ":").split(":") for line in text.splitlines())
+    return {line[0].split(".")[-1].strip(): float(line[1]) for line in lines if len(line) == 2 and line[1].strip()}
+
+
+def test_every_format_writes_a_readme_with_the_equation(tmp_path: Path) -> None:
+    for name, kind in FORMATS.items():
+        options = {"winding": "line", "pole_pairs": 7} if kind.options and "winding" in kind.options else {}
+        found = texts(tmp_path / name, motor(0.3), name, dt=1e-3, **options)
+        assert len(found) >= 2
+        assert "motor_constant = 0.05 N·m/A" in found[README]
+        assert found[README].endswith(".\n")
+
+
+def test_the_constants_of_wpilib(tmp_path: Path) -> None:
+    found = numbers(texts(tmp_path, motor(0.25), "wpilib")["rigid_motor.yaml"])
+    assert found["kS"] == pytest.approx(R * LEVEL / K + 0.25)
+    assert found["kV_radians"] == pytest.approx(K + R * B / K)
+    assert found["kA_radians"] == pytest.approx(R * J / K)
+    assert found["kV_rotations"] == pytest.approx(2 * pi * found["kV_radians"])
+
+
+@pytest.mark.parametrize("winding", ["phase", "line", "q-axis"])
+def test_the_constants_of_brushless_drives_agree(winding: str, tmp_path: Path) -> None:
+    """A motor of 270 rpm/V with 7 pole pairs and 0.039 Ω a phase, described in three ways."""
+    kv, pairs, phase = 270.0, 7, 0.039
+    line = 60 / (2 * pi) / kv
+    constant = {"phase": line / sqrt(3), "line": line, "q-axis": sqrt(3) / 2 * line}[winding]
+    resistance = 2 * phase if winding == "line" else phase
+    plant = motor().plant.with_values({"resistance": resistance, "motor_constant": constant})
+    model, how = replace(motor(), plant=plant), {"winding": winding, "pole_pairs": pairs}
+    odrive = numbers(texts(tmp_path / "o", model, "odrive", **how)["rigid_motor_odrive.py"])
+    assert odrive["torque_constant"] == pytest.approx(8.27 / kv, rel=1e-3)
+    assert odrive["phase_resistance"] == pytest.approx(phase)
+    vesc = numbers(texts(tmp_path / "v", model, "vesc", **how)["rigid_motor_vesc.yaml"])
+    assert vesc["foc_motor_flux_linkage"] == pytest.approx(5.513 / (pairs * kv), rel=1e-3)
+    assert vesc["foc_motor_r"] == pytest.approx(phase)
+    assert (
+        f"BLDCMotor(7, {phase:.6g}, 270, NOT_SET)"
+        in texts(tmp_path / "s", model, "simplefoc", **how)["rigid_motor_simplefoc.h"]
+    )
+
+
+def test_a_joint_has_the_parameters_of_the_motor(tmp_path: Path) -> None:
+    found = texts(tmp_path, motor(0.3), "mujoco")
+    tree = ElementTree.fromstring(found["rigid_motor.xml"])
+    joint, actuator = tree.find(".//joint"), tree.find(".//general")
+    assert joint is not None
+    assert actuator is not None
+    assert [float(joint.attrib[name]) for name in ("armature", "damping", "frictionloss")] == (
+        pytest.approx([J, B, LEVEL])
+    )
+    assert float(actuator.attrib["gainprm"]) == pytest.approx(K / R)
+    assert float(actuator.attrib["biasprm"].split()[-1]) == pytest.approx(-(K**2) / R)
+    scope: dict[str, object] = {}
+    exec(found["rigid_motor_ctrl.py"], scope)  # the file that users import
+    ctrl = scope["ctrl"]
+    assert [ctrl(u) for u in (-1.0, 0.2, 1.0)] == pytest.approx([-0.7, 0.0, 0.7])  # type: ignore[operator]
+
+
+def test_mujoco_moves_as_the_model(tmp_path: Path) -> None:
+    """The free run in MuJoCo beside that of the model, through stops and reversals."""
+    library = pytest.importorskip("mujoco")
+    model, dt = motor(), 2e-3
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-4, 4, 30), 40)
+    emsid.export(model, "mujoco", tmp_path, dt=dt)
+    simulated = library.MjModel.from_xml_path(str(tmp_path / "rigid_motor.xml"))
+    state, found = library.MjData(simulated), []
+    for command in u:
+        found.append(float(state.qvel[0]))
+        state.ctrl[0] = command
+        for _ in range(round(dt / simulated.opt.timestep)):
+            library.mj_step(simulated, state)
+    truth = emsid.simulate(model, u, dt=dt).output[:, 0]
+    assert 100 * (1 - np.linalg.norm(truth - found) / np.linalg.norm(truth - truth.mean())) > 97
+
+
+def test_curves_are_tables(tmp_path: Path) -> None:
+    plant = motor(0.4).plant
+    plant = replace(plant, motor=replace(plant.motor, rotor_friction=Friction(LEVEL, 0.002, 0.5)))
+    found = texts(tmp_path, replace(motor(), plant=plant), "csv")
+    assert set(found) == {"rigid_motor_friction.csv", "rigid_motor_dead_zone.csv", README}
+    rows = np.array([[float(x) for x in line.split(",")] for line in found["rigid_motor_friction.csv"].split()[8:]])
+    assert rows[-1, 1] == pytest.approx(LEVEL + 0.002 * np.exp(-0.5 * rows[-1, 0]) + B * rows[-1, 0], rel=1e-6)
+
+
+def test_the_linear_part_is_a_script_of_python_control(tmp_path: Path) -> None:
+    library = pytest.importorskip("control")
+    found = texts(tmp_path, motor(), "python-control")
+    scope: dict[str, object] = {}
+    exec(found["rigid_motor.py"], scope)
+    slow = scope["rigid_motor"](1e-4j)  # type: ignore[operator]
+    assert isinstance(scope["rigid_motor"], library.StateSpace)
+    assert abs(complex(np.squeeze(slow))) == pytest.approx(K / (K**2 + R * B), rel=1e-4)
+
+
+def test_intervals_of_a_fit_are_in_the_readme(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(400)
+    y = np.convolve(u, [0.0, 1.0, 0.5])[:400] + 0.1 * rng.standard_normal(400)
+    fit = emsid.fit(emsid.arx(na=0, nb=2), emsid.Record(u, y, 0.01, "voltage", "speed", "V", "rad/s"))
+    emsid.save(fit, tmp_path / "arx.json")
+    text = texts(tmp_path / "c", emsid.load(tmp_path / "arx.json"), "c99")[README]
+    assert "Input 0: voltage, in V." in text
+    low, high = fit["b1"].interval
+    assert f"{low:.4g} … {high:.4g}" in text
+
+
+@pytest.mark.parametrize(("name", "found"), [("rigid-motor", "rigid_motor"), ("ARX 2", "ARX_2")])
+def test_names_of_c(name: str, found: str) -> None:
+    assert c_name(name) == found
+
+
+@pytest.mark.parametrize("name", ["2fast", "int", "", "x" * 32, "µ"])
+def test_names_that_c_cannot_hold_are_refused(name: str) -> None:
+    with pytest.raises(emsid.ModelError, match="name in C"):
+        c_name(name)
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
+    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    unstable = emsid.Narx(arx.structure, np.array([1.5, 2.0]), dt=0.1)
+    shaft = GreyBox(replace(emsid.plants.motor(), motor=Motor()), (Signal.SPEED,))
+    for model, format, options, words in (
+        (unstable, "c99", {}, "unstable"),
+        (arx, "c98", {}, "did you mean c99"),
+        (arx, "c99", {"double": True}, "no option"),
+        (arx, "c99", {"dt": 0.2}, "leave dt out"),
+        (motor(), "c99", {}, "sample time"),
+        (arx, "mujoco", {}, "inertia"),
+        (arx, "wpilib", {}, "inertia"),
+        (motor(), "vesc", {}, "winding"),
+        (motor(), "vesc", {"winding": "delta", "pole_pairs": 7}, "phase"),
+        (motor(), "vesc", {"winding": "line", "pole_pairs": "many"}, "whole number"),
+        (shaft, "c99", {"dt": 0.01}, "no form in C"),
+        (arx, "csv", {}, "static curve"),
+    ):
+        with pytest.raises(emsid.ModelError, match=words):
+            emsid.export(model, format, tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_are_replaced_only_on_request(tmp_path: Path) -> None:
+    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    emsid.export(arx, "c99", tmp_path, name="plant")
+    before = (tmp_path / "plant.c").read_bytes()
+    with pytest.raises(emsid.FormatError, match="exists"):
+        emsid.export(arx, "c99", tmp_path, name="plant")
+    emsid.export(arx, "c99", tmp_path, name="plant", force=True)
+    assert (tmp_path / "plant.c").read_bytes() == before

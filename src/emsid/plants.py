@@ -28,6 +28,7 @@ from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit,
 from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
+from emsid.models.plants.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
 from emsid.plant.parameter import Measure, Parameter
@@ -59,6 +60,7 @@ __all__ = [
     "LoadDrift",
     "Measure",
     "Motion",
+    "Needs",
     "OwnPlant",
     "Parameter",
     "Plant",
@@ -66,6 +68,7 @@ __all__ = [
     "Profile",
     "Quantity",
     "Recent",
+    "RestsOn",
     "Sampler",
     "Sensor",
     "Signal",

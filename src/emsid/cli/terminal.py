@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 from emsid.cli.interruption import INTERRUPTION
 from emsid.units import plain_unit
+from emsid.wording.lists import NOT_SHOWN
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -147,10 +148,10 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
     lines = [
         (
             each.name,
-            f"{each.value:.4g}",
+            f"{each.value:.4g}" if each.shown else "–",
             "" if each.half_width is None or not isfinite(each.half_width) else f"{each.half_width:.2g}",
             plain_unit(each.unit),
-            each.model if each.significant else f"{each.model}: not significant",
+            NOT_SHOWN if not each.shown else each.model if each.significant else f"{each.model}: not significant",
         )
         for each in characteristics
     ]
@@ -162,15 +163,19 @@ def physical_table(fit: GreyBoxFit) -> Table:
     """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
     from emsid.models.plants.search.result import Status
 
+    rows: list[tuple[str, str, float | None, str, str, str]]
     rows = [(row.name, row.symbol, row.value, _width(row), row.unit, row.how) for row in fit.shared]
     if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
         rows += [
             (each.name, each.formula, each.value, _half(error), each.unit, together.how)
+            if fit.shows(each)
+            else (each.name, each.formula, None, "", each.unit, NOT_SHOWN)
             for together in fit.combinations
             for each, error in [(together.quantity, together.standard_error)]
         ]
     lines = [
-        (name, symbol, f"{value:.5g}", width, plain_unit(unit), how) for name, symbol, value, width, unit, how in rows
+        (name, symbol, "–" if value is None else f"{value:.5g}", width, plain_unit(unit), how)
+        for name, symbol, value, width, unit, how in rows
     ]
     headings: dict[str, Align] = dict.fromkeys(("quantity", "symbol"), "left")
     headings |= dict.fromkeys(("value", "±"), "right")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from math import isfinite, log
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,13 @@ from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.plants.plant import Quantity
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.regression.figures import of_regression
+from emsid.models.plants.visited import Needs, RestsOn, Visited
+from emsid.models.poles import oscillation, time_constants
+from emsid.models.regression.figures import COULOMB, of_regression
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
@@ -27,7 +32,7 @@ from emsid.validation.comparison import Comparison
 Array = NDArray[np.float64]
 
 # Characteristics that a linear model has too.
-LINEAR = ("gain", "time constant")
+LINEAR = ("gain", "time constant", "natural frequency", "damping ratio")
 # Another model is also used if its free-run RMSE is at most this multiple of the smallest one.
 NEARLY = 1.5
 # Quantities of plants that repeat others and are left out of a short list.
@@ -44,6 +49,8 @@ class Characteristic:
         half_width: half the width of its 95 % interval, to first order; None where it is not known.
         unit: of value and interval.
         model: the model that gives it.
+        shown: whether the record approaches the threshold, the direction or the speeds that it rests on; else there is
+            no number, only an extrapolation.
     """
 
     name: str
@@ -51,11 +58,16 @@ class Characteristic:
     half_width: float | None
     unit: str
     model: str
+    shown: bool = True
 
     @property
     def significant(self) -> bool:
         """Whether it is larger than half of its interval; one without an interval counts as significant."""
         return self.half_width is None or self.half_width <= abs(self.value)
+
+    def unknown(self) -> Characteristic:
+        """The same without a number, where the record does not approach what it rests on."""
+        return replace(self, value=float("nan"), half_width=None, shown=False)
 
     def to_data(self) -> dict[str, Any]:
         """By name, in built-in types."""
@@ -88,6 +100,8 @@ def of_fit(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
         return ()
     if isinstance(fit.model, Cascade):
         return _of_cascade(fit, record)
+    if isinstance(fit.model, (PolynomialModel, StateSpaceModel)):
+        return _of_linear_form(fit, record)
     return _of_linear(fit, record) or _of_regression(fit, record) if isinstance(fit.model, Narx) else ()
 
 
@@ -95,43 +109,95 @@ def _of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
     """The quantities that the data determine, and the dead zone."""
     model = fit.model.name
     zones = (
-        (row.description, row.value, row.standard_error, row.unit)
+        (Quantity(row.description, "", row.unit, row.value * way, RestsOn(Needs.THRESHOLD, way)), row.standard_error)
         for row in fit.table
         if "dead_zone" in row.name and row.status == "estimated"
+        for way in [-1 if row.name.endswith("b_l") else 1]
     )
     combined = (
-        (each.quantity.name, each.quantity.value, each.standard_error, each.quantity.unit)
-        for each in fit.combinations
-        if not each.quantity.name.startswith(LEFT_OUT)
+        (each.quantity, each.standard_error) for each in fit.combinations if not each.quantity.name.startswith(LEFT_OUT)
     )
-    return tuple(
-        Characteristic(name, float(value), _half(error), unit, model)
-        for name, value, error, unit in (*combined, *zones)
+    found = (
+        (Characteristic(each.name, float(each.value), _half(error), each.unit, model), fit.shows(each))
+        for each, error in combined
     )
+    ends = (
+        (Characteristic(each.name, abs(float(each.value)), _half(error), each.unit, model), fit.shows(each))
+        for each, error in zones
+    )
+    return tuple(each if shown else each.unknown() for each, shown in (*found, *ends))
 
 
 def _of_cascade(fit: Fit[Cascade], record: Record) -> tuple[Characteristic, ...]:
     """Gain and slowest time constant, and the break points of a dead zone."""
     model = fit.model
     inside = record.dt / model.oversampling
-    filters = [k for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
     found = [_quantity(fit, "gain", _gain, _gain_unit(record))]
-    if any(_time_constant(model.blocks[k].poles, inside) for k in filters):  # type: ignore[attr-defined]
-        slowest = max(filters, key=lambda k: _time_constant(model.blocks[k].poles, inside) or 0.0)  # type: ignore[attr-defined]
-        found.append(
-            _quantity(fit, "time constant", lambda m: _time_constant(m.blocks[slowest].poles, inside) or np.nan, "s")  # type: ignore[attr-defined]
-        )
+    found += _modes(partial(_quantity, fit), _poles_of_cascade, model, inside)
     found += _edges(fit, record)
+    return tuple(each for each in found if isfinite(each.value) or not each.shown)
+
+
+def _poles_of_cascade(model: Cascade) -> NDArray[Any]:
+    return np.concatenate([np.empty(0), *(block.poles for block in model.blocks if isinstance(block, Rational))])
+
+
+def _modes(
+    make: Callable[[str, Callable[[Any], float], str], Characteristic],
+    poles: Callable[[Any], NDArray[Any]],
+    at: Any,
+    dt: float,
+) -> list[Characteristic]:
+    """The slowest time constant, and natural frequency and damping ratio of the slowest pair, as far as there are any.
+
+    Args:
+        make: a characteristic of its name, the function that computes it, and its unit.
+        poles: of a model or an estimate.
+        at: the model or the estimate.
+        dt: time between the samples of the poles, in s.
+    """
+
+    def of_pair(which: int) -> Callable[[Any], float]:
+        return lambda model: (oscillation(poles(model), dt) or (np.nan, np.nan))[which]
+
+    found = []
+    if time_constants(poles(at), dt):
+        found.append(make("time constant", lambda model: (time_constants(poles(model), dt) or [np.nan])[0], "s"))
+    if oscillation(poles(at), dt):
+        found.append(make("natural frequency", of_pair(0), "rad/s"))
+        found.append(make("damping ratio", of_pair(1), "1"))
+    return found
+
+
+def _of_linear_form(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
+    """Gain and modes of a linear model in polynomials or in state space, without intervals."""
+    form: StateSpaceModel = fit.model.form if isinstance(fit.model, PolynomialModel) else fit.model
+    a = form.a
+    if isinstance(fit.model, PolynomialModel):  # without the poles of the noise
+        one = np.ones(1)
+        poles = np.roots(np.convolve(np.append(one, fit.model.a), np.append(one, fit.model.f[0])))
+    else:
+        poles = form.poles
+
+    def make(name: str, quantity: Callable[[Any], float], unit: str) -> Characteristic:
+        return Characteristic(name, quantity(poles), None, unit, fit.model.name)
+
+    rest = np.eye(len(a)) - a
+    gain = form.d + form.c @ np.linalg.solve(rest, form.b) if np.linalg.cond(rest) < 1e12 else form.d * np.nan
+    found = [Characteristic("gain", float(gain[0, 0]), None, _gain_unit(record), fit.model.name)]
+    found += _modes(make, lambda poles: poles, poles, record.dt)
     return tuple(each for each in found if isfinite(each.value))
 
 
 def _of_regression(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]:
     """Of a regression that is not linear: gain over the range of the input, time constants, friction."""
-    return tuple(
+    slides = Visited(np.empty(0), record.output[:, 0]).shows(RestsOn(Needs.SLIDING), 0.0)
+    found = (
         Characteristic(each.name, each.value, _half(each.standard_error), each.unit, fit.model.name)
         for each in of_regression(fit, record)
         if isfinite(each.value)
     )
+    return tuple(each.unknown() if each.name == COULOMB and not slides else each for each in found)
 
 
 def _edges(fit: Fit[Cascade], record: Record) -> list[Characteristic]:
@@ -142,10 +208,16 @@ def _edges(fit: Fit[Cascade], record: Record) -> list[Characteristic]:
         return []
     sides = ("b_l", "b_r") if _gain_before(fit.model, k) > 0 else ("b_r", "b_l")
     names = zip(("backward", "forward"), sides, strict=True)
-    return [
-        _quantity(fit, f"dead zone {way}", partial(_edge, k, blocks[k].names.index(side)), record.input_units[0])
-        for way, side in names
-    ]
+    found = (
+        (
+            way,
+            _quantity(fit, f"dead zone {name}", partial(_edge, k, blocks[k].names.index(side)), record.input_units[0]),
+        )
+        for way, (name, side) in zip((-1, 1), names, strict=True)
+    )
+    visited = Visited(record.input[:, 0], np.empty(0))
+    shown = [(each, visited.shows(RestsOn(Needs.THRESHOLD, way), way * each.value)) for way, each in found]
+    return [each if approached else each.unknown() for each, approached in shown]
 
 
 def _edge(block: int, number: int, model: Cascade) -> float:
@@ -199,19 +271,8 @@ def _of_linear(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]:
         return float(b / np.sum(past(theta)))
 
     found = [_by_estimate(fit, "gain", gain, _gain_unit(record))]
-    if _time_constant(np.roots(past(fit.estimate)), record.dt):
-        found.append(
-            _by_estimate(
-                fit, "time constant", lambda theta: _time_constant(np.roots(past(theta)), record.dt) or np.nan, "s"
-            )
-        )
+    found += _modes(partial(_by_estimate, fit), lambda theta: np.roots(past(theta)), fit.estimate, record.dt)
     return tuple(each for each in found if isfinite(each.value))
-
-
-def _time_constant(poles: NDArray[Any], dt: float) -> float | None:
-    """Of the slowest real pole between 0 and 1, in s."""
-    real = [float(p.real) for p in poles if abs(p.imag) < 1e-9 and 0 < p.real < 1]
-    return -dt / log(max(real)) if real else None
 
 
 def _gain_unit(record: Record) -> str:

@@ -54,7 +54,8 @@ class BandedCurve:
         x_name, x_unit, name, unit: of the two axes; units are empty where they are not known.
         input, output: channels of the record that a response leads from and to.
         x: (m,) values on the first axis.
-        value, low, high: (m,) the curve, and the edges of its band; these are NaN for a fit without intervals.
+        value, low, high: (m,) the curve, and the edges of its band; these are NaN for a fit without intervals, and all
+            are NaN for friction and dead zone beyond the speeds and commands of the record.
         level: of the band.
     """
 
@@ -160,8 +161,13 @@ def _of_plant(fit: GreyBoxFit, record: Record) -> list[BandedCurve]:
 
 
 def _of_curve(fit: GreyBoxFit, record: Record, kind: str, curve: Curve, x: Quantity, y: Quantity) -> BandedCurve:
-    edges = curve.x, curve.y, curve.low, curve.high
-    return BandedCurve(fit.model.name, kind, *x, *y, record.input_names[0], record.output_names[0], *edges, LEVEL)
+    visited = np.flatnonzero(curve.support)
+    inside = np.zeros(len(curve.x), dtype=bool)
+    if len(visited):
+        inside[visited[0] : visited[-1] + 1] = True
+    values, low, high = (np.where(inside, each, np.nan) for each in (curve.y, curve.low, curve.high))
+    channels = record.input_names[0], record.output_names[0]
+    return BandedCurve(fit.model.name, kind, *x, *y, *channels, curve.x, values, low, high, LEVEL)
 
 
 def _banded(

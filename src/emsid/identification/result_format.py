@@ -58,6 +58,7 @@ class CombinationData(msgspec.Struct, forbid_unknown_fields=True):
     interval: tuple[Number, Number] | None
     parameters: list[str]
     given: list[str] = []
+    shown: bool = True
 
 
 class FitData(msgspec.Struct, forbid_unknown_fields=True):
@@ -167,13 +168,14 @@ class ProfileData(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class CharacteristicData(msgspec.Struct, forbid_unknown_fields=True):
-    """Gain, time constant, dead zone or friction; ``half_width`` of the 95 % interval."""
+    """Gain, time constant, dead zone or friction; ``half_width`` of the 95 % interval; no numbers if not ``shown``."""
 
     name: str
     value: Number
     half_width: Number
     unit: str
     model: str
+    shown: bool = True
 
 
 class CurveData(msgspec.Struct, forbid_unknown_fields=True):

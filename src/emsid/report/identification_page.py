@@ -20,6 +20,7 @@ from emsid.report.views.front import front_figure, front_table, record_table, re
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.chances import chance
+from emsid.wording.lists import NOT_SHOWN
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -149,6 +150,8 @@ def _fact(each: Characteristic, best: str) -> Fact:
     """A characteristic with its interval, and its model if that is not the best one."""
     by = "" if each.model == best else f", by {each.model}"
     meaning = f"{first_up(each.name)}{by}"
+    if not each.shown:
+        return Fact("unknown", meaning, NOT_SHOWN)
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
     if not each.significant:

@@ -11,6 +11,10 @@ MOST = 4
 """List at most this many names, and one more where only one is left."""
 
 
+NOT_SHOWN = "not shown by these data"
+"""Of a quantity whose threshold, direction or speed the record never approaches."""
+
+
 def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") -> str:
     """Join texts; of a long list, give the first few and the number of the others.
 

@@ -28,6 +28,7 @@ from emsid.models.plants.plant import Channels, Quantity, Sampler, StaticCharact
 from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
+from emsid.models.plants.visited import Needs, RestsOn
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Parameter
 
 Array = NDArray[np.float64]
@@ -237,5 +238,7 @@ class LinearAxis(DrivenPlant):
         return (
             Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),
             Quantity("acceleration per unit of command", "k_u/M", "m/s^2", self.drive.gain / self.mass),
-            Quantity("Coulomb friction in units of command", "F_c/k_u", "1", level / self.drive.gain),
+            Quantity(
+                "Coulomb friction in units of command", "F_c/k_u", "1", level / self.drive.gain, RestsOn(Needs.SLIDING)
+            ),
         )

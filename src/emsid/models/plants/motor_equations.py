@@ -11,6 +11,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.parameters import TINY, Signal
 from emsid.models.plants.plant import Quantity
+from emsid.models.plants.visited import Needs, RestsOn
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Motor
 
 GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
@@ -83,6 +84,10 @@ def linear_motor(motor: Motor, feed: Feed, gain: float, ratio: float, signals: S
     return StateSpace(table[:, kept], table[:, 5:], seen[:, kept], seen[:, 5:], tuple(rows))
 
 
+SLIDING = RestsOn(Needs.SLIDING)
+FORWARD, BACKWARD = (RestsOn(Needs.SLIDING, way) for way in (1, -1))
+
+
 def quantities(motor: Motor, feed: Feed) -> tuple[Quantity, ...]:
     """Quantities that input and speed alone identify."""
     return _of_voltage(motor) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
@@ -95,7 +100,7 @@ def _of_torque(m: Motor, feed: Feed) -> tuple[Quantity, ...]:
     if feed is Feed.CURRENT:
         found += [
             Quantity("acceleration per ampere", "K/J", "rad/(A*s^2)", k / inertia),
-            Quantity("Coulomb current", "T_c/K", "A", level / k),
+            Quantity("Coulomb current", "T_c/K", "A", level / k, SLIDING),
         ]
     return tuple(found)
 
@@ -109,15 +114,16 @@ def _of_voltage(m: Motor) -> tuple[Quantity, ...]:
         Quantity("mechanical time constant", "J/(B + K²/R)", "s", inertia / damping),
         Quantity("speed per volt", "K/(K² + R·B)", "rad/(V*s)", k / r / damping),
         Quantity("acceleration per volt", "K/(R·J)", "rad/(V*s^2)", k / (r * inertia)),
-        Quantity("Coulomb voltage forward", "R·T_c/K", "V", r * slide.base[0] / k),
-        Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * slide.base[1] / k),
+        Quantity("Coulomb voltage forward", "R·T_c/K", "V", r * slide.base[0] / k, FORWARD),
+        Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * slide.base[1] / k, BACKWARD),
         Quantity("electromechanical time constant", "R·J/K²", "s", r * inertia / k**2),
     ]
     zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
     for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
         held = slide.breakaway[k_side]
         symbol = "b + R·(T_c + T_s)/K" if slope == 1 else "b + R·(T_c + T_s)/(K·m)"
-        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + r * held / (k * slope)))
+        needs = RestsOn(Needs.THRESHOLD, 1 if side == "forward" else -1)
+        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + r * held / (k * slope), needs))
     if m.inductance > 0:
         found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
     if not m.is_rigid:

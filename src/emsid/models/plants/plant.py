@@ -20,6 +20,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, with_numbers
 from emsid.models.plants.state import NO_ROWS, PlantState
+from emsid.models.plants.visited import RestsOn
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
 from emsid.record import Record
@@ -38,12 +39,14 @@ class Quantity(NamedTuple):
         formula: in the symbols of the parameters.
         unit: SI.
         value: in that unit.
+        rests_on: what a record must visit to show it.
     """
 
     name: str
     formula: str
     unit: str
     value: float
+    rests_on: RestsOn = RestsOn()
 
 
 class Channels(NamedTuple):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
+from emsid.models.poles import oscillation, time_constants
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.transforms import Transform
@@ -27,6 +28,11 @@ Array = NDArray[np.float64]
 
 STATIC_GAIN = "static gain over the range of the input"
 """Difference of the outputs at rest for two constant inputs, divided by the difference of the inputs."""
+
+
+COULOMB = "Coulomb friction in units of the input"
+SHORTEST = 1 / 3
+"""In samples; a pole that decays to a twentieth within a sample is no dynamics that the samples show."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,7 @@ def _of_a_regression(model: Narx, record: Record) -> list[Figure]:
             denominator[lag] = -value
         figures += _time_constants(np.roots(denominator), record.dt)
     if coulomb < 0 and slope:  # a sign that pushes along is no friction
-        figures.append(Figure("Coulomb friction in units of the input", -coulomb / abs(slope), record.input_units[0]))
+        figures.append(Figure(COULOMB, -coulomb / abs(slope), record.input_units[0]))
     return figures
 
 
@@ -104,10 +110,13 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
 
 
 def _time_constants(poles: NDArray[Any], dt: float) -> list[Figure]:
-    """−dt/ln|p| of the slowest stable poles, if longer than a sample."""
-    sizes = sorted({round(float(abs(pole)), 12) for pole in poles if 0.05 < abs(pole) < 1}, reverse=True)
+    """The slowest time constants, and natural frequency and damping ratio of the slowest pair of complex poles."""
+    real, pair = [each for each in time_constants(poles, dt) if each > SHORTEST * dt], oscillation(poles, dt)
     names = ("time constant", "second time constant")
-    return [Figure(name, -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)]
+    found = [Figure(name, each, "s") for name, each in zip(names, real, strict=False)]
+    if pair is not None:
+        found += [Figure("natural frequency", pair.frequency, "rad/s"), Figure("damping ratio", pair.damping, "1")]
+    return found
 
 
 def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> tuple[Figure, ...]:

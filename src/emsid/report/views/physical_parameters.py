@@ -12,6 +12,7 @@ from emsid.models.plants.search.result import Status
 from emsid.report.document import Table
 from emsid.report.numbers import capital, first_up, number, sentence, share_of, within
 from emsid.units import in_unit, readable_unit
+from emsid.wording.lists import NOT_SHOWN
 
 if TYPE_CHECKING:
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
@@ -68,7 +69,11 @@ def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
                 capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
                 each.quantity.formula,
                 readable_unit(each.quantity.unit),
-                *_with_interval(each.quantity.value, HALF_WIDTH * each.standard_error),
+                *(
+                    _with_interval(each.quantity.value, HALF_WIDTH * each.standard_error)
+                    if fit.shows(each.quantity)
+                    else (NOT_SHOWN, "")
+                ),
             )
             for each in fit.combinations
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from math import isfinite
 from typing import Any
 
@@ -27,6 +28,7 @@ from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import TOLERABLE, Conditions
 from emsid.models.plants.search.task import Task
+from emsid.models.plants.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
 from emsid.record import Record
 
@@ -89,6 +91,24 @@ class GreyBoxFit(Fit[GreyBox]):
     cost: float = float("nan")
     colour: Array = field(default_factory=lambda: np.ones(0))
 
+    @cached_property
+    def _visited(self) -> Visited:
+        """The commands and the speeds of the plant in the records that it was fitted to."""
+        plant, segments = self.model.plant, self.segments
+        commands: list[Array] = [np.empty(0)]
+        speeds: list[Array] = [np.empty(0)]
+        for segment, state in zip(segments, self.states, strict=True):
+            own = plant.for_segment(segment)
+            if isinstance(own, DrivenPlant):
+                commands.append(own.drive.terminals(segment.input, segment.dt)[0])
+            motion = own.motion(segment.input, segment.dt, state)
+            speeds.append(np.empty(0) if motion is None else motion)
+        return Visited(np.concatenate(commands), np.concatenate(speeds))
+
+    def shows(self, quantity: Quantity) -> bool:
+        """Whether the records visit what a quantity rests on; else its value is an extrapolation."""
+        return quantity.rests_on == RestsOn() or self._visited.shows(quantity.rests_on, quantity.value)
+
     def to_data(self) -> dict[str, Any]:
         """Every parameter with unit, interval and source of its value, the combinations, and every finding."""
         parameters = [asdict(row) | {"status": row.status.value} for row in self.table]
@@ -97,13 +117,15 @@ class GreyBoxFit(Fit[GreyBox]):
                 "name": each.quantity.name,
                 "formula": each.quantity.formula,
                 "unit": each.quantity.unit,
-                "value": float(each.quantity.value),
-                "standard_error": float(each.standard_error),
+                "value": float(each.quantity.value) if shown else None,
+                "standard_error": float(each.standard_error) if shown else None,
                 "parameters": list(each.parameters),
                 "given": list(each.given),
-                "interval": each.interval,
+                "interval": each.interval if shown else (None, None),
+                "shown": shown,
             }
             for each in self.combinations
+            for shown in [self.shows(each.quantity)]
         ]
         data: dict[str, Any] = super().to_data() | plain({"parameters": parameters, "combinations": combinations})
         return data

@@ -79,7 +79,7 @@ def model_verdicts(
     def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
         name = unseen.row.model
         others = [*(left_open or {}).get(name, []), *other.get(name, [])]
-        if is_weak(unseen, left_open or {}):
+        if is_weak(unseen, left_open or {}) and not unusable(unseen, fitted[name]):
             reason = {"code": "explains-little", "fit_percent": float(unseen.row.fit_percent)}
             return Finding("model-unusable", name, {"model": name, "reasons": [reason, *others], "tests": []})
         return _verdict(unseen, fitted[name], against.get(name, []), shares, others)

@@ -14,10 +14,11 @@ import polars as pl
 import pytest
 
 from emsid.errors import FormatError
-from emsid.io import files, read_columns, regular_table, table
+from emsid.io import files, read, read_columns, regular_table, table
 from emsid.io.npz import read_npz
 from emsid.io.table import read_table
 from test_io_formats import mat_5
+from test_io_more_formats import N, tdms
 
 ROWS = 4000
 K = np.arange(ROWS)
@@ -161,6 +162,17 @@ def test_an_array_that_is_larger_than_its_data_is_refused() -> None:
         member.write(bytes(80))
     with pytest.raises(FormatError, match="'u' is said to have 8,000,000,000,000 bytes and has"):
         read_npz(content.getvalue())
+
+
+def test_a_tdms_file_that_is_cut_off_says_how_much_is_missing(tmp_path: Path) -> None:
+    whole = tdms()
+    reading = {"input": "u", "output": "y", "time": "time"}
+    (tmp_path / "log.tdms").write_bytes(whole)
+    assert "file-cut-off" not in [each.code for each in read(tmp_path / "log.tdms", **reading).findings]
+    (tmp_path / "log.tdms").write_bytes(whole[: -8 * 20])
+    record = read(tmp_path / "log.tdms", **reading)
+    (found,) = [each for each in record.findings if each.code == "file-cut-off"]
+    assert found.data == {"columns": {"y": [N - 20, N]}}
 
 
 def test_a_packed_record_of_usual_size_is_read(tmp_path: Path) -> None:

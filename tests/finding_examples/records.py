@@ -139,6 +139,7 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("data-filtered", "log.csv", {"cutoff": cutoff, "factor": factor})
         for cutoff, factor in ((20.0, 1), (None, 4), (20.0, 4))
     ),
+    Finding("file-cut-off", "log.tdms", {"columns": {"y": [17, 60]}}),
     *(Finding("data-detrended", "log.csv", {"order": order}) for order in (0, 1, 2)),
     *(Finding("clocks-of-files", "y.csv", {"columns": ["u", "y"], "share": share}) for share in (1.0, 0.972)),
     *(Finding("clock-reset", "log.csv", {"count": count, "column": "t", "line": 32}) for count in (1, 2)),

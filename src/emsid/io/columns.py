@@ -91,6 +91,8 @@ class Columns:
         damaged: the lines among the data that are no row of the table. Where such a line takes the place of a sample,
             every column has a missing value there.
         clocks: the time column of each column, for formats in which columns have times of their own.
+        cut: by column of a file that is cut off, how many samples are there and how many there should be, where the
+            format says so.
     """
 
     series: Mapping[str, pl.Series]
@@ -101,6 +103,7 @@ class Columns:
     lines: Sequence[int] | None = None
     damaged: tuple[DamagedRow, ...] = ()
     clocks: Mapping[str, str] = field(default_factory=dict)
+    cut: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def unit(self, name: str) -> str:
         """The unit that the file gives for a column: in `units`, else in its name; empty where none is known."""

@@ -128,6 +128,20 @@ def _with_clocks(
     return replace(columns, series=series, units=units, clocks=clocks, lines=None)
 
 
+def about_files(own: Columns, columns: Columns, names: Sequence[str], record: str) -> list[Finding]:
+    """Findings about the files of a record: what is missing of one that is cut off, and what `about_clocks` finds.
+
+    Args:
+        own: the columns of the first file.
+        columns: these and those of others, with the clock of each.
+        names: of channels.
+        record: its name.
+    """
+    cut = {column: list(lengths) for column, lengths in own.cut.items()}
+    found = [Finding("file-cut-off", record, {"columns": cut})] if cut else []
+    return found if own.clocks else [*found, *about_clocks(columns, names, record)]
+
+
 def about_clocks(columns: Columns, names: Sequence[str], record: str) -> list[Finding]:
     """A finding where channels have the times of different files: nothing shows that these clocks began together.
 

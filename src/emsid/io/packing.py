@@ -27,12 +27,14 @@ class Packed:
         arrays: columns by name.
         units: by column.
         clocks: the time column of each column.
+        cut: see `Columns`.
     """
 
     def __init__(self) -> None:
         self.arrays: dict[str, Any] = {}
         self.units: dict[str, str] = {}
         self.clocks: dict[str, str] = {}
+        self.cut: dict[str, tuple[int, int]] = {}
 
     def add(self, name: str, values: Any, unit: str = "", time: Any = None, clock: str = "time") -> None:
         """Add a column, and its times in seconds under the name of its clock.
@@ -67,6 +69,7 @@ class Packed:
             "units": self.units,
             "clocks": {name: clock for name, clock in self.clocks.items() if name in lengths and clock in lengths},
             "lengths": lengths,
+            "cut": self.cut,
             "others": dict(columns.others),
             "numbers": dict(columns.numbers),
         }
@@ -88,6 +91,7 @@ def unpacked(content: bytes) -> Columns:
         numbers=head["numbers"],
         units=head["units"],
         clocks=head["clocks"],
+        cut={name: (read, whole) for name, (read, whole) in head["cut"].items()},
     )
 
 

@@ -35,8 +35,9 @@ from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
-from emsid.io.other_files import about_clocks, with_other_files
+from emsid.io.other_files import about_files, with_other_files
 from emsid.io.parquet import read_parquet
+from emsid.io.reading_types import KINDS, check_types
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
 from emsid.io.selection import check_column, select
@@ -47,20 +48,6 @@ from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
 from emsid.record import Record, concatenate
-from emsid.record.argument_types import (
-    CONDITION,
-    NAME,
-    NAMES,
-    NUMBER,
-    NUMBERS,
-    SLICE,
-    SWITCH,
-    TEXT,
-    TEXTS,
-    WHOLE,
-    Kind,
-    check_types,
-)
 from emsid.units import SI, column_of
 
 Array = NDArray[np.float64]
@@ -87,19 +74,6 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 }
 """The reader for each suffix: from the content of a file to its columns."""
 
-KINDS: Mapping[str, Kind] = {
-    **dict.fromkeys(("input", "output"), NAMES),
-    "time": NAME,
-    "time_unit": TEXT,
-    "mask": CONDITION,
-    **dict.fromkeys(("dt", "counts_per_revolution", "supply_voltage", "pwm_full_scale", "filter"), NUMBER),
-    **dict.fromkeys(("resample", "skip_bad_rows"), SWITCH),
-    **dict.fromkeys(("derivative_window", "decimate", "detrend"), WHOLE),
-    **dict.fromkeys(("wrap", "shift", "scale", "offset"), NUMBERS),
-    **dict.fromkeys(("direction", "units"), TEXTS),
-    "rows": SLICE,
-}
-"""The types of the arguments of `read`."""
 MOST_EXACT = 2**53
 """Whole numbers up to this one are floats without rounding; NumPy refuses larger ones than 2⁶³."""
 _BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
@@ -253,11 +227,9 @@ def read(
     given = locals()
     parsed = parsed_file(path)
     file = parsed.path
-    named: dict[str, Any] = {"input": input, "output": output, "time": time, "wrap": wrap, "shift": shift}
-    named |= {"direction": direction, "scale": scale, "offset": offset, "units": units}
     with errors_of(file):
         check_types(given, KINDS)
-        named = with_names_of(parsed.columns, named)
+        named = with_names_of(parsed.columns, {name: given[name] for name in ("input", "output", "time", *_BY_COLUMN)})
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
         named["units"] = dict(named["units"])
         time_unit = named["units"].pop(named["time"])
@@ -284,9 +256,8 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        clocks = () if parsed.columns.clocks else about_clocks(columns, (*inputs, *outputs), file.name)
-        record = replace(record, findings=(*clocks, *record.findings))
-        return _detrended(_filtered(record, filter, decimate), detrend)
+        found = (*about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
+        return _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
 
 
 def _exact(dt: float | None) -> float | None:

@@ -27,12 +27,16 @@ def parsed(content: bytes) -> bytes:
     from nptdms import TdmsFile
 
     packed = Packed()
-    groups = TdmsFile.read(BytesIO(content)).groups()
+    file = TdmsFile.read(BytesIO(content))
+    groups, known = file.groups(), file.file_status.channel_statuses or {}
     for group in groups:
         for channel in group.channels():
             name = channel.name if len(groups) == 1 else f"{group.name}.{channel.name}"
             time = _times(len(channel), channel.properties)
             unit = str(channel.properties.get("unit_string", ""))
+            if channel.path in known and known[channel.path].read_length < known[channel.path].expected_length:
+                missing = known[channel.path].expected_length - known[channel.path].read_length
+                packed.cut[name] = (len(channel), len(channel) + missing)  # the statuses are of the last segment
             packed.add(name, channel[:], unit, time, "time" if len(groups) == 1 else f"{group.name}.time")
     return packed.to_bytes()
 

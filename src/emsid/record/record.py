@@ -418,9 +418,10 @@ class Record(Presented, FrameMethods):
                 short for the filter.
         """
         if not LOWEST / self.dt <= cutoff < 0.5 / self.dt:
+            least = LOWEST / self.dt if 0 < cutoff < LOWEST / self.dt else 0
             raise DataError(
-                f"{self.name}: a cutoff of {cutoff:g} Hz; give one between {LOWEST / self.dt:g} Hz and "
-                f"{0.5 / self.dt:g} Hz, half the sampling frequency",
+                f"{self.name}: a cutoff of {cutoff:g} Hz; give one between {least:g} and {0.5 / self.dt:g} Hz, half "
+                "the sampling frequency",
                 arguments=("filter",),
             )
         shortest = min(map(len, self.segments))

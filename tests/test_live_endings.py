@@ -64,7 +64,14 @@ def test_a_connection_that_does_not_come_back_is_given_up_in_time(tmp_path: Path
 
 def test_a_tracker_ends_with_its_page_when_the_board_ends(run: object, tmp_path: Path) -> None:
     with served(pace=10.0) as server:
-        Thread(target=lambda: (time.sleep(1.5), server.close()), daemon=True).start()  # type: ignore[func-returns-value]
+
+        def end() -> None:
+            while not server._clients:  # the tracker is not connected yet
+                time.sleep(0.05)
+            time.sleep(1.0)
+            server.close()
+
+        Thread(target=end, daemon=True).start()
         status, out, err = run("track", url(server), "--reconnect", "0.3", "--out", tmp_path)  # type: ignore[operator]
     assert status == 0, err
     assert "the tracking ends if it is not back within 0.3 s" in out

@@ -8,11 +8,17 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 # Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: study test lint docs bench coverage environment kernels clean
+.PHONY: study studio test lint docs bench coverage environment kernels clean
 .DELETE_ON_ERROR:
 
 study: $(VENV)/installed
 	$(BIN)/emsid study
+
+# The page in the browser: what it needs is installed, and uPlot fetched and verified, before it opens.
+studio: $(VENV)/installed
+	$(INSTALL) -e '.[studio]'
+	$(BIN)/python -m emsid.studio.uplot
+	$(BIN)/emsid studio
 
 # Tests of one file mostly stay in one process, where they share what their fixtures have fitted.
 test: $(VENV)/compiled

@@ -70,6 +70,7 @@ SEARCHERS = (
     "identification",
     "study",
     "report",
+    "studio",
     "cli",
     "blocks",
     "plants",

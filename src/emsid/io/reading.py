@@ -198,6 +198,7 @@ def read(
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
+            ``row`` is the number of the data row, counted from 0 as in ``rows``, unless a column has that name.
         wrap: by column of a counter or an angle that starts again, the period after which it does, such as 65536 or
             360; whole periods are added so that it is continuous.
         shift: by column, the rows by which it is moved to later ones; −1 for a command that is written into the row

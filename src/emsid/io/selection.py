@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from emsid.io.mask import left_out
 
 Array = NDArray[np.float64]
 
+ROW = "row"
+"""The name by which a mask may call the number of the data row, counted from 0, unless a column has it."""
 MOST_SKIPPED = 0.02
 """At most this share of the rows of a file are skipped as bad."""
 
@@ -157,6 +160,10 @@ def select(
     kept = np.ones(stop - start, dtype=bool)
     if mask is not None:
         same = {name: series[start:stop] for name, series in columns.series.items() if len(series) == length}
+        if ROW not in map(str.lower, columns.series) and re.search(rf"\b{ROW}\b", mask, re.IGNORECASE):
+            import polars as pl
+
+            same[ROW] = pl.Series(ROW, np.arange(start, stop))
         kept = ~left_out(mask, same)
         if not kept.any():
             raise DataError(f"the mask {mask!r} leaves none of {len(kept)} samples; relax it")

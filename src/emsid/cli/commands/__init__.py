@@ -1,7 +1,7 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
 from emsid.cli.commands import demo, describe, identify, validate, simulate  # noqa: I001
-from emsid.cli.commands import orders, study, track, bench, fleet, export, parameters, names
+from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, parameters, names
 
 __all__ = [
     "bench",
@@ -14,6 +14,7 @@ __all__ = [
     "orders",
     "parameters",
     "simulate",
+    "studio",
     "study",
     "track",
     "validate",

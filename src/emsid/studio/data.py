@@ -1,0 +1,220 @@
+"""The data of a session: what the first look finds, the record that is read, and marks on its plot."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from threading import RLock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import emsid
+from emsid.errors import DataError, EmsidError
+from emsid.findings import plain
+from emsid.first_look.outliers import outliers_of
+from emsid.first_look.standstill import at_rest
+from emsid.io import ParsedFile, read_columns
+from emsid.io.columns import from_arrays
+from emsid.record import Record
+from emsid.report.views.first_look import HEADER, column_table, lines
+from emsid.studio.session import Session
+from emsid.studio.windows import Signal
+from emsid.wording import Spelling, sentence, severity
+
+KEPT = 8
+"""Files, looks and records that are kept in memory."""
+MOST_MARKS = 200
+"""Marks in a plot; more cannot be told apart."""
+SHORTEST = 5
+"""Equal samples at the extreme of a channel that are marked as saturation."""
+SENTENCES = {
+    "gap": ("gap", "missing", "mask", "segment", "break"),
+    "outlier": ("outlier",),
+    "saturation": ("saturat", "cut-off", "limit"),
+    "standstill": ("standstill", "motion"),
+}
+"""Parts of the codes of the findings that belong to a kind of mark."""
+
+
+def arguments(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `emsid.read` from their form in JSON, in which rows are a pair."""
+    rows = given.get("rows")
+    return {**given, "rows": slice(*rows)} if isinstance(rows, (list, tuple)) else dict(given)
+
+
+def as_json(reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `emsid.read` for JSON; numbers have the digits with which they are written on a command line."""
+
+    def plainly(value: Any) -> Any:
+        if isinstance(value, slice):
+            return [value.start, value.stop]
+        if isinstance(value, Mapping):
+            return {name: plainly(each) for name, each in value.items()}
+        return float(f"{value:.10g}") if isinstance(value, float) else value
+
+    return {name: plainly(value) for name, value in reading.items()}
+
+
+class Data:
+    """Files, looks and records of a session, each made once.
+
+    Args:
+        session: whose data they are.
+        spelling: how names of arguments are written in sentences.
+    """
+
+    def __init__(self, session: Session, spelling: Spelling) -> None:
+        self.session, self.spelling = session, spelling
+        self._made: OrderedDict[str, Any] = OrderedDict()
+        self._lock = RLock()
+
+    def _once(self, key: str, make: Callable[[], Any]) -> Any:
+        with self._lock:
+            if key not in self._made:
+                self._made[key] = make()
+                while len(self._made) > 4 * KEPT:
+                    self._made.popitem(last=False)
+            self._made.move_to_end(key)
+            return self._made[key]
+
+    def parsed(self, name: str) -> ParsedFile:
+        """The columns of a file, read once."""
+        path = self.session.path(name)
+        return self._once(f"file {name}", lambda: ParsedFile(path, read_columns(path)))  # type: ignore[no-any-return]
+
+    def look(self, step: Mapping[str, Any]) -> emsid.FirstLook:
+        """The first look at the first file, with the corrections."""
+        name, given = step["files"][0], step["given"]
+        key = f"look {name} {sorted(given.items(), key=str)}"
+        return self._once(key, lambda: emsid.describe(self.parsed(name), **arguments(given)))  # type: ignore[no-any-return]
+
+    def reading(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments of `emsid.read` for all files, for JSON: those found, repairs, and corrections."""
+        look = self.look(step)
+        mended = {name: value for name, value in look.mends.items() if name not in step["given"]}
+        reading = {**look.reading, **mended}
+        return as_json({name: value for name, value in reading.items() if value not in ("", None, {}, [])})
+
+    def record(self, step: Mapping[str, Any], name: str) -> Record:
+        """The record in a file."""
+        reading = self.reading(step)
+        key = f"record {name} {reading}"
+        return self._once(key, lambda: emsid.read(self.parsed(name), **arguments(reading)))  # type: ignore[no-any-return]
+
+    def signal(self, step: Mapping[str, Any], name: str, channel: str) -> Signal:
+        """A channel of the record in a file, contiguous in memory."""
+        record = self.record(step, name)
+
+        def make() -> Signal:
+            return Signal(record.time, np.ascontiguousarray(record.channel(channel)), record.dt)
+
+        return self._once(f"signal {id(record)} {channel}", make)  # type: ignore[no-any-return]
+
+    def described(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """Everything about the data of a step, for the page."""
+        if not step["files"]:
+            return {}
+        look = self.look(step)
+        table = column_table(look, 60)
+        said = [
+            {"code": each.code, "text": sentence(each, self.spelling), "severity": severity(each).value}
+            for each in look.findings
+        ]
+        found: dict[str, Any] = {
+            "header": HEADER,
+            "rows": table.rows,
+            "caption": table.caption,
+            "lines": [line for line in lines(look, self.spelling) if not line.startswith("- ")],
+            "findings": said,
+            "reading": self.reading(step),
+            "units": {column.name: column.meaning.unit for column in look.columns},
+            "records": [],
+        }
+        if look.record is not None:
+            names = [*step["files"], *step["unseen_files"]]
+            found["records"] = [self._record(step, name, said if k == 0 else []) for k, name in enumerate(names)]
+        return plain(found)  # type: ignore[no-any-return]
+
+    def _record(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> dict[str, Any]:
+        """The channels and the marks of a record."""
+        try:
+            record = self.record(step, name)
+        except EmsidError as problem:
+            return {"file": name, "problem": str(problem), "channels": [], "marks": []}
+        units = (*record.input_units, *record.output_units)
+        names = (*record.input_names, *record.output_names)
+        time = record.time
+        return {
+            "file": name,
+            "samples": len(record),
+            "dt": record.dt,
+            "first": float(time[0]),
+            "last": float(time[-1]),
+            "channels": [{"name": n, "unit": u} for n, u in zip(names, units, strict=True)],
+            "inputs": len(record.input_names),
+            "marks": [
+                {**mark, "text": _text(mark["kind"], said)}
+                for mark in self._once(f"marks {id(record)}", lambda: list(marks(record)))
+            ],
+        }
+
+    def rows(self, step: Mapping[str, Any], name: str, first: float, last: float) -> tuple[int, int]:
+        """The data rows of a file, from A up to but not B, that the samples between two times are from.
+
+        The record is read again with the number of the row as its output.
+
+        Raises:
+            DataError: where samples are not from rows of one table, or none lie between the times.
+        """
+        reading, parsed = arguments(self.reading(step)), self.parsed(name)
+        outputs = reading["output"]
+        column = str(outputs if isinstance(outputs, str) else outputs[0]).removeprefix("d(").removesuffix(")")
+        lengths = {len(series) for series in parsed.columns.series.values()}
+        if len(lengths) != 1:
+            raise DataError("the columns of this file have different lengths, so it has no rows; use rows or mask")
+        count, number = lengths.pop(), "row number of the studio"
+        series = {**parsed.columns.series, **from_arrays([(number, np.arange(count, dtype=float))]).series}
+        known = {key: value for key, value in reading.items() if key not in ("filter", "decimate", "detrend")}
+        for key in ("wrap", "shift", "direction", "scale", "offset", "units"):
+            known[key] = {each: v for each, v in known.get(key, {}).items() if each != column} or None
+        counted = ParsedFile(parsed.path, replace(parsed.columns, series=series))
+        record = emsid.read(counted, **{**known, "output": number})
+        inside = record.output[(record.time >= first) & (record.time <= last), 0]
+        if not len(inside):
+            raise DataError("no sample lies between these times")
+        return int(np.floor(inside.min())), int(np.ceil(inside.max())) + 1
+
+
+def _text(kind: str, said: list[dict[str, Any]]) -> str:
+    """The sentence that belongs to a mark; empty where the first look has none."""
+    return next((each["text"] for each in said if any(part in each["code"] for part in SENTENCES[kind])), "")
+
+
+def marks(record: Record) -> Iterator[dict[str, Any]]:
+    """Gaps, outliers, saturation and standstill of a record, as stretches of time."""
+    time = record.time
+    for edge in record.breaks[:MOST_MARKS]:
+        yield {"kind": "gap", "first": float(time[edge - 1]), "last": float(time[edge])}
+    for channel in (*record.input_names, *record.output_names):
+        x = record.channel(channel)
+        for low in (True, False):
+            extreme = x == (x.min() if low else x.max())
+            if np.ptp(x) and len(np.unique(x[:1000])) > 3:
+                yield from _stretches(extreme, time, "saturation", channel, SHORTEST)
+    for k, channel in enumerate(record.output_names):
+        y = np.ascontiguousarray(record.output[:, k])
+        for place in outliers_of(y)[0][:MOST_MARKS]:
+            yield {"kind": "outlier", "first": float(time[place]), "last": float(time[place]), "channel": channel}
+        yield from _stretches(at_rest(y), time, "standstill", channel, max(SHORTEST, len(record) // 100))
+
+
+def _stretches(
+    where: NDArray[np.bool_], time: NDArray[np.float64], kind: str, channel: str, shortest: int
+) -> Iterator[dict[str, Any]]:
+    edges = np.flatnonzero(np.diff(where.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    long = edges[edges[:, 1] - edges[:, 0] >= shortest]
+    for a, b in long[np.argsort(long[:, 0] - long[:, 1])][:MOST_MARKS]:
+        yield {"kind": kind, "first": float(time[a]), "last": float(time[b - 1]), "channel": channel}

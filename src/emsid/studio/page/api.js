@@ -1,0 +1,46 @@
+// Requests to the server, relative to the address of the page, which contains the token.
+
+async function checked(response) {
+  if (!response.ok) throw new Error(await response.text() || `the server answered ${response.status}`);
+  return response;
+}
+
+export async function get(path) {
+  return (await checked(await fetch(`api/${path}`))).json();
+}
+
+export async function post(path, content = {}) {
+  const body = JSON.stringify(content);
+  return (await checked(await fetch(`api/${path}`, { method: "POST", body }))).json();
+}
+
+export async function upload(file, unseen) {
+  const address = `api/files?name=${encodeURIComponent(file.name)}&unseen=${unseen ? 1 : 0}`;
+  await checked(await fetch(address, { method: "POST", body: file }));
+}
+
+// Signals as binary windows: [ends: 2 float64], count: uint32, then float32 times from `first` on and one row a signal.
+// uPlot draws a gap where a value is null.
+export function unpack(buffer, first, withEnds) {
+  const ends = withEnds ? [...new Float64Array(buffer.slice(0, 16))] : null, start = withEnds ? 16 : 0;
+  const begin = first ?? ends[0], rows = [];
+  const count = new Uint32Array(buffer.slice(start, start + 4))[0];
+  for (let at = start + 4; count && at < buffer.byteLength; at += 4 * count) {
+    rows.push(Array.from(new Float32Array(buffer.slice(at, at + 4 * count)), (x) => (Number.isNaN(x) ? null : x)));
+  }
+  const [t = [], ...values] = rows;
+  return { ends, t: t.map((x) => x + begin), rows: values };
+}
+
+export async function binary(path, content) {
+  const options = content ? { method: "POST", body: JSON.stringify(content) } : {};
+  return (await checked(await fetch(`api/${path}`, options))).arrayBuffer();
+}
+
+export function events(onMessage, onReturn) {
+  const source = new EventSource("api/events");
+  source.onmessage = (event) => onMessage(JSON.parse(event.data));
+  let lost = false;
+  source.onerror = () => { lost = true; };
+  source.onopen = () => { if (lost) { lost = false; onReturn(); } };
+}

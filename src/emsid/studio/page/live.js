@@ -1,0 +1,45 @@
+// Live: a running source with its parameters and alarms.
+import { post } from "./api.js";
+import { attempt, el, number, table } from "./dom.js";
+import { arrays } from "./plot.js";
+
+const KEPT = 2000;
+const live = { t: [], y: [], p: [], u: [], start: null, last: null, alarms: [] };
+let show = () => {};
+
+export function liveMessage(message) {
+  if (message.kind === "start") Object.assign(live, { t: [], y: [], p: [], u: [], start: message, last: null, alarms: [] });
+  else if (message.kind === "estimate") {
+    live.last = message;
+    for (const [list, value] of [[live.t, message.time], [live.y, message.output], [live.p, message.prediction], [live.u, message.input?.[0] ?? null]]) {
+      list.push(value);
+      if (list.length > KEPT) list.shift();
+    }
+  } else if (message.kind === "finding") live.alarms.unshift(`${number(message.time)} s: ${message.code.replaceAll("-", " ")} ${message.subject}`);
+  else if (message.kind === "ended") live.alarms.unshift(message.problem || "the source has ended; record and report are in the session");
+  show(message);
+}
+
+export function showLive(main, app) {
+  const field = (name, label, placeholder = "") => el("label", {}, label, el("input", { name, placeholder, "aria-label": label }));
+  const form = el("form", { class: "options", onsubmit: (event) => {
+    event.preventDefault();
+    attempt(() => post("live", Object.fromEntries(new FormData(form))));
+  } }, field("source", "Source", "serial:///dev/ttyACM0"), field("structure", "Structure", "arx"), field("na", "na"), field("nb", "nb"),
+  field("header", "Columns without header"), field("input", "Input column"), field("output", "Output column"), field("time", "Time column"), field("dt", "Sample time"),
+  el("button", { class: "main" }, "Follow"), el("button", { type: "button", onclick: () => attempt(() => post("live/stop")) }, "Stop"));
+  const upper = el("div", { class: "plot" }), lower = el("div", { class: "plot" }), below = el("div", { "aria-live": "polite" });
+  main.append(el("h2", {}, "A running source"), form, upper, lower, below);
+  const output = arrays(upper, ["output", "predicted"], "", 240), input = arrays(lower, ["input"], "", 130);
+  app.close = () => { show = () => {}; output.destroy(); input.destroy(); };
+  show = () => {
+    output.setData([live.t, live.y, live.p]);
+    input.setData([live.t, live.u]);
+    const rows = (live.last?.parameters ?? []).map((each) => [each.name, number(each.value), each.half_width === null ? "–" : `± ${number(each.half_width)}`]);
+    const physical = (live.last?.physical ?? []).map((each) => [each.name, number(each.value), each.half_width === null || each.half_width === undefined ? "–" : `± ${number(each.half_width)}`]);
+    below.replaceChildren(rows.length ? table({ header: ["Parameter", "Value", "95 %"], rows: [...rows, ...physical], caption: `${live.last.samples ?? ""} samples` }) : "",
+      el("ul", {}, live.alarms.slice(0, 20).map((text) => el("li", {}, text))));
+  };
+  show();
+  if (app.state.live.problem) below.append(el("p", { class: "problem" }, app.state.live.problem));
+}

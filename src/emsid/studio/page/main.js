@@ -1,0 +1,76 @@
+// The page: its tabs, the state from the server, and what it announces.
+import { events, get, post } from "./api.js";
+import { attempt, el, message } from "./dom.js";
+import { showData } from "./data.js";
+import { showModels } from "./models.js";
+import { showCompare } from "./compare.js";
+import { showPlay } from "./play.js";
+import { liveMessage, showLive } from "./live.js";
+
+const PARTS = { data: ["Data", showData], models: ["Models", showModels], compare: ["Compare", showCompare],
+  play: ["Play", showPlay], live: ["Live", showLive] };
+export const app = { state: null, part: location.hash.slice(1) || "data", refresh, go, close: () => {} };
+
+async function refresh() {
+  app.state = await get("state");
+  draw();
+}
+
+function go(part) {
+  app.part = part;
+  history.replaceState(null, "", `#${part}`);
+  draw();
+  document.getElementById("main").focus();
+}
+
+function draw() {
+  const { state } = app;
+  const tabs = Object.entries(PARTS).map(([part, [title]]) => el("button", {
+    role: "tab", id: `tab-${part}`, "aria-selected": `${part === app.part}`, onclick: () => go(part) }, title));
+  document.getElementById("tabs").replaceChildren(...tabs);
+  document.getElementById("undo").disabled = !state.undo;
+  document.getElementById("redo").disabled = !state.redo;
+  for (const id of ["copy-command", "copy-python"]) document.getElementById(id).disabled = !state.command;
+  app.close();
+  app.close = () => {};
+  const main = document.getElementById("main");
+  main.replaceChildren();
+  if (state.problem) main.append(el("p", { class: "problem", role: "alert" }, state.problem));
+  (PARTS[app.part] ?? PARTS.data)[1](main, app);
+}
+
+function announced(news) {
+  if (news.kind === "state") attempt(refresh);
+  else if (news.kind === "live") liveMessage(news.message);
+  else if (news.kind === "run" && app.state) {
+    const before = app.state.runs.find((run) => run.number === news.run.number);
+    const changed = !before || before.state !== news.run.state || before.models.length !== news.run.models.length;
+    app.state.runs = [news.run, ...app.state.runs.filter((run) => run.number !== news.run.number)]
+      .sort((a, b) => b.number - a.number);
+    if (changed && ["models", "compare", "play"].includes(app.part)) draw();
+    else app.progress?.(news.run);
+  }
+}
+
+async function copy(text) {
+  const box = el("textarea", { readOnly: true, rows: 6, cols: 90, value: text, "aria-label": "Text to copy" });
+  const dialog = el("dialog", { class: "card" }, el("p", {}, "Copied; here it is to select by hand:"), box,
+    el("div", { class: "row" }, el("button", { onclick: () => dialog.close() }, "Close")));
+  document.body.append(dialog);
+  dialog.addEventListener("close", () => dialog.remove());
+  dialog.showModal();
+  box.select();
+  try { await navigator.clipboard.writeText(text); } catch { document.execCommand("copy"); }
+}
+
+for (const what of ["undo", "redo"]) document.getElementById(what).addEventListener("click", () => attempt(() => post(what)));
+document.getElementById("copy-command").addEventListener("click", () => copy(app.state.command));
+document.getElementById("copy-python").addEventListener("click", () => copy(app.state.script));
+document.addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || /^(input|textarea)$/i.test(event.target.tagName)) return;
+  const what = { z: "undo", y: "redo" }[event.key];
+  if (what) { event.preventDefault(); attempt(() => post(what)); }
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => app.state && draw());
+events(announced, () => attempt(refresh, "connected again"));
+attempt(refresh).then(() => app.state || message("the server does not answer; start emsid studio again", true));

@@ -1,0 +1,134 @@
+"""Runs: one process for each identification, its progress, and what it left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from threading import RLock, Thread
+from typing import Any
+
+import msgspec
+
+from emsid.io import atomic_write
+from emsid.studio.session import Session
+
+MOST = 2
+"""Runs at the same time; further ones wait. Each uses a core."""
+FILES = frozenset({"task.json", "result.json", "problem.json", "shown.json", "recommended.json"})
+"""Files of a run that are no models of its own."""
+
+
+class Runs:
+    """The runs of a session.
+
+    Args:
+        session: where they are.
+        announce: called with every message, also from other threads.
+    """
+
+    def __init__(self, session: Session, announce: Callable[[dict[str, Any]], None]) -> None:
+        self.session, self.announce = session, announce
+        self._processes: dict[str, subprocess.Popen[str] | None] = {}
+        self._progress: dict[str, dict[str, Any]] = {}
+        self._waiting: list[str] = []
+        self._lock = RLock()
+
+    def begin(self, task: Mapping[str, Any]) -> str:
+        """Start an identification, or put it into the queue; the number of the run."""
+        folder = self.session.new_run()
+        atomic_write(folder / "task.json", msgspec.json.encode(task))
+        with self._lock:
+            self._waiting.append(folder.name)
+        self._next()
+        return folder.name
+
+    def cancel(self, number: str) -> None:
+        """End a run with what it has; a second time, end its process at once."""
+        with self._lock:
+            if number in self._waiting:
+                self._waiting.remove(number)
+                return
+            process = self._processes.get(number)
+            if process is None or process.stdin is None:
+                return
+            if process.stdin.closed:
+                process.kill()
+                return
+            self._progress.setdefault(number, {})["ending"] = True
+            try:
+                process.stdin.close()
+            except OSError:
+                process.kill()
+        self.announce({"kind": "run", "run": self.state(number)})
+
+    def close(self) -> None:
+        """End all processes."""
+        with self._lock:
+            self._waiting.clear()
+            for process in self._processes.values():
+                if process is not None:
+                    process.terminate()
+
+    def _next(self) -> None:
+        with self._lock:
+            while self._waiting and len(self._processes) < MOST:
+                number = self._waiting.pop(0)
+                self._processes[number] = None
+                Thread(target=self._follow, args=(number,), daemon=True).start()
+
+    def _follow(self, number: str) -> None:
+        """Run the process of a run and pass on what it reports."""
+        folder = self.session.folder / "runs" / number
+        program = [sys.executable, "-m", "emsid.studio.worker", str(self.session.folder), str(folder)]
+        with (
+            (folder / "log.txt").open("w") as log,
+            subprocess.Popen(
+                program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, encoding="utf-8"
+            ) as process,
+        ):
+            with self._lock:
+                self._processes[number] = process
+            assert process.stdout is not None
+            for line in process.stdout:
+                message = msgspec.json.decode(line)
+                with self._lock:
+                    known = self._progress.setdefault(number, {})
+                    if message["kind"] == "progress":
+                        known["progress"] = message
+                self.announce({"kind": "run", "run": self.state(number)})
+        with self._lock:
+            del self._processes[number]
+            self._progress.pop(number, None)
+        self.announce({"kind": "run", "run": self.state(number)})
+        self._next()
+
+    def state(self, number: str) -> dict[str, Any]:
+        """What a run is doing, or what it left."""
+        folder = self.session.folder / "runs" / number
+        with self._lock:
+            running, waiting = number in self._processes, number in self._waiting
+            known = dict(self._progress.get(number, {}))
+        models = sorted(path.stem for path in folder.glob("*.json") if path.name not in FILES)
+        found: dict[str, Any] = {"number": number, "models": models, **known}
+        task = folder / "task.json"
+        found["task"] = msgspec.json.decode(task.read_bytes()) if task.exists() else {}
+        if running or waiting:
+            found["state"] = "running" if running else "waiting"
+        elif (folder / "shown.json").exists():
+            found["state"] = "done"
+        elif (folder / "problem.json").exists():
+            found |= {"state": "failed", **msgspec.json.decode((folder / "problem.json").read_bytes())}
+        else:
+            found |= {"state": "ended", "message": "it ended before its result was complete; the models found are kept"}
+        return found
+
+    @property
+    def states(self) -> list[dict[str, Any]]:
+        """All runs, the last one first."""
+        return [self.state(folder.name) for folder in reversed(self.session.runs)]
+
+    def folder(self, number: str) -> Path | None:
+        """The folder of a run; None for a number of none."""
+        return next((path for path in self.session.runs if path.name == number), None)

@@ -1,0 +1,321 @@
+"""The server of the studio: routes, messages to the pages, and the loopback socket."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import webbrowser
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from secrets import token_urlsafe
+from threading import Thread
+from typing import Any
+
+import msgspec
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from emsid.errors import DataError, EmsidError
+from emsid.findings import plain
+from emsid.studio import uplot
+from emsid.studio.exports import exported, formats
+from emsid.studio.guard import LARGE, Guard, TooLarge
+from emsid.studio.live import Live
+from emsid.studio.play import free_runs, loaded, played, sliders
+from emsid.studio.runs import Runs
+from emsid.studio.session import Session, in_session
+from emsid.studio.studio import Studio
+from emsid.studio.windows import Signal, packed
+
+PAGE = Path(__file__).parent / "page"
+MOST_AT_ONCE = 150
+"""Connections; more are refused with status 503."""
+REPORT_POLICY = (
+    b"sandbox allow-scripts allow-popups; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+)
+"""The report is a page of its own, whose script and style are in it. It has no origin, so it reaches nothing here."""
+
+
+@dataclass
+class Messages:
+    """Messages to every open page, as server-sent events."""
+
+    queues: set[asyncio.Queue[bytes]] = field(default_factory=set)
+    loop: asyncio.AbstractEventLoop | None = None
+
+    def announce(self, message: Mapping[str, Any]) -> None:
+        """Send a message; from any thread."""
+        line = b"data: " + msgspec.json.encode(plain(message)) + b"\n\n"
+        if self.loop is not None:
+            with suppress(RuntimeError):  # the loop has ended
+                self.loop.call_soon_threadsafe(self._put, line)
+
+    def _put(self, line: bytes) -> None:
+        for queue in self.queues:
+            if queue.qsize() < 1000:  # a page that does not read misses progress, not results
+                queue.put_nowait(line)
+
+    async def stream(self, request: Request) -> Response:
+        """The messages from now on."""
+        queue: asyncio.Queue[bytes] = asyncio.Queue()
+
+        async def lines() -> AsyncIterator[bytes]:
+            self.queues.add(queue)
+            try:
+                yield b"retry: 500\n\n"
+                while True:
+                    try:
+                        yield await asyncio.wait_for(queue.get(), 15)
+                    except TimeoutError:
+                        yield b": still here\n\n"
+            finally:
+                self.queues.discard(queue)
+
+        return StreamingResponse(lines(), media_type="text/event-stream")
+
+
+def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable[Response]]:
+    """A route that reads JSON, does some work in a thread, and answers with JSON, bytes or a response."""
+
+    async def route(request: Request) -> Response:
+        body = await request.body() if request.method == "POST" else b""
+        try:
+            content = msgspec.json.decode(body) if body else {}
+            if not isinstance(content, dict):
+                raise DataError("the request is no table")
+            found = await run_in_threadpool(work, request, content)
+        except EmsidError as problem:
+            return PlainTextResponse(str(problem), 400)
+        except (msgspec.DecodeError, UnicodeDecodeError, LookupError, ValueError, TypeError, AttributeError) as problem:
+            return PlainTextResponse(f"the request is not understood ({type(problem).__name__})", 400)
+        if isinstance(found, Response):
+            return found
+        if isinstance(found, bytes):
+            return Response(found, media_type="application/octet-stream")
+        return Response(msgspec.json.encode(plain(found)), media_type="application/json")
+
+    return route
+
+
+class Routes:
+    """The routes of a studio.
+
+    Args:
+        studio: what they show and change.
+        messages: to the pages.
+    """
+
+    def __init__(self, studio: Studio, messages: Messages) -> None:
+        self.studio, self.messages = studio, messages
+
+    def all(self) -> list[Route]:
+        """Every route."""
+        studio = self.studio
+        posts: dict[str, Callable[[Request, Any], Any]] = {
+            "edit": lambda request, content: studio.edit(content),
+            "undo": lambda request, content: studio.move(-1),
+            "redo": lambda request, content: studio.move(1),
+            "brush": lambda request, content: studio.brush(content),
+            "example": lambda request, content: studio.example(str(content["name"])),
+            "run": lambda request, content: studio.run(),
+            "cancel": lambda request, content: studio.runs.cancel(str(content["run"])),
+            "play": self._play,
+            "export": lambda request, content: exported(self._model(content), str(content["format"])),
+            "live": lambda request, content: studio.live.begin(content),
+            "live/stop": lambda request, content: studio.live.stop(),
+        }
+        gets: dict[str, Callable[[Request, Any], Any]] = {
+            "state": lambda request, content: {**studio.state(), "formats": formats()},
+            "window": self._window,
+            "runs/{run}/shown": self._shown,
+            "runs/{run}/window": self._run_window,
+            "runs/{run}/sliders/{model}": lambda request, content: sliders(loaded(self._file(request, "model"))),
+            "runs/{run}/file/{name:path}": self._run_file,
+        }
+        return [
+            Route("/", lambda request: FileResponse(PAGE / "index.html")),
+            Route("/page/{name:path}", self._asset),
+            Route("/api/events", self.messages.stream),
+            Route("/api/files", self._upload, methods=["POST"]),
+            *(Route(f"/api/{path}", answer(work), methods=["POST"]) for path, work in posts.items()),
+            *(Route(f"/api/{path}", answer(work)) for path, work in gets.items()),
+        ]
+
+    @staticmethod
+    async def _asset(request: Request) -> Response:
+        path = in_session(PAGE, request.path_params["name"])
+        return PlainTextResponse("there is no such file", 404) if path is None else FileResponse(path)
+
+    async def _upload(self, request: Request) -> Response:
+        """Write a dropped file into the session, block by block."""
+        session = self.studio.session
+        name = session.free_name(request.query_params.get("name", "file.csv"))
+        part, count = session.path(f".{name}.part"), 0
+        try:
+            with part.open("wb") as file:
+                async for block in request.stream():
+                    count += len(block)
+                    if count > LARGE:
+                        return PlainTextResponse("the file is too large", 413)
+                    file.write(block)
+            part.replace(session.path(name))
+            unseen = request.query_params.get("unseen") == "1"
+            await run_in_threadpool(self.studio.add, name, unseen=unseen)
+        except EmsidError as problem:
+            return PlainTextResponse(str(problem), 400)
+        finally:
+            part.unlink(missing_ok=True)
+        return Response(b"{}", media_type="application/json")
+
+    def _folder(self, number: str) -> Path:
+        found = self.studio.runs.folder(number)
+        if found is None:
+            raise DataError("there is no such run")
+        return found
+
+    def _file(self, request: Request, key: str) -> Path:
+        return self._model({"run": request.path_params["run"], "model": request.path_params[key]})
+
+    def _model(self, content: Mapping[str, Any]) -> Path:
+        path = in_session(self._folder(str(content["run"])), f"{content['model']}.json")
+        if path is None:
+            raise DataError("there is no such model")
+        return path
+
+    def _window(self, request: Request, content: Any) -> bytes:
+        asked, step = request.query_params, self.studio.session.step
+        if asked["file"] not in (*step["files"], *step["unseen_files"]):
+            raise DataError("there is no such file")
+        signal = self.studio.data.signal(step, asked["file"], asked["channel"])
+        return packed([signal], float(asked["from"]), float(asked["to"]), int(asked["width"]))
+
+    def _shown(self, request: Request, content: Any) -> Response:
+        path = in_session(self._folder(request.path_params["run"]), "shown.json")
+        if path is None:
+            raise DataError("this run has no result")
+        return Response(path.read_bytes(), media_type="application/json")
+
+    def _run_window(self, request: Request, content: Any) -> bytes:
+        """Measured output, and the free runs of some models, on a part of the data."""
+        asked = request.query_params
+        found = free_runs(self._folder(request.path_params["run"]), asked["part"])
+        names = ["measured", *(f"model {name}" for name in asked.getlist("model"))]
+        channel, time, dt = int(asked.get("output", "0")), found["time"], float(found["dt"])
+        signals = [Signal(time, found[name][:, channel], dt) for name in names]
+        signals += [Signal(time, signals[0].values - each.values, dt) for each in signals[1:]]
+        first, last = float(asked.get("from", time[0])), float(asked.get("to", time[-1]))
+        return np_ends(time) + packed(signals, first, last, int(asked["width"]))
+
+    def _run_file(self, request: Request, content: Any) -> Response:
+        path = in_session(self._folder(request.path_params["run"]), request.path_params["name"])
+        if path is None:
+            raise DataError("there is no such file")
+        headers = {}
+        if path.suffix == ".html":
+            headers["content-security-policy"] = REPORT_POLICY.decode()
+        elif path.suffix != ".svg":
+            headers["content-disposition"] = "attachment"
+        return FileResponse(path, headers=headers)
+
+    def _play(self, request: Request, content: Any) -> bytes:
+        found, own = loaded(self._model(content)), free_runs(self._folder(str(content["run"])), "unseen")
+        signals = played(found, content.get("values", {}), content.get("input", {}), own)
+        time = signals[0].time
+        return np_ends(time) + packed(signals, float(time[0]), float(time[-1]), int(content.get("width", 1000)))
+
+
+def np_ends(time: Any) -> bytes:
+    """The first and the last time as float64."""
+    import numpy as np
+
+    return np.array([time[0], time[-1]], "<f8").tobytes()
+
+
+def application(studio: Studio, messages: Messages, token: str, port: int) -> Guard:
+    """The application of a studio behind its guard."""
+
+    async def remember() -> None:
+        messages.loop = asyncio.get_running_loop()
+
+    async def life(scope: Any, receive: Any, send: Any) -> None:
+        if messages.loop is None or messages.loop.is_closed() or scope["type"] == "lifespan":
+            await remember()
+        await inner(scope, receive, send)
+
+    async def too_large(request: Request, problem: Exception) -> Response:
+        return PlainTextResponse("the request is too large", 413)
+
+    inner = Starlette(routes=Routes(studio, messages).all(), exception_handlers={TooLarge: too_large})
+    return Guard(life, token, port)
+
+
+def serve(
+    folder: Path,
+    files: list[Path],
+    *,
+    port: int = 0,
+    browser: bool = True,
+    spelling: Callable[[str], str],
+    command: Callable[[Mapping[str, Any], Path], str],
+    track: Callable[[Mapping[str, Any], Path], list[str]],
+    say: Callable[[str], None],
+) -> None:
+    """Serve a session until the process is told to end.
+
+    Args:
+        folder: of the session.
+        files: to add to it.
+        port: of the loopback interface; 0 for a free one.
+        browser: whether to open the page.
+        spelling: how names of arguments are written in findings about data.
+        command: a task as a command line.
+        track: the program that follows a live source.
+        say: called with the address.
+
+    Raises:
+        FormatError: where the folder is no session, or uPlot is missing.
+        DataError: where the port is in use.
+    """
+    messages = Messages()
+    session = Session.at_folder(folder)
+    studio = Studio(
+        session, Runs(session, messages.announce), Live(session, messages.announce, track), spelling, command
+    )
+    studio.announce = messages.announce
+    for path in files:
+        studio.add(session.add(path))
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind(("127.0.0.1", port))
+        except OSError:
+            raise DataError(f"port {port} is in use; choose another", arguments=("port",)) from None
+        port, token = listening.getsockname()[1], token_urlsafe(24)
+        config = uvicorn.Config(
+            application(studio, messages, token, port),
+            log_level="error",
+            access_log=False,
+            limit_concurrency=MOST_AT_ONCE,
+            timeout_graceful_shutdown=1,
+            server_header=False,
+            ws="none",
+        )
+        address = f"http://127.0.0.1:{port}/{token}/"
+        say(address)
+        Thread(target=studio.warm, daemon=True).start()
+        if browser:
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            studio.runs.close()
+            studio.live.stop()
+
+
+__all__ = ["Messages", "application", "serve", "uplot"]

@@ -1,0 +1,191 @@
+"""The process of one identification: it reads, identifies and writes into the folder of a run.
+
+    python -m emsid.studio.worker SESSION RUN
+
+Progress is written to standard output as lines of JSON. A line on standard input cancels: the search ends with what it
+has. So does the end of standard input, which is where the server has ended. Every fit is saved as soon as it is found.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import msgspec
+import numpy as np
+
+import emsid
+from emsid.errors import EmsidError
+from emsid.estimation import Control
+from emsid.estimation.estimates import Estimate
+from emsid.estimation.nonlinear.control import Activity, Stopped
+from emsid.findings import plain
+from emsid.identification import Identification
+from emsid.io import atomic_write, save
+from emsid.report.document import Report, Section, Table
+from emsid.report.identification_page import report
+from emsid.report.numbers import number
+from emsid.report.page import report_files, write_files
+from emsid.studio.actions import edit_for
+from emsid.studio.data import arguments
+from emsid.units import plain_unit
+from emsid.wording import as_python, sentence, severity
+
+OFTEN = 0.1
+"""Seconds between two reports of progress."""
+
+
+def main() -> None:
+    """Run the identification of the folder that is named on the command line."""
+    session, run = Path(sys.argv[1]), Path(sys.argv[2])
+    task, cancelled = msgspec.json.decode((run / "task.json").read_bytes()), Event()
+    Thread(target=wait_for_end, args=(cancelled,), daemon=True).start()
+    try:
+        result = identified(session, run, task, Control(cancelled=cancelled.is_set, report=Progress()))
+        write_result(result, run, task)
+    except (EmsidError, Stopped) as problem:
+        atomic_write(run / "problem.json", msgspec.json.encode({"message": str(problem)}))
+
+
+def wait_for_end(cancelled: Event) -> None:
+    """Cancel once standard input has a line or has ended."""
+    sys.stdin.readline()
+    cancelled.set()
+
+
+def say(**message: Any) -> None:
+    """Write a line for the server."""
+    sys.stdout.write(msgspec.json.encode(plain(message)).decode() + "\n")
+    sys.stdout.flush()
+
+
+class Progress:
+    """Reports an activity at most every `OFTEN` seconds, and each that begins."""
+
+    def __init__(self) -> None:
+        self._last, self._doing = 0.0, ""
+
+    def __call__(self, activity: Activity) -> None:
+        """Report an activity."""
+        now = time.monotonic()
+        if activity.doing != self._doing or now - self._last > OFTEN:
+            self._last, self._doing = now, activity.doing
+            say(kind="progress", doing=activity.doing, done=activity.done, total=activity.total)
+
+
+def identified(session: Path, run: Path, task: dict[str, Any], control: Control) -> Identification:
+    """The identification of a task; every fit is saved as it is found."""
+    reading = arguments(task["reading"])
+    control.doing("reading")
+    records = [emsid.read(session / "data" / name, **reading) for name in task["files"]]
+    others = [emsid.read(session / "data" / name, **reading) for name in task["unseen_files"]]
+
+    def finished(fit: Any) -> None:
+        save(fit, run / f"{fit.model.name}.json", reading=reading_of_files(reading))
+        say(kind="fit", model=fit.model.name, ending=fit.ending.value)
+
+    return emsid.identify(
+        records,
+        others or task["unseen"],
+        models=task["models"] or None,
+        control=control,
+        finished=finished,
+        **task["options"],
+    )
+
+
+def reading_of_files(reading: dict[str, Any]) -> dict[str, Any]:
+    """The arguments that also suit other files."""
+    return {name: value for name, value in reading.items() if name != "rows"}
+
+
+def write_result(result: Identification, run: Path, task: dict[str, Any]) -> None:
+    """Write models, result, free runs, what the page shows, and the report, in this order."""
+    reading = reading_of_files(arguments(task["reading"]))
+    say(kind="progress", doing="writing", done=0, total=None)
+    for fit in result.fits:
+        save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)
+    if result.is_recommended:
+        save(result.recommended_fit, run / "recommended.json", result.fitted_by_recommended, reading)
+    atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
+    write_runs(result, run)
+    content = report(result, as_python)
+    write_files(report_files(content), run)
+    atomic_write(run / "shown.json", msgspec.json.encode(plain(shown(result, content))))
+
+
+def write_runs(result: Identification, run: Path) -> None:
+    """Write the measured and simulated outputs on unseen data and on those of the fit."""
+    for part, comparison in (("unseen", result.on_unseen), ("fitted", result.on_record)):
+        record = comparison.assessments[0].record
+        signals: dict[str, Any] = {f"model {each.row.model}": each.simulation.output for each in comparison.assessments}
+        with (run / f".{part}.part").open("wb") as file:
+            np.savez(file, time=record.time, dt=record.dt, input=record.input, measured=record.output, **signals)
+        (run / f".{part}.part").replace(run / f"{part}.npz")
+
+
+def shown(result: Identification, content: Report) -> dict[str, Any]:
+    """What the page shows of a result: the sections of the report as data, and the ranking."""
+    findings = [*result.recommendation, *result.next_steps, *result.findings]
+    models = [fit.model.name for fit in result.fits]
+    rows = {row.model: row for row in result.rows}
+    return {
+        "title": content.title,
+        "summary": content.summary,
+        "facts": [(fact.value, fact.meaning, fact.interval) for fact in content.facts],
+        "advice": content.advice,
+        "models": models,
+        "chosen": result.chosen.model.name,
+        "recommended": result.is_recommended,
+        "ranking": [
+            {"model": row.model, "fit": row.fit_percent, "rmse": row.simulation_rmse, "parameters": row.parameters}
+            for row in (rows[name] for name in models)
+        ],
+        "parameters": {fit.model.name: [parameter(row) for row in fit.parameters.values()] for fit in result.fits},
+        "verdicts": {each.model: sentence(each, as_python) for each in result.model_verdicts},
+        "outputs": result.unseen.output_names,
+        "units": result.unseen.output_units,
+        "findings": [
+            {
+                "text": sentence(each, as_python),
+                "severity": severity(each).value,
+                "model": each.model,
+                "edit": edit_for(each, result.record),
+            }
+            for each in findings
+        ],
+        "sections": {each.title: section(each) for each in content.sections},
+    }
+
+
+def parameter(row: Estimate) -> dict[str, str]:
+    """A parameter as a row of a table: its estimate with the 95 % interval, or its value and status."""
+    if row.interval is None:
+        text = f"{number(row.value)} ({row.status.value})"
+    else:
+        text = f"{number(row.value)} [{number(row.interval[0])}, {number(row.interval[1])}]"
+    return {"name": row.name, "unit": plain_unit(row.unit), "text": text}
+
+
+def section(part: Section) -> dict[str, Any]:
+    """A section of the report as data; its figures are files."""
+    return {
+        "paragraphs": part.paragraphs,
+        "equations": part.equations,
+        "remarks": part.remarks,
+        "tables": [table(each) for each in part.tables],
+        "figures": [{"name": each.name, "caption": each.caption} for each in part.figures],
+    }
+
+
+def table(part: Table) -> dict[str, Any]:
+    """A table as data."""
+    texts = {"caption": part.caption, "note": part.note, "texts": part.text_columns}
+    return {**texts, "header": part.header, "rows": part.rows}
+
+
+if __name__ == "__main__":
+    main()

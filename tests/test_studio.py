@@ -1,0 +1,292 @@
+"""The studio behind its guard: who may ask, what is refused, and that a page's state gives the command's numbers."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette")
+from starlette.testclient import TestClient
+
+from emsid.cli.commands.studio import command_of, track_of
+from emsid.cli.options import option
+from emsid.errors import DataError, FormatError
+from emsid.studio import uplot
+from emsid.studio.guard import POLICY, SMALL
+from emsid.studio.live import Live
+from emsid.studio.play import input_of
+from emsid.studio.runs import Runs
+from emsid.studio.server import Messages, application
+from emsid.studio.session import Session
+from emsid.studio.studio import Studio
+from emsid.studio.windows import Signal, packed
+
+TOKEN = "token-of-the-test"
+ORIGIN = "http://127.0.0.1:8000"
+
+
+@contextmanager
+def studio_in(folder: Path) -> Iterator[tuple[TestClient, Studio]]:
+    messages = Messages()
+    session = Session.at_folder(folder)
+    studio = Studio(
+        session, Runs(session, messages.announce), Live(session, messages.announce, track_of), option, command_of
+    )
+    with TestClient(application(studio, messages, TOKEN, 8000), base_url=ORIGIN) as client:
+        client.base_url = client.base_url.join(f"/{TOKEN}/")
+        yield client, studio
+        studio.runs.close()
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[tuple[TestClient, Studio]]:
+    with studio_in(tmp_path / "session") as both:
+        yield both
+
+
+def table(rows: int = 400, name: str = "speed") -> bytes:
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-5, 5, rows // 10), 10)
+    y = np.zeros(rows)
+    for t in range(1, rows):
+        y[t] = 0.9 * y[t - 1] + 0.5 * u[t - 1]
+    y += 0.01 * rng.standard_normal(rows)
+    lines = [
+        f't,voltage,"{name}"',
+        *(f"{k / 100:.2f},{a:.5f},{b:.5f}" for k, (a, b) in enumerate(zip(u, y, strict=True))),
+    ]
+    return "\n".join(lines).encode()
+
+
+def state(client: TestClient) -> dict[str, Any]:
+    found: dict[str, Any] = client.get("api/state").json()
+    return found
+
+
+def finished(client: TestClient, number: str, limit: float = 120.0) -> dict[str, Any]:
+    until = time.monotonic() + limit
+    while time.monotonic() < until:
+        run = next(each for each in state(client)["runs"] if each["number"] == number)
+        if run["state"] not in ("running", "waiting"):
+            return run
+        time.sleep(0.1)
+    raise AssertionError("the run did not end")
+
+
+# --- who may ask ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("/api/state", {}),
+        ("/wrong/api/state", {}),
+        (f"/{TOKEN}x/api/state", {}),
+        ("/", {}),
+        (f"/{TOKEN}/api/state", {"host": "evil.example:8000"}),
+        (f"/{TOKEN}/api/state", {"host": "127.0.0.1:8001"}),
+        (f"/{TOKEN}/api/state", {"origin": "http://evil.example"}),
+        (f"/{TOKEN}/api/state", {"origin": "null"}),
+    ],
+)
+def test_requests_without_token_or_from_elsewhere_are_refused(opened: Any, path: str, headers: dict[str, str]) -> None:
+    answer = opened[0].get(f"{ORIGIN}{path}", headers=headers)
+    assert answer.status_code == 403
+    assert answer.headers["content-security-policy"] == POLICY
+
+
+@pytest.mark.parametrize("path", ["page/../../session.json", "page/%2e%2e/session.py", "page/..%2f..%2fsession.py"])
+def test_no_path_leaves_the_page(opened: Any, path: str) -> None:
+    assert opened[0].get(path).status_code in (403, 404)
+    assert opened[0].get("page/main.js").status_code == 200
+
+
+def test_page_is_served_with_a_policy_that_runs_no_text(opened: Any) -> None:
+    answer = opened[0].get("")
+    assert "emsid studio" in answer.text
+    assert "unsafe" not in answer.headers["content-security-policy"]
+    assert not any(mark in answer.text for mark in ("<script>", "style=", "onclick"))
+
+
+def test_large_requests_are_refused_by_their_length_and_while_they_arrive(opened: Any) -> None:
+    client, _ = opened
+    assert client.post("api/edit", content=b" " * (SMALL + 1)).status_code == 413
+
+    def blocks() -> Iterator[bytes]:
+        for _ in range(100):
+            yield b" " * SMALL
+
+    assert client.post("api/edit", content=blocks()).status_code == 413
+    assert state(client)["step"]["files"] == []
+
+
+@pytest.mark.parametrize("body", [b"{", b"[1]", b'{"unknown": 1}', b'{"files": ["../session.json"]}', b'{"unseen": 2}'])
+def test_requests_that_are_not_understood_change_nothing(opened: Any, body: bytes) -> None:
+    client, studio = opened
+    assert client.post("api/edit", content=body).status_code == 400
+    assert len(studio.session.steps) == 1
+
+
+# --- data -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_dropped_file_is_described_corrected_and_taken_back(opened: Any) -> None:
+    client, _ = opened
+    assert client.post("api/files?name=../../log.csv", content=table()).status_code == 200
+    found = state(client)
+    assert found["step"]["files"] == ["log.csv"]
+    assert (found["data"]["reading"]["input"], found["data"]["reading"]["output"]) == ("voltage", "speed")
+    assert client.post("api/edit", json={"given": {"units": {"speed": "rpm"}}}).status_code == 200
+    assert state(client)["data"]["records"][0]["channels"][1]["unit"] == "rad/s"
+    assert client.post("api/edit", json={"given": {"output": "no such"}}).status_code == 400
+    client.post("api/undo")
+    assert state(client)["step"]["given"] == {}
+    client.post("api/redo")
+    assert state(client)["step"]["given"] == {"units": {"speed": "rpm"}}
+
+
+def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table())
+    ask = {"file": "log.csv", "first": 1.0, "last": 1.49}
+    assert client.post("api/brush", json={"kind": "mask", **ask}).status_code == 200
+    assert studio.session.step["given"]["mask"] == "row >= 100 AND row < 150"
+    record = state(client)["data"]["records"][0]
+    assert record["samples"] == 350
+    assert any(mark["kind"] == "gap" and mark["first"] == pytest.approx(0.99) for mark in record["marks"])
+    client.post("api/brush", json={"kind": "mask", "file": "log.csv", "first": 2.0, "last": 2.09})
+    assert state(client)["data"]["records"][0]["samples"] == 340
+    client.post("api/brush", json={"kind": "cut", "file": "log.csv", "first": 0.5, "last": 3.0})
+    assert studio.session.step["given"]["rows"] == [50, 301]
+    client.post("api/brush", json={"kind": "split", "file": "log.csv", "first": 2.5, "last": 3.0})
+    assert studio.session.step["unseen"] == pytest.approx(51 / 191)
+
+
+def test_hostile_names_of_columns_remain_text(opened: Any) -> None:
+    client, _ = opened
+    client.post("api/files?name=log.csv", content=table(name="<img src=x onerror=alert(1)>"))
+    answer = client.get("api/state")
+    assert answer.headers["content-type"] == "application/json"
+    assert "<img src=x onerror=alert(1)>" in answer.json()["data"]["rows"][2][0]
+
+
+# --- windows ----------------------------------------------------------------------------------------------------------
+
+
+def test_window_shows_the_extremes_of_every_pixel_and_gaps() -> None:
+    rng = np.random.default_rng(0)
+    x, t = rng.standard_normal(100_000), np.arange(100_000) * 1e-3
+    x[54_321] = 99.0
+    t[60_000:] += 30.0
+    times, values = Signal(t, x, 1e-3).window(0.0, 130.0, 500)
+    assert np.nanmax(values) == 99.0
+    assert np.nanmin(values) == x.min()
+    assert np.isnan(values).sum() == 1
+    assert len(times) <= 1002
+    near, all_of_them = Signal(t, x, 1e-3).window(10.0, 10.1, 500)
+    assert np.array_equal(all_of_them, x[9_999:10_102][: len(near)])
+
+
+def test_window_of_two_million_samples_is_fast() -> None:
+    signal = Signal(np.arange(2_000_000) * 1e-3, np.random.default_rng(0).standard_normal(2_000_000), 1e-3)
+    begun = time.process_time()
+    content = packed([signal], 0.0, 2000.0, 1200)
+    assert time.process_time() - begun < 0.05
+    assert len(content) == 4 + 2 * 4 * 2400
+
+
+# --- fits -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_fit_its_free_runs_its_play_and_its_command_give_the_same_numbers(opened: Any, tmp_path: Path) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table())
+    client.post("api/edit", json={"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}, "unseen": 0.25})
+    number = client.post("api/run").json()["run"]
+    assert finished(client, number)["state"] == "done"
+    shown = client.get(f"api/runs/{number}/shown").json()
+    assert shown["ranking"][0]["fit"] > 99
+    assert "arx" in shown["sections"]
+    window = client.get(f"api/runs/{number}/window?part=unseen&model=arx&width=100").content
+    assert len(window) > 16
+    sliders = client.get(f"api/runs/{number}/sliders/arx").json()
+    values = {each["name"]: each["value"] for each in sliders}
+    asked = {"run": number, "model": "arx", "input": {"kind": "step", "amplitude": 2, "duration": 2}, "width": 2000}
+    step = np.frombuffer(client.post("api/play", json={**asked, "values": values}).content[20:], "<f4").reshape(4, -1)
+    assert step[2, -1] == pytest.approx(2 * 5.0, rel=0.02)
+    assert client.post("api/play", json={**asked, "values": {"no": 1}}).status_code == 400
+    assert client.get(f"api/runs/{number}/file/report.html").status_code == 200
+    assert client.get(f"api/runs/{number}/file/../../session.json").status_code != 200
+    own = (studio.session.folder / "runs" / number / "result.json").read_bytes()
+    words = shlex.split(state(client)["command"])
+    words = [sys.executable, "-m", *words, "--out", str(tmp_path / "again"), "--json"]
+    subprocess.run(words, check=True, capture_output=True)
+    assert fits(own) == fits((tmp_path / "again" / "result.json").read_bytes())
+    script = (
+        state(client)["script"]
+        + "import msgspec, sys\nsys.stdout.buffer.write(b'\\n#' + msgspec.json.encode(result.to_data()))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    assert fits(own) == fits(done.stdout.rpartition(b"\n#")[2])
+
+
+def fits(content: bytes) -> Any:
+    found = msgspec.json.decode(content)
+    return found["fits"], found["rows"]
+
+
+def test_a_killed_worker_loses_no_finished_run_and_a_session_is_reopened(tmp_path: Path) -> None:
+    with studio_in(tmp_path / "s") as (client, studio):
+        client.post("api/files?name=log.csv", content=table())
+        client.post("api/edit", json={"models": ["arx"]})
+        first = client.post("api/run").json()["run"]
+        finished(client, first)
+        second = client.post("api/run").json()["run"]
+        while studio.runs._processes.get(second) is None:
+            time.sleep(0.01)
+        studio.runs._processes[second].kill()  # type: ignore[union-attr]
+        assert finished(client, second)["state"] == "ended"
+    with studio_in(tmp_path / "s") as (client, _):
+        found = state(client)
+        assert [run["state"] for run in found["runs"]] == ["ended", "done"]
+        assert found["step"]["models"] == ["arx"]
+
+
+def test_a_folder_that_is_no_session_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "session.json").write_text('{"format": "other"}')
+    with pytest.raises(FormatError, match="choose another folder"):
+        Session.at_folder(tmp_path)
+
+
+def test_inputs_of_play_are_checked() -> None:
+    own = np.zeros((5, 1))
+    assert input_of({"kind": "sine", "amplitude": 3, "duration": 1}, own, 0.001)[:, 0].max() == pytest.approx(
+        3, rel=1e-3
+    )
+    drawn = input_of({"kind": "drawn", "duration": 1, "points": [[0, 0], [1, 2]]}, own, 0.01)
+    assert drawn[50, 0] == pytest.approx(1.0)
+    for wrong in ({"kind": "other"}, {"kind": "drawn", "points": "x"}, {"kind": "step", "amplitude": "nan"}):
+        with pytest.raises(DataError):
+            input_of(wrong, own, 0.01)
+
+
+def test_uplot_of_another_checksum_is_not_installed() -> None:
+    with pytest.raises(FormatError, match="checksum"):
+        uplot.unpack(b"other")
+
+
+def test_own_code_of_the_page_is_small() -> None:
+    page = Path(uplot.__file__).parent / "page"
+    assert sum(path.stat().st_size for path in page.iterdir() if path.suffix in (".js", ".css")) < 100_000
+    for path in page.glob("*.js"):
+        assert "innerHTML" not in path.read_text("utf-8")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -227,6 +229,8 @@ def test_a_fit_its_free_runs_its_play_and_its_command_give_the_same_numbers(open
     assert client.post("api/play", json={**asked, "values": {"no": 1}}).status_code == 400
     assert client.get(f"api/runs/{number}/file/report.html").status_code == 200
     assert client.get(f"api/runs/{number}/file/../../session.json").status_code != 200
+    content = client.post("api/export", json={"run": number, "model": "arx", "format": "c99"}).content
+    assert any(name.endswith(".c") for name in zipfile.ZipFile(io.BytesIO(content)).namelist())
     own = (studio.session.folder / "runs" / number / "result.json").read_bytes()
     words = shlex.split(state(client)["command"])
     words = [sys.executable, "-m", *words, "--out", str(tmp_path / "again"), "--json"]

@@ -1,43 +1,40 @@
-"""Export of a model for other programs, as far as this installation has `emsid.export`."""
+"""Export of a model for other programs, as an archive of the files that `emsid.export` writes."""
 
 from __future__ import annotations
 
 import io
 import tempfile
 import zipfile
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from starlette.responses import Response
 
 import emsid
 from emsid.errors import DataError
+from emsid.exports.formats import FORMATS
+from emsid.io import origin
+from emsid.models.verbs import as_model
 from emsid.studio.play import loaded
 
 
 def formats() -> list[str]:
-    """The formats of `emsid.export`; none where there is no export."""
-    try:
-        found = import_module("emsid.export")
-    except ImportError:
-        return []
-    return sorted(found.FORMATS)
+    """The formats of `emsid.export`."""
+    return sorted(FORMATS)
 
 
 def exported(path: Path, format: str) -> Response:
-    """A model in a format, as an archive of the files that the export writes.
+    """A model in a format, as an archive.
 
     Raises:
         DataError: for an unknown format.
         EmsidError: where the model cannot be exported like this.
     """
-    if format not in formats():
-        raise DataError(f"there is no format {format}; there are {', '.join(formats()) or 'none here'}")
-    export: Any = getattr(emsid, "export")  # noqa: B009 - it may not exist here
-    content = io.BytesIO()
+    if format not in FORMATS:
+        raise DataError(f"there is no format {format}; there are {', '.join(FORMATS)}")
+    found, source, content = loaded(path), origin(path), io.BytesIO()
+    dt = source.dt if source is not None and as_model(found).dt is None else None
     with tempfile.TemporaryDirectory() as folder:
-        export(loaded(path), format, Path(folder) / path.stem)
+        emsid.export(found, format, folder, dt=dt, force=True)
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
             for each in sorted(Path(folder).rglob("*")):
                 if each.is_file():

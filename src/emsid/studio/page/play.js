@@ -24,7 +24,9 @@ export async function showPlay(main, app) {
   main.append(el("div", { class: "row" }, choose, el("label", {}, "Model ", pick), el("label", {}, "Input ", kind),
     field("amplitude", "Amplitude"), field("duration", "Duration [s]"), time), canvas, upper, lower);
   const output = arrays(upper, ["simulated", "measured"], found.units[0], 260), given = arrays(lower, ["input"], "", 140);
-  app.close = () => { output.destroy(); given.destroy(); };
+  const watch = new ResizeObserver(() => [[output, 260], [given, 140]].forEach(([plot, height]) => plot.setSize({ width: Math.max(main.clientWidth - 40, 200), height })));
+  watch.observe(document.body);
+  app.close = () => { watch.disconnect(); output.destroy(); given.destroy(); };
   let busy = false, again = false;
   async function play() {
     if (busy) { again = true; return; }

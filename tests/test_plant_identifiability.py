@@ -88,7 +88,7 @@ def test_a_record_that_determines_nothing_gives_one_finding_and_no_estimates():
     noise = np.convolve(rng.standard_normal(804), np.ones(5), "valid")  # a sensor's that filters, or of vibrations
     fit = simulation_error(MOTOR, Record(1e-3 * rng.standard_normal(800), noise, DT, output_units=("rad/s",)))
     assert fit.names == ()
-    assert {row.status for row in fit.table} == {Status.KEPT}
+    assert {row.status for row in fit.table if row.asked} == {Status.KEPT}
     assert "nothing-identifiable" in codes(fit)
     curve = friction_curve(fit, 11)
     assert np.array_equal(curve.low, curve.y)
@@ -131,8 +131,10 @@ def test_a_measured_current_is_not_reported_missing():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(RIGID), record, free=("load_inertia", "resistance", *USUAL))
     assert {"load_inertia", "rotor_inertia"} - set(fit.names)
-    finding, searches = fit.findings
+    built_in, finding, searches = fit.findings
     assert (finding.code, searches.code) == ("not-identifiable", "searches-agreeing")
+    assert built_in.code == "built-in-values-kept"
+    assert [each["name"] for each in built_in.data["parameters"]] == ["rotor_viscous", "voltage_dead_zone.half_width"]
     assert finding.data["parameters"] == ["load_inertia", "rotor_inertia"]
     assert finding.data["channels"] == ["voltage", "speed", "current"]
     assert not finding.data["current_missing"]
@@ -243,9 +245,14 @@ def test_an_interval_that_includes_zero_is_a_finding():
     fit = simulation_error(plant, driven(noise=0.1), free=free, find_start=False)
     (row,) = [row for row in fit.table if row.name == "rotor_friction.stribeck"]
     assert row.value < 1.96 * row.standard_error
-    zero = Finding("intervals-include-zero", "rigid-motor", {"parameters": ["rotor_friction.stribeck"]})
+    zero = Finding(
+        "intervals-include-zero",
+        "rigid-motor",
+        {"parameters": ["rotor_friction.stribeck"], "without": ["rotor_friction.stribeck"]},
+    )
     assert [finding for finding in fit.findings if finding.code == zero.code] == [zero]
-    assert all(row.value > 1.96 * row.standard_error for row in fit.table[:-1])
+    others = [row for row in fit.table if row.asked and row.name != "rotor_friction.stribeck"]
+    assert all(row.value > 1.96 * row.standard_error for row in others)
 
 
 def test_what_is_not_known_to_its_physical_scale_is_a_finding():

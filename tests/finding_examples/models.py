@@ -72,6 +72,7 @@ EXAMPLES: tuple[Finding, ...] = (
         {"value": 0.05, "better": 0.0594, "unit": "N*m/A", "share": 0.93, "or": ["viscous"]},
     ),
     Finding("parameter-changes", "resistance", {"halves": [1.02, 1.14], "unit": "ohm", "share": 0.55, "or": []}),
+    Finding("residual-slow", "rigid-motor", {"values": 11.3, "samples": 1500}),
     Finding("parameter-drifts", "offset", {"halves": [-3.247, -3.532], "unit": "N"}),
     Finding(
         "parameters-by-record",
@@ -112,6 +113,7 @@ EXAMPLES: tuple[Finding, ...] = (
             "zone_unseen": True,
         },
     ),
+    Finding("parameter-at-bound", "inductance", {"side": "lower", "bound": 4e-4, "because": "sample-time"}),
     Finding("parameters-undetermined", data={"without_effect": ["f.m_l"], "inseparable": [["R", "K"]]}),
     Finding("parameters-undetermined", data={"without_effect": [], "inseparable": [[f"s{k}" for k in range(1, 39)]]}),
     # cascades
@@ -193,8 +195,8 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
-    Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
-    Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
+    Finding("intervals-include-zero", "rigid-motor", {"parameters": ["sensor.lag"], "without": ["sensor.lag"]}),
+    Finding("intervals-include-zero", "rigid-motor", {"parameters": ["a", "b"], "without": []}),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
     Finding("load-drifts", "linear-axis", LOAD | {"parameters": []}),
     Finding("load-drifts", "linear-axis", LOAD),

@@ -14,6 +14,9 @@ class Status(StrEnum):
     KEPT = "not identifiable: kept at start"
     FIXED = "fixed"  # by the user
     AT_BOUND = "at a bound"
+    BUILT_IN = "built in"  # neither estimated nor given
+    OF_PLANT = "of the plant given"
+    CHOSEN = "chosen by the search"
     UNDETERMINED = "not determined by these data"
     PREDICTOR = "of the one-step predictor"  # which is not the system
 
@@ -47,6 +50,11 @@ class Estimate:
     given: tuple[str, ...] = ()
     interval: tuple[float, float] | None = None
     record: str = ""
+
+    @property
+    def asked(self) -> bool:
+        """Whether it was to be estimated."""
+        return self.status not in (Status.FIXED, Status.BUILT_IN, Status.OF_PLANT, Status.CHOSEN)
 
     @property
     def how(self) -> str:

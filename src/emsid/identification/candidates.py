@@ -43,6 +43,7 @@ from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike, elsewhere
 from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.neutral import neutral
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
@@ -50,7 +51,7 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
-from emsid.models.plants.search.result import GreyBoxFit, Status
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
@@ -175,7 +176,7 @@ class Physical:
             weighting = Recent(options.recent, integrals)
         if options.free or not isinstance(plant, DrivenPlant):
             return simulation_error(
-                plant,
+                neutral(plant) if isinstance(plant, DrivenPlant) else plant,
                 record,
                 free=options.free or None,
                 fixed=options.fixed,
@@ -234,7 +235,7 @@ class Physical:
         return simulation_error(
             plant,
             record,
-            free=[row.name for row in fit.table if row.status is not Status.FIXED],
+            free=[row.name for row in fit.table if row.asked],
             fixed=options.fixed,
             datasheet=applicable(options.datasheet, plant),
             weighting=elsewhere(fit.weighting, plant, record.segments, signals),

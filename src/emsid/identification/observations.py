@@ -11,16 +11,12 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.map_ranges import about_the_maps
-from emsid.identification.options import Options
 from emsid.identification.plausibility import Plausibility
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.model import Model
-from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile
-from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.record import Record
 from emsid.record.overlap import has_common_samples
@@ -245,23 +241,6 @@ def about_a_profile(model: str, profile: Profile) -> Finding:
     low, high = (finite(end) for end in profile.interval)
     data = {"model": model, "level": float(profile.level), "low": low, "high": high, "unit": profile.unit}
     return Finding("profile-interval", profile.name, data)
-
-
-def built_in_values(fit: Fit[Any], options: Options) -> list[Finding]:
-    """Parameters that are usually unknown but are neither free nor given, and so keep their built-in values."""
-    if not (options.free and isinstance(fit, GreyBoxFit)):
-        return []
-    plant = fit.model.plant
-    given = (name for name, each in applicable(options.datasheet, plant).items() if each.value is not None)
-    asked = (row.name for row in fit.table)
-    taken = [name for name in (*options.free, *options.fixed, *given, *asked) if name in plant.handles]
-    kept = [
-        {"name": name, "value": float(plant.value(name)), "unit": plant.handles[name].parameter.unit}
-        for name in without_overlap(plant, plant.default_free, taken)
-        if plant.value(name)
-    ]
-    name = fit.model.name
-    return [Finding("built-in-values-kept", name, {"model": name, "parameters": kept})] if kept else []
 
 
 def failure(name: str, problem: EmsidError) -> Finding:

@@ -21,7 +21,7 @@ from emsid.identification.candidates import QUICK
 from emsid.identification.compared import Compared
 from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
 from emsid.identification.long_records import about_excerpt, on_all_samples
-from emsid.identification.observations import built_in_values, fitted_to_all_data, length_trusted, observations
+from emsid.identification.observations import fitted_to_all_data, length_trusted, observations
 from emsid.identification.options import KEYWORDS, Options, options_of
 from emsid.identification.profiles import Profiles, profiles_of
 from emsid.identification.records import Records
@@ -231,8 +231,6 @@ def _findings(
     yield from judged.findings
     yield from found.failed
     yield from asked
-    for fit in found.fits:
-        yield from built_in_values(fit, task.options)
     if stopped:
         yield Finding("interrupted", data={"missing": list(found.missing)})
     yield from about_excerpt(judged, task.to_fit)

@@ -54,7 +54,7 @@ class Reestimation:
     def to_data(self) -> dict[str, Any]:
         """The parameters with intervals, and the errors before and after."""
         return {
-            "parameters": self.fit.to_data()["parameters"],
+            "parameters": [row for row in self.fit.to_data()["parameters"] if row["name"] in self.fit.names],
             "before": self.before.to_data(),
             "finding": self.finding.to_data(),
         }

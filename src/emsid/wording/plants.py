@@ -164,6 +164,15 @@ def parameter_changes(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("residual-slow", Severity.WARNING)
+def residual_slow(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: values (independent ones of the residual), samples."""
+    return (
+        f"the residual changes slowly (about {f.data['values']:.0f} independent values in {f.data['samples']:,}); "
+        "the intervals may be too narrow: record longer"
+    )
+
+
 @words("parameter-drifts")
 def parameter_drifts(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit."""
@@ -264,13 +273,12 @@ def weakly_identified(f: Finding, argument: Spelling) -> str:
 
 @words("intervals-include-zero", Severity.WARNING)
 def intervals_include_zero(f: Finding, argument: Spelling) -> str:
-    names = f.data["parameters"]
+    """Data: parameters, without (those of them without which a refit is as good)."""
+    names, without = f.data["parameters"], f.data["without"]
     several = len(names) > 1
-    them = "them" if several else "it"
-    return (
-        f"the 95 % interval{'s' * several} of {listed(names)} include{'s' * (not several)} zero; fix {them} if you "
-        f"know {them} ({argument('fixed')}), or leave {them} out"
-    )
+    said = f"the 95 % interval{'s' * several} of {listed(names)} include{'s' * (not several)} zero"
+    tried = f"; without {' or '.join(without)} the model fits as well" if without else ""
+    return f"{said}{tried}; give what you know ({argument('fixed')})"
 
 
 @words("load-drifts")

@@ -73,16 +73,16 @@ def parameter_at_bound(f: Finding, argument: Spelling) -> str:
             f"({argument('fixed')})"
         )
     because = _BECAUSE.get(f.data.get("because", ""), "")
-    beyond, there = ("smaller", "0") if side == "lower" else ("larger", "this value")
-    why = because.format(beyond=beyond, there=there, profile=argument("profile"))
+    beyond = "smaller" if side == "lower" else "larger"
+    why = because.format(beyond=beyond, sheet=argument("datasheet"), profile=argument("profile"))
     return f"{f.subject} is at its {side} limit {f.data['bound']:.4g}{why}"
 
 
 _BECAUSE = {
     "datasheet": ": the datasheet allows no {beyond} value; widen its tolerance, or check units and what is fixed",
-    "sample-time": ": this sample time cannot resolve a {beyond} value; fix it at {there}",
-    "physical": ": a {beyond} value is not physical; fix it there, or check units, signs and what else is fixed; its "
-    "profile ({profile}) gives an interval",
+    "sample-time": ": this sample time cannot resolve a {beyond} value; give it from the datasheet ({sheet})",
+    "physical": ": a {beyond} value is not physical; check units, signs and what is fixed; its profile ({profile}) "
+    "gives an interval",
     "bounds": ": its bounds allow no {beyond} value; widen them, or check units and what is fixed",
 }
 

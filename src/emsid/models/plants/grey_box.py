@@ -163,23 +163,10 @@ class GreyBox(RunMethods):
 
     def equation(self) -> str:
         """Every parameter with an effect, with its unit; equal values of both directions are given once."""
-        values = without_idle({name: self.plant.value(name) for name in self.plant.handles})
-        alike = {
-            whole: some
-            for whole in values
-            if (some := parts(self.plant, whole)) and len({abs(values[part]) for part in some}) == 1
-        }
-        said_so = {part for some in alike.values() for part in some}
-        shown = []
-        without_effect = self.plant.without_effect(self.signals)
-        for name, value in values.items():
-            if name in without_effect:
-                continue
-            handle = self.plant.handles[name]
-            once = name in alike or not (len(handle.paths) > 1 or name in said_so)
-            nothing = value == 0.0 or 0.0 < value <= handle.lower
-            if once and np.isfinite(value) and not nothing and value != 1.0:
-                shown.append(f"{name} = {handle.with_unit(value, 6)}")
+        handles, value = self.plant.handles, self.plant.value
+        shown = [
+            f"{name} = {handles[name].with_unit(value(name), 6)}" for name in with_effect(self.plant, self.signals)
+        ]
         return f"{self.name}: " + ", ".join(shown)
 
     def to_data(self) -> dict[str, Any]:
@@ -194,6 +181,26 @@ class GreyBox(RunMethods):
             return cls(plant_from_data(data["plant"]), signals)
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(f"not a grey-box model: {problem!r}") from None
+
+
+def with_effect(plant: Plant, signals: Sequence[Signal]) -> list[str]:
+    """The parameters that have an effect on some signals, equal values of both directions once; no factor of one."""
+    values = without_idle({name: plant.value(name) for name in plant.handles})
+    alike = {
+        whole: some
+        for whole in values
+        if (some := parts(plant, whole)) and len({abs(values[part]) for part in some}) == 1
+    }
+    said_so = {part for some in alike.values() for part in some}
+    without_effect = plant.without_effect(signals)
+    found = []
+    for name, value in values.items():
+        handle = plant.handles[name]
+        once = name in alike or not (len(handle.paths) > 1 or name in said_so)
+        nothing = value == 0.0 or 0.0 < value <= handle.lower
+        if name not in without_effect and once and np.isfinite(value) and not nothing and value != 1.0:
+            found.append(name)
+    return found
 
 
 _BY_UNIT = {

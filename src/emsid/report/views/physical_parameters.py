@@ -22,6 +22,9 @@ _MEANINGS = {
     "combinations with them; the interval does not include their uncertainty",
     Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
     Status.FIXED: "fixed: given by the user and not estimated",
+    Status.BUILT_IN: "built in: neither estimated nor given",
+    Status.OF_PLANT: "of the plant given: not estimated",
+    Status.CHOSEN: "chosen by the search among a few values",
     Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter; its interval, if any, is that of the "
     "likelihood profile",
 }

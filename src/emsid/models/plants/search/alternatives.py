@@ -251,7 +251,7 @@ def _shift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Min
     limits = {**{name: (handles[name].lower, handles[name].upper) for name in other.free}, **task.limits}
     begun = task.problem(other.plant, other.free, states)
     found = continuation.search_once(begun, replace(task, limits=limits), STEPS)
-    if found.cost == inf or not _as_good(found.cost, minimum.cost, problem):
+    if found.cost == inf or not as_good(found.cost, minimum.cost, problem):
         return None
     shift = np.zeros(len(names))
     for k, name in enumerate(names):
@@ -260,7 +260,7 @@ def _shift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Min
     return shift
 
 
-def _as_good(cost: float, least: float, problem: FreeRunError) -> bool:
+def as_good(cost: float, least: float, problem: FreeRunError) -> bool:
     """Whether a cost is not larger by what matters, nor by more than noise explains."""
     if cost <= least:
         return True

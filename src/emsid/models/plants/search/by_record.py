@@ -21,7 +21,7 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import is_open, straight_if_better
 from emsid.models.plants.search.conclusion import concluded
-from emsid.models.plants.search.result import GreyBoxFit, Status
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.task import prepare
 from emsid.record import Record
 
@@ -101,7 +101,7 @@ def separated(
     task = prepare(
         plant,
         segments,
-        free=plant.expanded([row.name for row in together.table if row.status is not Status.FIXED]),
+        free=plant.expanded([row.name for row in together.table if row.asked]),
         fixed=fixed,
         bounds=plant.expanded_values(by_full_name(base, "bounds", bounds)),
         datasheet=plant.expanded_values(by_full_name(base, "datasheet", datasheet)),

@@ -11,8 +11,7 @@ channels. Only the last fit, with its intervals, is done in SI units.
 
 **Drift.** The effect of a slow disturbance on the free run of a position never decays. The drift of the load is
 estimated before and after these rounds (`load_drift`); if it changes, refinements are added and removed under the new
-one. An inexact initial state must not count as drift: where an estimated one agrees with the first samples
-(`beginning`), it is estimated.
+one. An initial state that agrees with the first samples (`beginning`) is estimated, as an inexact one looks like drift.
 
 **Another system.** If the error of a plant with one refinement is several times that of a linear model or of a
 nonlinear regression, the record is of another kind of system, and the plant is refined no further (`reference`).
@@ -68,7 +67,7 @@ from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit, with_choices
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
@@ -170,7 +169,8 @@ def choose(
     if search.another_system:
         data = {"left": search.left, "linear": linear, "regression": search.reference.by_regression}
         findings.append(Finding("probably-another-system", plant.name, data))
-    return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings))
+    table = with_choices(fit, plant)
+    return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings), table=table)
 
 
 class _Choice:
@@ -492,7 +492,7 @@ class _Choice:
             return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:
-        """Continue with a trial, or with a better one near it."""
+        """Continue with a trial, or a better one near it."""
         trial = self._trials.around(trial, self._rng, RESTARTS, AGREEING)
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]

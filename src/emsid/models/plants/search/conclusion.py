@@ -9,13 +9,15 @@ from dataclasses import replace
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import SAME
 from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.alternatives import alternatives, nothing
+from emsid.models.plants.search.alternatives import alternatives, as_good, nothing
 from emsid.models.plants.search.between_samples import taken_as_constant
 from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
@@ -24,6 +26,7 @@ from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.missing import missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.slow_drift import slow_drift
+from emsid.models.plants.search.slow_noise import slow_noise
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.search.trusted_length import trusted_length
 
@@ -40,7 +43,10 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     identifiability = identified_by(whole, task.asked, minimum)
     held, others = unconditional(len(names)), [nothing(len(names))]
     if reached.unended:
-        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift, load_drift)]
+        others = [
+            model_error(task, problem, names, minimum)
+            for model_error in (alternatives, slow_noise, slow_drift, load_drift)
+        ]
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, inseparable)
     own = slice(len(names))
@@ -52,6 +58,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     if reached.unended:
         more += [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)]
         more += missing(task, problem, names, minimum)
+        findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
     findings = (*(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
@@ -89,6 +96,23 @@ def searches_agreeing(model: str, cost: float, ends: Sequence[float], compared: 
     """
     agreeing = 1 + sum(end <= (1 + SAME) * cost for end in ends)
     return Finding(SEARCHES, model, {"searches": 1 + len(ends), "agreeing": agreeing, "compared": compared})
+
+
+def _tried_without(task: Task, problem: FreeRunError, minimum: Minimum, finding: Finding) -> Finding:
+    """A finding about intervals that include zero, with those parameters without which a refit is as good."""
+    driven = problem.plant.of_record(0)
+    slow = isinstance(driven, DrivenPlant) and not driven.is_one_mass
+    if finding.code != "intervals-include-zero" or slow:
+        return finding
+    without = []
+    for name in finding.data["parameters"]:
+        with suppress(EmsidError, Stopped):
+            left = [each for each in problem.free if each != name]
+            begun = task.problem(problem.plant.with_values({name: 0.0}), left, problem.states(problem.start))
+            refit = continuation.search_once(begun, task, LOOK)
+            if as_good(refit.cost, minimum.cost, problem):
+                without.append(name)
+    return replace(finding, data={**finding.data, "without": without})
 
 
 def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:

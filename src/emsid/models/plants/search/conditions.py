@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.models.plants.free_run_error import FreeRunError
-from emsid.models.plants.parameters import parts, without_overlap
+from emsid.models.plants.grey_box import with_effect
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.task import Task
 
@@ -74,19 +74,30 @@ class Conditions:
 
 
 def held_names(task: Task, plant: Plant, names: Sequence[str]) -> tuple[str, ...]:
-    """The parameters that were held: those fixed, those kept, and what is usually unknown but was not asked for.
+    """The parameters that were held: those fixed, those kept, and those of the plant that were not asked for.
 
     A share of 0 or 1 is a choice of what is there, such as an encoder, and no value that may be a little wrong.
     """
-    rest = without_overlap(plant, plant.default_free, (*task.asked, *task.fixed))
-    unasked = [name for name in rest if plant.value(name) and not set(parts(plant, name)) & set(task.asked)]
     without_effect = plant.without_effect(task.signals)
-    known = (*task.fixed, *(name for name in task.asked if name not in names), *unasked)
+    known = (*task.fixed, *(name for name in task.asked if name not in names), *unasked(task, plant))
     return tuple(
         name
         for name in known
         if name not in without_effect and np.isfinite(plant.value(name)) and not _is_choice(plant, name)
     )
+
+
+def unasked(task: Task, plant: Plant) -> list[str]:
+    """The parameters of a plant that have an effect, are not estimated, and were not fixed by the user."""
+    paths = {path for name in (*task.asked, *task.fixed) for path, _ in plant.handles[name].paths}
+    found = with_effect(plant, task.signals)
+    return [name for name in found if paths.isdisjoint(path for path, _ in plant.handles[name].paths)]
+
+
+def _is_physical_bound(plant: Plant, name: str) -> bool:
+    """Whether the value of a parameter is the smallest or largest one that is physical."""
+    handle = plant.handles[name]
+    return plant.value(name) in (handle.lower, handle.upper)
 
 
 def _is_choice(plant: Plant, name: str) -> bool:
@@ -110,10 +121,15 @@ def conditions(
         names: (p,) the parameters that were estimated.
         free: (p + m,) whether each of them, and of the initial states, is not held by a bound.
         states: initial states of every segment.
-        inseparable: parameters that the data do not determine separately; one at a bound holds the others.
+        inseparable: parameters that the data do not determine separately; one at a bound holds the others. So does one
+            at a bound that is not physical, as of a sample time or of a datasheet.
     """
     p, outside = len(names), held_names(task, plant, names)
-    at_bound = [name for name, inside in zip(names, free, strict=False) if not inside and name in inseparable]
+    at_bound = [
+        name
+        for name, inside in zip(names, free, strict=False)
+        if not inside and (name in inseparable or not _is_physical_bound(plant, name))
+    ]
     held = (*outside, *at_bound)
     shifts = np.zeros((p, len(held)))
     problem: FreeRunError = task.problem(plant, (*names, *outside), states)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.neutral import neutral
 from emsid.models.plants.search.choice import STARTS
 
 
@@ -13,7 +14,7 @@ def rigid_motor() -> DrivenMotor:
     Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others. To begin with a motor of your
     own, give ``emsid.Motor(…).rigid()``.
     """
-    plant = STARTS["rigid-motor"]
+    plant = neutral(STARTS["rigid-motor"])
     assert isinstance(plant, DrivenMotor)
     return plant
 
@@ -23,7 +24,7 @@ def motor() -> DrivenMotor:
 
     Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others.
     """
-    plant = STARTS["motor"]
+    plant = neutral(STARTS["motor"])
     assert isinstance(plant, DrivenMotor)
     return plant
 
@@ -33,6 +34,6 @@ def linear_axis() -> LinearAxis:
 
     Its values are a start for `emsid.fit`; `LinearAxis.with_values` gives it others.
     """
-    plant = STARTS["linear-axis"]
+    plant = neutral(STARTS["linear-axis"])
     assert isinstance(plant, LinearAxis)
     return plant

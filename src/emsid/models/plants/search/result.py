@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from typing import Any
@@ -25,8 +25,9 @@ from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
+from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import holds_in
-from emsid.models.plants.search.conditions import TOLERABLE, Conditions
+from emsid.models.plants.search.conditions import TOLERABLE, Conditions, unasked
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
@@ -182,9 +183,18 @@ def findings_of(
         if row.standard_error is not None and isfinite(row.standard_error)
         if plant.handles[row.name].lower >= 0 and abs(row.value) < HALF_WIDTH * row.standard_error
     ]
-    zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
+    built_in = [
+        {"name": row.name, "value": row.value, "unit": row.unit} for row in rows if row.status is Status.BUILT_IN
+    ]
+    kept = [Finding("built-in-values-kept", plant.name, {"parameters": built_in})] if built_in else []
+    zero = (
+        [Finding("intervals-include-zero", plant.name, {"parameters": including_zero, "without": []})]
+        if including_zero
+        else []
+    )
     return (
         *ended,
+        *kept,
         *_as_simulated(task, plant),
         *_not_identifiable(task, plant, names, identifiability, together),
         *zero,
@@ -276,16 +286,19 @@ def _at_bounds(
 def table(
     task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, conditions: Conditions
 ) -> tuple[Estimate, ...]:
-    """A row for every parameter that was asked for or fixed."""
+    """A row for every parameter that was asked for or fixed, and for every other one with an effect."""
     rows, asked, fixed, sheet = [], task.asked, task.fixed, task.sheet
     errors = np.sqrt(np.diag(minimum.covariance)).tolist()
-    for name in (*asked, *(n for n in fixed if n not in asked)):
+    rest = unasked(task, plant)
+    for name in (*asked, *(n for n in fixed if n not in asked), *rest):
         value = plant.value(name)
         error: float | None = None
         given: tuple[str, ...] = ()
         interval: tuple[float, float] | None = None
-        if name in fixed:
+        if name in fixed or (name in rest and name in task.known):
             status = Status.FIXED
+        elif name in rest:
+            status = Status.BUILT_IN if _is_built_in(plant, name) else Status.OF_PLANT
         elif name not in names:
             status = Status.KEPT
         elif not minimum.free[names.index(name)]:
@@ -302,6 +315,24 @@ def table(
         record = "" if own is None else name[len(own[0]) + 1 : -1]
         rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval, record))
     return tuple(rows)
+
+
+def with_choices(fit: GreyBoxFit, start: Plant) -> tuple[Estimate, ...]:
+    """The rows of a fit, where the values that a search has changed without estimating them are said to be chosen."""
+    known = start.handles
+    return tuple(
+        replace(row, status=Status.CHOSEN)
+        if row.status in (Status.BUILT_IN, Status.OF_PLANT)
+        and (row.name not in known or start.value(row.name) != row.value)
+        else row
+        for row in fit.table
+    )
+
+
+def _is_built_in(plant: Plant, name: str) -> bool:
+    """Whether a parameter has the value that a search without other knowledge begins with."""
+    kind = PLANTS.get(plant.name)
+    return kind is not None and name in kind.start.handles and kind.start.value(name) == plant.value(name)
 
 
 def _described(parameter: Any) -> tuple[str, str, str, str]:

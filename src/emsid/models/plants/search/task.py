@@ -18,6 +18,7 @@ from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, ful
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.motion_check import check_motion
@@ -114,6 +115,8 @@ def prepare(
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
+    if from_datasheet:
+        plant = with_usual_sizes(plant, asked, (*known, *values))
     given = plant.with_values((known if from_datasheet else {}) | values)
     unknown = [n for n in asked if n not in (*sheet, *bounds)]
     unresolved = given.resolution_limits(unknown, segments[0].dt) | _resolved_rates(unknown, segments, shown)

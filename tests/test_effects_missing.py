@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+import emsid
 from emsid import Record
+from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.estimation import simulation_error
 from independent.fitting import START
 from independent.one_mass import OneMass
@@ -113,3 +115,81 @@ def test_slow_noise_is_no_effect_that_is_missing():
     slow = lfilter([np.sqrt(1 - 0.99**2)], [1.0, -0.99], rng.standard_normal(3500))[2000:]
     clean = recorded(MOTOR, noise=0.0)
     assert missing_of(replace(clean, output=clean.output + slow[:, None])) == []
+
+
+# --- values that nobody gave -----------------------------------------------------------------------------------------
+
+FREE = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb")
+
+
+def test_what_is_not_estimated_is_neutral_and_what_must_have_a_value_is_shown_as_built_in():
+    """R is built in as 2 Ω, and true is 1 Ω: J and the level are given R, and K is right."""
+    fit = emsid.fit(emsid.plants.rigid_motor(), recorded(replace(MOTOR, dead_zone=0.0)), free=FREE)
+    rows = {row.name: row for row in fit.table}
+    assert set(rows) == {*FREE, "resistance"}
+    assert (rows["resistance"].value, rows["resistance"].how) == (2.0, "built in")
+    low, high = rows["motor_constant"].interval
+    assert low < TRUTH["motor_constant"] < high
+    assert rows["motor_constant"].given == ()
+    for name in FREE[1:]:
+        assert rows[name].given == ("resistance",)
+        assert rows[name].value == pytest.approx(TRUTH[name] / 2, rel=0.05)
+    (said,) = (each for each in fit.findings if each.code == "built-in-values-kept")
+    assert said.data["parameters"] == [{"name": "resistance", "value": 2.0, "unit": "ohm"}]
+    assert "built in" in str(fit)
+    assert {each["name"]: each["status"] for each in fit.to_data()["parameters"]}["resistance"] == "built in"
+
+
+def test_a_neutral_value_that_is_wrong_is_named():
+    """The motor has a dead zone, and nobody asked for one."""
+    fit = emsid.fit(emsid.plants.rigid_motor(), recorded(MOTOR), free=FREE)
+    first = next(each for each in fit.findings if each.code in CODES)
+    assert "dead-zone" in (first.data.get("effect"), *first.data["or"])
+
+
+def test_values_of_the_plant_that_is_given_are_kept_and_shown():
+    plant = emsid.plants.rigid_motor().with_values({WIDTH: 0.4, "resistance": 1.0})
+    fit = emsid.fit(plant, recorded(MOTOR), free=FREE)
+    rows = {row.name: row for row in fit.table}
+    assert (rows[WIDTH].value, rows[WIDTH].how) == (0.4, "of the plant given")
+    for name in FREE:
+        low, high = rows[name].interval
+        assert low < TRUTH[name] < high
+
+
+def test_a_search_begins_at_usual_sizes_of_what_it_estimates():
+    """A dead zone of zero is a kink of the cost, from which no search comes far."""
+    neutral, usual = emsid.plants.rigid_motor(), STARTS["rigid-motor"]
+    assert neutral.value(WIDTH) == neutral.value("rotor_friction.coulomb") == 0.0
+    fits = [
+        emsid.fit(plant, recorded(MOTOR), fixed={"resistance": RESISTANCE}, search=False) for plant in (neutral, usual)
+    ]
+    assert fits[0].names == fits[1].names
+    np.testing.assert_array_equal(fits[0].estimate, fits[1].estimate)
+
+
+def test_what_is_left_out_of_a_model_was_tried():
+    """The interval of an excess of friction that is not there includes zero, and without it the fit is as good."""
+    excess = "rotor_friction.stribeck"
+    plant = START.with_values({"rotor_friction.stribeck_rate": 0.3, excess: 1e-3})
+    free = (*TRUTH, excess)
+    for record, as_good in ((recorded(MOTOR, 4), [excess]), (recorded(MOTOR, 5), [excess])):
+        fit = simulation_error(plant, record, free=free, fixed={"resistance": RESISTANCE}, find_start=False)
+        for each in fit.findings:
+            if each.code == "intervals-include-zero":
+                assert each.data["without"] == as_good
+
+
+@pytest.mark.parametrize("walks", [False, True])
+def test_noise_as_slow_as_the_record_is_said_to_be_so(walks):
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal(3500)
+    slow = np.cumsum(0.05 * white) if walks else lfilter([np.sqrt(1 - 0.99**2)], [1.0, -0.99], white)
+    clean = recorded(MOTOR, noise=0.0)
+    record = replace(clean, output=clean.output + slow[2000:, None])
+    fit = simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE})
+    (said,) = (each for each in fit.findings if each.code == "residual-slow")
+    assert said.data["values"] < 30
+    for name in TRUTH:
+        low, high = next(row.interval for row in fit.table if row.name == name)
+        assert low < TRUTH[name] < high

@@ -254,7 +254,7 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     assert not with_code(result, "profile-failed")
 
 
-def test_usual_parameters_that_are_not_free_are_reported():
+def test_usual_parameters_that_are_not_free_are_neutral():
     from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
     from emsid.plant import Friction
@@ -270,12 +270,9 @@ def test_usual_parameters_that_are_not_free_are_reported():
         assert all(finding.model == "linear-axis" for finding in found)
         return [each for finding in found for each in finding.data["parameters"]]
 
-    viscous = {"name": "viscous_friction", "value": 1.0, "unit": "N*s/m"}
-    assert said() == [viscous, {"name": "friction.coulomb", "value": 0.1, "unit": "N"}]
-    sheet = {"friction.coulomb": Given(0.1), "viscous_friction": Given(None)}
-    assert said(datasheet=sheet) == [viscous]
-    one_way = {"viscous_friction": 2.0, "friction.coulomb.forward": 0.1}
-    assert said(fixed=one_way) == [{"name": "friction.coulomb.backward", "value": 0.1, "unit": "N"}]
+    assert said() == []  # what is not estimated is neutral, and the score names what is missing
+    result = identify(record, models=["linear-axis"], options=Options(free=("mass",)))
+    assert with_code(result, "effect-missing")[0].data["effect"] in ("viscous", "coulomb")
     assert said(fixed={"viscous_friction": 2.0, "friction.coulomb": 0.1}) == []
 
 

@@ -151,12 +151,18 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
             f"{each.value:.4g}" if each.shown else "–",
             "" if each.half_width is None or not isfinite(each.half_width) else f"{each.half_width:.2g}",
             plain_unit(each.unit),
-            NOT_SHOWN if not each.shown else each.model if each.significant else f"{each.model}: not significant",
+            NOT_SHOWN if not each.shown else _source(each),
         )
         for each in characteristics
     ]
     headings: dict[str, Align] = {"quantity": "left", "value": "right", "±": "right", "unit": "left", "model": "left"}
     return plain_table("characteristics of the drive, with 95 % intervals", headings, lines)
+
+
+def _source(each: Characteristic) -> str:
+    """The model that a characteristic is from, and what it depends on."""
+    given = f", given {', '.join(each.given)}" if each.given else ""
+    return f"{each.model}{'' if each.significant else ': not significant'}{given}"
 
 
 def physical_table(fit: GreyBoxFit) -> Table:

@@ -51,6 +51,7 @@ class Characteristic:
         model: the model that gives it.
         shown: whether the record approaches the threshold, the direction or the speeds that it rests on; else there is
             no number, only an extrapolation.
+        given: the kept values that it depends on, by name; its interval holds only if they are right.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Characteristic:
     unit: str
     model: str
     shown: bool = True
+    given: tuple[str, ...] = ()
 
     @property
     def significant(self) -> bool:
@@ -71,7 +73,7 @@ class Characteristic:
 
     def to_data(self) -> dict[str, Any]:
         """By name, in built-in types."""
-        return asdict(self)
+        return asdict(self) | {"given": list(self.given)}
 
 
 def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
@@ -109,21 +111,30 @@ def _of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
     """The quantities that the data determine, and the dead zone."""
     model = fit.model.name
     zones = (
-        (Quantity(row.description, "", row.unit, row.value * way, RestsOn(Needs.THRESHOLD, way)), row.standard_error)
+        (
+            Quantity(row.description, "", row.unit, row.value * way, RestsOn(Needs.THRESHOLD, way)),
+            row.standard_error,
+            row.given,
+        )
         for row in fit.table
-        if "dead_zone" in row.name and row.status == "estimated"
+        if "dead_zone" in row.name and row.status in ("estimated", "depends on kept values")
         for way in [-1 if row.name.endswith("b_l") else 1]
     )
     combined = (
-        (each.quantity, each.standard_error) for each in fit.combinations if not each.quantity.name.startswith(LEFT_OUT)
+        (each.quantity, each.standard_error, each.given)
+        for each in fit.combinations
+        if not each.quantity.name.startswith(LEFT_OUT)
     )
     found = (
-        (Characteristic(each.name, float(each.value), _half(error), each.unit, model), fit.shows(each))
-        for each, error in combined
+        (Characteristic(each.name, float(each.value), _half(error), each.unit, model, given=given), fit.shows(each))
+        for each, error, given in combined
     )
     ends = (
-        (Characteristic(each.name, abs(float(each.value)), _half(error), each.unit, model), fit.shows(each))
-        for each, error in zones
+        (
+            Characteristic(each.name, abs(float(each.value)), _half(error), each.unit, model, given=given),
+            fit.shows(each),
+        )
+        for each, error, given in zones
     )
     return tuple(each if shown else each.unknown() for each, shown in (*found, *ends))
 

@@ -20,6 +20,7 @@ from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.record import Record
 from emsid.record.overlap import has_common_samples
+from emsid.selection.improvement import NEGLIGIBLE
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
@@ -186,10 +187,16 @@ def about_the_residual(best: Assessment) -> list[Finding]:
 
 
 def about_nonlinear_terms(best: Assessment) -> list[Finding]:
-    """The nonlinear function of inputs that the residual of the best free run depends on most, for every output."""
+    """The nonlinear function of inputs that the residual of the best free run depends on most, for every output.
+
+    It must explain a part of the residual that matters: in a long record a test also sees the rounding of an encoder. A
+    plant says itself what it lacks, by a score of every known effect (`emsid.models.plants.search.missing`).
+    """
+    if isinstance(best.fit.model, GreyBox):
+        return []
     findings = []
     for channel, output in enumerate(best.record.output_names):
-        tests = [test for test in best.nonlinear_tests[channel] if test.depends]
+        tests = [test for test in best.nonlinear_tests[channel] if test.depends and test.share > NEGLIGIBLE]
         if tests:
             worst = max(tests, key=lambda test: abs(test.largest))
             data = {

@@ -149,7 +149,7 @@ def facts(result: Identification) -> list[Fact]:
 def _fact(each: Characteristic, best: str) -> Fact:
     """A characteristic with its interval, and its model if that is not the best one."""
     by = "" if each.model == best else f", by {each.model}"
-    meaning = f"{first_up(each.name)}{by}"
+    meaning = f"{first_up(each.name)}{by}" + f", given {', '.join(each.given)}" * bool(each.given)
     if not each.shown:
         return Fact("unknown", meaning, NOT_SHOWN)
     if each.half_width is None:

@@ -53,12 +53,14 @@ class NonlinearTest(NamedTuple):
         term, kind: of the function.
         curve: (≤ lags + 1,) correlation with the function 0, 1, … samples earlier, in standard deviations.
         limit: that 99 of 100 independent residuals do not reach at any lag in any of their tests.
+        share: of the variance of the residual that the function explains at the lag of its largest correlation.
     """
 
     term: str
     kind: str
     curve: Array
     limit: float
+    share: float = 1.0
 
     @property
     def at_lag(self) -> int:
@@ -108,8 +110,22 @@ def nonlinear_tests(
     for term in terms:
         correlation = cross_correlation(error, term.signal, breaks, lags)
         past = correlation[len(correlation) // 2 :]
-        tests.append(NonlinearTest(term.name, term.kind, past, float(-ndtri(CHANCE / 2 / len(past) / len(terms)))))
+        limit = float(-ndtri(CHANCE / 2 / len(past) / len(terms)))
+        lag = int(np.argmax(np.abs(past)))
+        tests.append(NonlinearTest(term.name, term.kind, past, limit, _share(error, term.signal, breaks, lag)))
     return tuple(tests)
+
+
+def _share(error: Array, signal: Array, breaks: Sequence[int], lag: int) -> float:
+    """The squared correlation of a residual with a signal some samples earlier, in the same segment."""
+    starts = np.zeros(len(error), dtype=int)
+    starts[list(breaks)] = list(breaks)
+    own = np.arange(len(error)) - lag >= np.maximum.accumulate(starts)
+    earlier = np.roll(signal, lag)
+    both = own & np.isfinite(error)
+    r, x = (each[both] - each[both].mean() for each in (error, earlier)) if both.any() else (np.zeros(1), np.zeros(1))
+    power = float(r @ r) * float(x @ x)
+    return float(r @ x) ** 2 / power if power > 0 else 0.0
 
 
 def free_run_tests(record: Record, simulation: Run) -> tuple[tuple[NonlinearTest, ...], ...]:

@@ -32,7 +32,7 @@ def neutral(plant: AnyPlant) -> AnyPlant:
     return plant
 
 
-def with_usual_sizes(plant: Plant, asked: Sequence[str], known: Collection[str]) -> Plant:
+def with_usual_sizes(plant: AnyPlant, asked: Sequence[str], known: Collection[str]) -> AnyPlant:
     """A plant with the usual size of every parameter that is to be estimated and is zero: a search begins there."""
     kind = PLANTS.get(plant.name)
     if kind is None or type(kind.start) is not type(plant):

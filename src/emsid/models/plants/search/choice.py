@@ -42,6 +42,7 @@ from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
@@ -87,7 +88,7 @@ STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()
 MOST = 8
 """How many refinements may be added, and how many removed."""
 OTHERS = 2
-"""The number of first starts from which a refinement is tried too, besides the best plant so far."""
+"""First starts from which a refinement is tried too, besides the best plant so far."""
 RESTARTS = 8
 """The most fits of a chosen plant from points around its minimum; they end when `AGREEING` of them agree."""
 SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
@@ -131,8 +132,8 @@ def choose(
         per_record: likewise; the refinements are chosen with the same values in all records.
         refinements: what is tried.
         rule: by how much the richer of two trials (simple, rich) is preferred; negative for the simpler.
-        linear: the share of the output's variance that a linear model leaves in free run; a plant that leaves much more
-            after its first refinement is refined no further.
+        linear: the share of the output's variance that a linear model leaves in free run; a plant with one refinement
+            that leaves much more is refined no further.
         regression: gives the same share for a nonlinear regression.
         control: when to stop; the best plant so far is then the answer.
     """
@@ -140,6 +141,7 @@ def choose(
     values, sheet = known_values(plant, fixed, applicable(datasheet or {}, plant))
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
+    plant = with_usual_sizes(plant, free, values)
     if not refinements:
         how = weighting or all_alike
         return simulation_error(
@@ -323,10 +325,9 @@ class _Choice:
         return not alike(self.weighting, before)
 
     def _gain(self, simple: Trial, rich: Trial) -> float:
-        """By how much the richer of two trials is preferred: by the rule, except for a constant load that drifts.
+        """By how much the richer of two trials is preferred: by the rule, or Akaike's for a constant load that drifts.
 
-        Many samples do not make the drift smaller, so Schwarz's penalty is too large for this parameter, and Akaike's
-        is used.
+        Many samples do not make the drift smaller, so Schwarz's penalty is too large for this parameter.
         """
         more = has_load(rich) - has_load(simple)
         drifts = isinstance(self.weighting, tuple) and self._rule is gain
@@ -467,15 +468,14 @@ class _Choice:
         found = self._tried(groups, few)
         gains = [-np.inf if trial is None else self._rule(plain, trial) for trial in found]
         best = set(np.argsort(gains)[-CONFIRMED:].tolist())
-        return [
-            [(trial.plant, trial.names)] if k in best and trial is not None else [] for k, trial in enumerate(found)
-        ]
+        kept = enumerate(found)
+        return [[(trial.plant, trial.names)] if k in best and trial is not None else [] for k, trial in kept]
 
     def _tried(self, groups: Sequence[Sequence[Refined]], few: Trials | None = None) -> list[Trial | None]:
         """A trial for each group of starts with the same free names; None if none can be simulated.
 
         Args:
-            groups: of starts, each a plant and the names of its free parameters.
+            groups: of starts, each a plant and its free names.
             few: trials over other samples than those of the search.
         """
         known = {name: self.trial.plant.value(name) for name in self._fixed}

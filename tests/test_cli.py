@@ -26,15 +26,16 @@ def test_simulate_then_describe(run, tmp_path):
     status, out, _ = run("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
     assert status == 0
     assert "time column t: 400 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates\n" in out
-    assert "- voltage is persistently exciting of order at least 25: enough for linear models and for friction" in out
+    assert "- voltage is rich enough for linear models and for friction" in out
 
 
 def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
     path = tmp_path / "made.csv"
     assert run("simulate", "--duration", "20", "--out", path)[0] == 0  # five sines, in steps of a converter
     words = ("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
-    assert "persistently exciting of order 10: " in run(*words)[1]
-    assert "persistently exciting of order at least 50: " in run(*words, "--tolerance", "1e-6")[1]
+    for tolerance, order in (("1e-3", 10), ("1e-6", 50)):
+        (record,) = json.loads(run(*words, "--json", "--tolerance", tolerance)[1])["records"]
+        assert record["persistent_excitation_order"] == order
     for wrong in ("0", "2", "nan"):
         status, out, err = run(*words, "--tolerance", wrong)
         assert (status, out, err.count("\n")) == (2, "", 1)
@@ -45,7 +46,7 @@ def test_a_low_order_of_excitation_is_called_too_low(run, tmp_path):
     path = tmp_path / "step.csv"
     path.write_text("u,y\n" + "".join(f"{int(t > 100)},{t}\n" for t in range(400)))
     out = run("describe", path, "--input", "u", "--output", "y", "--dt", "1ms")[1]
-    assert "persistently exciting of order 1; a linear model of second order needs 4" in out
+    assert "too poor for a linear model of second order" in out
 
 
 def test_list_names_every_model_and_signal(run):

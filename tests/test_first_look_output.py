@@ -79,7 +79,7 @@ def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None
     paths = [write({"t": T, "u": U, "y": Y + 0.01 * k}, f"{k}.csv") for k in range(4)]
     out = run("describe", *paths)[1]
     assert "- in 4 of 4 files, such as 0.csv: y almost certainly responds to u after 1 sample" in out
-    assert "4 files, such as 0.csv, together:\n- u is persistently exciting of order at least 50" in out
+    assert "4 files, such as 0.csv, together:\n- u is rich enough" in out
     assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))
 
 

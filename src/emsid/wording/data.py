@@ -66,33 +66,25 @@ def record_too_short(f: Finding, argument: Spelling) -> str:
 @words("excitation-too-low", Severity.WARNING)
 def excitation_too_low(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: order, linear, friction."""
-    d = f.data
     return (
-        f"{f.subject} is persistently exciting of order {d['order']}; a linear model of second order needs "
-        f"{d['linear']}, friction terms {d['friction']}. Record with more levels or frequencies, such as an "
-        "amplitude-modulated PRBS"
+        f"{f.subject} is too poor for a linear model of second order; record more levels or frequencies, such as "
+        "an amplitude-modulated PRBS"
     )
 
 
 @words("excitation-linear-only", Severity.WARNING)
 def excitation_linear_only(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: order, linear, friction."""
-    d = f.data
     return (
-        f"{f.subject} is persistently exciting of order {d['order']}: enough for a linear model of second order "
-        f"({d['linear']}), too little for friction terms ({d['friction']}). Record with more levels or frequencies for "
-        "these"
+        f"{f.subject} is rich enough for a linear model of second order, not for friction; record more levels or "
+        "frequencies for that"
     )
 
 
 @words("excitation-sufficient")
 def excitation_sufficient(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: order, linear, friction, at_least."""
-    at_least = "at least " if f.data["at_least"] else ""
-    return (
-        f"{f.subject} is persistently exciting of order {at_least}{f.data['order']}: enough for linear models and for "
-        "friction terms"
-    )
+    return f"{f.subject} is rich enough for linear models and for friction"
 
 
 @words("few-input-levels", Severity.WARNING)

@@ -150,12 +150,10 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from),
     searched (whether its structure is chosen again), larger (whether because its error on unseen data is)."""
     d = f.data
-    again = "its structure is chosen again from" if d["searched"] else "it is fitted again to"
-    larger = "its error on unseen data is much larger than on those fitted"
-    why = f", as {larger if d.get('larger', True) else 'a part of them shows it poorly'}" if d["searched"] else ""
+    saved = "structure and parameters" if d["searched"] else "the parameters"
     return (
-        f"for later use, {again} all {d['samples']:,} samples{why}; the errors shown are those of the fit to "
-        f"{d['of']:,} samples"
+        f"{saved} of the saved model come from all {d['samples']:,} samples; tables and errors shown here from "
+        f"{d['of']:,} of them"
     )
 
 
@@ -215,13 +213,15 @@ def _apart(f: Finding) -> str:
     if f.data.get("chosen_among", 1) < 2:
         return ""
     if "chosen_on" in f.data:
-        return f"; {f.data['chosen_on']:,} other unseen samples chose it among {f.data['chosen_among']} models"
-    chosen = f"; these data also chose it among {f.data['chosen_among']} models"
+        return "; chosen on one part of the unseen data, scored on the other"
     apart = f.data["apart"]
     if apart is None:
-        return f"{chosen}, so this is a little too small"
-    errors = listed([_rmse(one | {"rmse": rmse}) for one, rmse in zip(f.data["outputs"], apart, strict=True)])
-    return f"{chosen}: chosen on one half and judged on the other, the RMSE is {errors}"
+        return "; these data also chose it, so the error is a little too small"
+    errors, shown = (
+        listed([_rmse(one | {"rmse": rmse}) for one, rmse in zip(f.data["outputs"], which, strict=True)])
+        for which in (apart, [one["rmse"] for one in f.data["outputs"]])
+    )
+    return "" if errors == shown else f"; chosen on one half and scored on the other, the RMSE is {errors}"
 
 
 def _fit(output: Any) -> str:

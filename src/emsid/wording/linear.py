@@ -29,9 +29,8 @@ def dictionary_rank_deficient(f: Finding, argument: Spelling) -> str:
     """Data: rank, terms."""
     rank, terms = f.data["rank"], f.data["terms"]
     return (
-        f"of the {terms} terms to select from, these data distinguish {rank}; the others are combinations of them, as "
-        "powers of an input of few levels are. Another choice among them is as good here and may not be elsewhere: "
-        "lower the degree, or record with more levels"
+        f"too few input levels for this degree: only {rank} of {terms} terms are independent; lower the degree, or "
+        "record more levels"
     )
 
 

@@ -29,7 +29,9 @@ def minimum_not_smooth(f: Finding, argument: Spelling) -> str:
 def searches_agreeing(f: Finding, argument: Spelling) -> str:
     searches, compared = f.data["searches"], f.data["compared"]
     if searches > 1:
-        return f"{f.data['agreeing']} of {searches} searches from different starts end at this minimum"
+        if f.data["agreeing"] > searches / 2:
+            return f"the optimum is reliable: {f.data['agreeing']} of {searches} starts lead to it"
+        return f"the optimum may be a local one: {f.data['agreeing']} of {searches} starts lead to it"
     best = f", from the best of {compared} starts," if compared > 1 else ""
     return (
         f"only one search{best} ran to its end; if its free run is worse than expected, give what is known "

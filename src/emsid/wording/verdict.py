@@ -108,7 +108,7 @@ def model_supported(f: Finding, argument: Spelling) -> str:
 def _supported(failed: int) -> str:
     """What the residual tests of a supported model say, of which some fail in a long record."""
     if failed:
-        return "its residual tests fail, but the inputs predict hardly any of the residual"
+        return "what is left looks like sensor noise, not a missing effect"
     return "no test contradicts it"
 
 
@@ -141,7 +141,7 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     run = "free run" if d["ahead"] is None else f"prediction {d['ahead']} samples ahead"
     if d["folds"] > 1:
-        where = f"{d['folds']} parts of the data, each unseen by the fit that was run on it,"
+        where = f"{d['folds']} parts of the data left out in turn"
     fit = [] if d["fit_percent"] is None else [f"a fit of {d['fit_percent']:.1f} %"]
     if "instead_of" in d:
         own, other = d["parameters"]
@@ -156,9 +156,14 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
             f"{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{_in_brackets(fit)}"
         )
     elif d["models"] > 1:
-        among = f"{d['models']} models" if d["folds"] <= 1 else f"the {d['models']} models that were compared there"
         about = _in_brackets([*fit, *_others(d["others"])])
-        why = f"its {run} on {where} has the smallest error of {among}{about}"
+        among = f"best of {d['models']}"
+        by = "" if d["ahead"] is None else f", by {run}"
+        why = (
+            f"{among} in {d['folds']}-fold cross-validation{by}{about}"
+            if d["folds"] > 1
+            else f"{among} on {where}{by}{about}"
+        )
     else:
         why = f"it is the only model{_in_brackets(fit)}"
     verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])

@@ -130,7 +130,13 @@ class Motor:
     resistance: float = _quantity(2.0, "R_a", "ohm", "armature resistance", positive=True)
     inductance: float = _quantity(2e-3, "L_a", "H", "armature inductance")
     motor_constant: float = _quantity(0.05, "K_m", "N*m/A", "motor constant", positive=True)
-    rotor_inertia: float = _quantity(2e-5, "J_m", "kg*m^2", "rotor moment of inertia", positive=True)
+    rotor_inertia: float = _quantity(
+        2e-5,
+        "J_m",
+        "kg*m^2",
+        "moment of inertia of the rotor, with the load",
+        positive=True,
+    )
     rotor_viscous: float = _quantity(1e-5, "B_m", "N*m*s/rad", "rotor viscous friction", Measure.DAMPING)
     shaft_stiffness: float = _quantity(10.0, "K_s", "N*m/rad", "shaft stiffness, infinite when rigid", positive=True)
     shaft_damping: float = _quantity(2e-3, "B_s", "N*m*s/rad", "shaft inner damping", Measure.DAMPING)

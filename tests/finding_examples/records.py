@@ -125,6 +125,19 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
     Finding("reference-column", "r", {"input": "u", "follows": "y"}),
     Finding("difference-of-position", "mVel", {"position": "mStep"}),
+    Finding("sign-lost", "pwm", {"output": "enc", "candidates": ["dir"]}),
+    Finding("sign-lost", "pwm", {"output": "enc", "candidates": []}),
+    Finding(
+        "further-channels",
+        "log.csv",
+        {"inputs": ["load torque"], "outputs": ["current"], "positions": ["count"]},
+    ),
+    Finding("unit-not-used", "current", {"unit": "A", "channels": ["u", "y"]}),
+    Finding(
+        "step-from-first-sample",
+        "rpm",
+        {"input": "pwm", "gain": 2.75, "time_constant": 0.225, "level": 255.0, "unit": "rpm", "input_unit": ""},
+    ),
     *(
         Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": source})
         for source in ("preamble", "fs")

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from emsid.estimation.linear.least_squares import LARGEST
+from emsid.estimation.linear.least_squares import LARGEST, settles
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
@@ -91,12 +91,15 @@ def _useless(record: Record) -> Iterable[Finding]:
         if name in record.output_names and np.ptp(u):
             data |= {"input": record.input_names[0], "low": float(u.min()), "high": float(u.max())}
             yield Finding("output-constant", name, data | {"input_unit": record.input_units[0]})
-        else:
+        elif name in record.output_names or not (x[0] and settles(record)):
             yield Finding("channel-constant", name, data)
 
 
 def excitation(data: Examined) -> Iterable[Finding]:
-    """The order of persistent excitation against what models need."""
+    """The order of persistent excitation against what models need; of a constant input, what its step shows."""
+    if not np.ptp(data.u):
+        yield from _step(data)
+        return
     order = persistent_excitation_order(data.record, tolerance=data.tolerance)
     numbers = {"order": int(order), "linear": LINEAR_ORDER, "friction": FRICTION_ORDER}
     if order < LINEAR_ORDER:
@@ -114,6 +117,28 @@ def excitation(data: Examined) -> Iterable[Finding]:
         yield Finding("few-input-levels", data.input, {"levels": levels})
 
 
+def _step(data: Examined) -> Iterable[Finding]:
+    """Gain and time constant of a first-order response y[k] = a·y[k−1] + b to an input that stepped at the beginning.
+
+    The response ends at b / (1 − a), and its time constant is −T / ln a with the sample time T. The regression is
+    exact for noise-free data of first order.
+    """
+    pieces = [piece.output[:, 0] for piece in data.record.segments]
+    past, now = (np.concatenate([piece[part] for piece in pieces]) for part in (slice(-1), slice(1, None)))
+    (a, b), *_ = np.linalg.lstsq(np.column_stack([past, np.ones(len(past))]), now, rcond=None)
+    if 0 < a < 1:
+        level, units = float(data.u[0]), units_of(data.record)
+        numbers = {
+            "input": data.input,
+            "gain": float(b / (1 - a) / level),
+            "time_constant": float(-data.record.dt / np.log(a)),
+            "level": level,
+            "unit": units[data.output],
+            "input_unit": units[data.input],
+        }
+        yield Finding("step-from-first-sample", data.output, numbers)
+
+
 def duty(data: Examined) -> Iterable[Finding]:
     """Whether a command without a unit may be the duty of a PWM."""
     if not data.record.input_units[0] and (full := full_duty(data.u)):
@@ -121,7 +146,9 @@ def duty(data: Examined) -> Iterable[Finding]:
 
 
 def answer(data: Examined) -> Iterable[Finding]:
-    """Delay and sign of the response, and feedback."""
+    """Delay and sign of the response, and feedback; a constant input shows neither."""
+    if not np.ptp(data.u):
+        return
     without_sign = list(_without_sign(data))
     yield from without_sign
     response, dt = data.response, data.record.dt

@@ -24,12 +24,14 @@ from emsid.first_look.clock import Clock, contradiction, find_clock, stated_cloc
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
+from emsid.first_look.further import further_channels, sign_lost
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.mends import mends
-from emsid.first_look.names import ColumnQuantity, Meaning, meaning
+from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
+from emsid.first_look.vocabulary import meaning_of
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers, errors_of
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
@@ -173,6 +175,9 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     if direction:
         proposal["direction"] = {roles.input: direction}
         noticed.append(Finding("direction-column", roles.input, {"column": direction, "output": roles.output}))
+    elif "direction" not in reading:
+        noticed += sign_lost(table, roles)
+    noticed += further_channels(table, roles, file.name)
     look = FirstLook(
         str(file),
         rows,
@@ -289,9 +294,9 @@ def _answers_by_its_change(record: Record) -> bool:
 
 def _column(name: str, raw: Columns) -> Column:
     series = raw.series[name]
-    said = meaning(name, raw.units.get(name, ""))
     kind = "times" if series.dtype.is_temporal() else "numbers"
     values = as_numbers(series)
+    said = meaning_of(name, raw.units.get(name, ""), values)
     known = len(series) - series.null_count()
     if not (series.dtype.is_numeric() or kind == "times") and np.isfinite(values).sum() < MOSTLY * max(known, 1):
         return Column(name, "text", said, len(series), missing=series.null_count())

@@ -1,8 +1,13 @@
-"""Which columns are the input and the output: by their names, and by which signal influences which."""
+"""Which columns are the input and the output: the assignment with the largest total of evidence.
+
+The table `_TABLE` has a row for each kind of evidence about one column. A pair of columns adds the influence of one on
+the other, their order and their shape, and whether they are of one experiment. Names have a weight of at most one, so
+that content overrules them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -21,6 +26,14 @@ MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
 NAMED_WORSE = 0.9
 """Signals are compared only in pairs whose names suit worse than those of the best by less than this."""
+NAMED = 0.8
+"""A name of at least this confidence says what a column is."""
+REPEATS = 1 - 1e-9
+"""A column with a higher correlation with the times repeats them; measured ones have rounding far above this."""
+MOSTLY_ONE = 0.9
+"""A larger share of steps of one is a count of rows, of which some were left out."""
+STILL = 0.1
+"""A column with less than this share of the largest motion of its kind is at rest beside that."""
 CLEARER, LEAST = 1.5, 0.05
 """A direction is taken where the input with its sign explains more of the output: by this factor and difference."""
 
@@ -47,6 +60,26 @@ _AS_OUTPUT = {
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """A reason for or against a role of a column.
+
+    Attributes:
+        column: its name.
+        role: ``input`` or ``output``.
+        weight: added to the total of this role; negative for a reason against it.
+        reason: in words.
+    """
+
+    column: str
+    role: str
+    weight: float
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.column} as {self.role}: {self.weight:+g}, {self.reason}"
+
+
+@dataclass(frozen=True)
 class Roles:
     """The columns guessed to be input and output.
 
@@ -55,6 +88,7 @@ class Roles:
         input_confidence, output_confidence: from 0 to 1.
         feedback: the influence of the output on the input, from 0 to 1.
         others: further pairs of input and output, which differ in the number at the end of their names.
+        table: the evidence for and against each role of each column.
     """
 
     input: str = ""
@@ -63,18 +97,21 @@ class Roles:
     output_confidence: float = 0.0
     feedback: float = 0.0
     others: tuple[tuple[str, str], ...] = ()
+    table: tuple[Evidence, ...] = ()
 
 
 def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: str = "") -> Roles:
-    """Guess the input and the output of a file.
+    """The assignment of columns to input and output with the largest total of the evidence for it.
 
     Args:
         columns: of the file.
         clock: name of the time column; empty where there is none.
         input, output: where the user gives them.
     """
+    table = evidence(columns, clock)
+    totals = {role: {name: sum(e.weight for e in rows) for name, rows in table[role].items()} for role in table}
     possible = [column for column in columns if _may_be_channel(column, clock, (input, output))]
-    compared = _most_likely(possible, (input, output))
+    compared = _most_likely(possible, totals, (input, output))
     pairs = [
         (u, y) for u, y in permutations(compared, 2) if u.name == (input or u.name) and y.name == (output or y.name)
     ]
@@ -82,40 +119,147 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         only = compared[0].name if compared else ""
         return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
     experiments = _experiments(columns)
-    named = {
-        (u.name, y.name): _as_input(u) + _as_output(y) + _of_one_experiment(experiments, u.name, y.name)
+    alone = {
+        (u.name, y.name): totals["input"][u.name]
+        + totals["output"][y.name]
+        + _of_one_experiment(experiments, u.name, y.name)
         for u, y in pairs
     }
-    shares = _influences(pairs, named)
-    scores = {pair: named[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
+    shares = _influences(pairs, alone)
+    scores = {pair: alone[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
     if not scores:
         return Roles(input=input, output=output)
-    (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared, experiments)
+    best = max(scores, key=scores.__getitem__)
+    (u, y) = _first_of_its_kind(best, scores, compared, experiments, totals)
     columns_by_name = {column.name: column for column in columns}
     return Roles(
         input=u,
         output=y,
-        input_confidence=_confidence(_as_input(columns_by_name[u]), scores, (u, y), 0) if not input else 1.0,
-        output_confidence=_confidence(_as_output(columns_by_name[y]), scores, (u, y), 1) if not output else 1.0,
+        input_confidence=_confidence(totals["input"][u], scores, (u, y), 0) if not input else 1.0,
+        output_confidence=_confidence(totals["output"][y], scores, (u, y), 1) if not output else 1.0,
         feedback=shares[u, y][1],
         others=_further_pairs(possible, experiments, columns_by_name[u], columns_by_name[y]),
+        table=tuple(each for rows in table.values() for name in rows for each in rows[name]),
     )
+
+
+def evidence(columns: Sequence[Column], clock: str) -> dict[str, dict[str, list[Evidence]]]:
+    """For each role and column, what speaks for it and against it.
+
+    Args:
+        columns: of the file.
+        clock: name of the time column; empty where there is none.
+    """
+    facts = _Facts(columns, clock)
+    found: dict[str, dict[str, list[Evidence]]] = {"input": {}, "output": {}}
+    for role, rows in found.items():
+        for column in columns:
+            rows[column.name] = [
+                Evidence(column.name, role, round(weight * share, 3), reason)
+                for of, reason, weight, test in _TABLE
+                if of in (role, "channel") and (share := test(column, facts))
+            ]
+    return found
+
+
+class _Facts:
+    """What the evidence for a column needs to know of the others.
+
+    Args:
+        columns: of the file.
+        clock: name of the time column; empty where there is none.
+    """
+
+    def __init__(self, columns: Sequence[Column], clock: str) -> None:
+        times = next((column.values for column in columns if column.name == clock), np.zeros(0))
+        self.times = times
+        self.starts = np.flatnonzero(np.diff(times) < 0) + 1 if len(times) > 1 else np.zeros(0, dtype=np.intp)
+        self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
+        self._spreads: dict[str, float] = {}
+        for column in columns:
+            if column.kind == "numbers":
+                key = self._kind(column)
+                self.most[key] = max(self.most.get(key, 0.0), self.spread(column))
+
+    def spread(self, column: Column) -> float:
+        """The standard deviation of a column."""
+        if column.name not in self._spreads:
+            known = column.signal[np.isfinite(column.signal)]
+            self._spreads[column.name] = float(known.std()) if len(known) else 0.0
+        return self._spreads[column.name]
+
+    def motion(self, column: Column) -> float:
+        """The share of the largest motion of a column of the same quantity and unit; 1 where it is alone."""
+        most = self.most.get(self._kind(column), 0.0)
+        return self.spread(column) / most if most > 0 else 1.0
+
+    @staticmethod
+    def _kind(column: Column) -> tuple[ColumnQuantity, str, int]:
+        return column.meaning.quantity, column.meaning.unit, len(column.values)
+
+
+def _constant_in_runs(column: Column, facts: _Facts) -> float:
+    """Whether a column changes only where a run begins."""
+    if column.kind != "numbers" or column.constant or not len(facts.starts) or len(column.values) != len(facts.times):
+        return 0.0
+    changes = np.flatnonzero(np.diff(column.values) != 0) + 1
+    return float(np.isin(changes, facts.starts).all())
+
+
+def _repeats_clock(column: Column, facts: _Facts) -> float:
+    """Whether a column without a name of a quantity is proportional to the times."""
+    named = column.meaning.confidence >= NAMED and column.meaning.quantity is not ColumnQuantity.TIME
+    if named or column.kind != "numbers" or column.constant or len(column.values) != len(facts.times):
+        return 0.0
+    known = np.isfinite(column.values) & np.isfinite(facts.times)
+    if np.count_nonzero(known) < 3 or not np.ptp(facts.times[known]):
+        return 0.0
+    return float(np.corrcoef(column.values[known], facts.times[known])[0, 1] > REPEATS)
+
+
+def _counts_rows(column: Column, facts: _Facts) -> float:
+    """Whether a column counts its rows, perhaps anew in every run."""
+    steps = np.diff(column.values) if column.kind == "numbers" else np.zeros(0)
+    return float(len(steps) > 2 and np.mean(steps == 1) > MOSTLY_ONE)
+
+
+_TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = (
+    ("input", "its name or unit is of an input", 1.0, lambda column, facts: _as_input(column)),
+    ("output", "its name or unit is of an output", 1.0, lambda column, facts: _as_output(column)),
+    # Content overrules names, whose weight is at most 1.
+    ("channel", "it is constant", -1.5, lambda column, facts: column.constant and not column.codes),
+    ("channel", "it is constant in every run", -1.5, _constant_in_runs),
+    ("channel", "it repeats the times", -1.5, _repeats_clock),
+    ("channel", "it counts the rows", -1.5, _counts_rows),
+    (
+        "channel",
+        "others of its kind move much more",
+        -0.5,
+        lambda column, facts: column.kind == "numbers" and facts.motion(column) < STILL,
+    ),
+)
+"""By role, or for every channel: a reason, its weight, and a test of how far it applies to a column, from 0 to 1."""
 
 
 def _may_be_channel(column: Column, clock: str, given: tuple[str, str]) -> bool:
     """Whether a column may be input or output: numbers that change or have a clear name, and not the time."""
     if column.kind != "numbers":
         return False
-    if column.constant and not column.codes and column.meaning.confidence < 0.8:
+    if column.constant and not column.codes and column.meaning.confidence < NAMED:
         return False
     other = column.name == clock or column.meaning.quantity in (ColumnQuantity.TIME, ColumnQuantity.OTHER)
     return column.name in given or not other
 
 
-def _most_likely(possible: Sequence[Column], given: tuple[str, str]) -> list[Column]:
-    """The columns whose names suit an input or an output best, at most `MOST_COMPARED`, in the order of the file."""
-    by_name = sorted(possible, key=lambda c: -max(_as_input(c), _as_output(c), 2.0 * (c.name in given)))
-    return [column for column in possible if any(column is each for each in by_name[:MOST_COMPARED])]
+def _most_likely(
+    possible: Sequence[Column], totals: Mapping[str, Mapping[str, float]], given: tuple[str, str]
+) -> list[Column]:
+    """The columns with the most evidence for input or output, at most `MOST_COMPARED`, in the order of the file."""
+    by_total = sorted(
+        possible,
+        key=lambda c: -max(totals["input"][c.name], totals["output"][c.name], 2.0 * (c.name in given)),
+    )
+    return [column for column in possible if any(column is each for each in by_total[:MOST_COMPARED])]
 
 
 def _influences(pairs: Sequence[tuple[Column, Column]], named: Mapping[Pair, float]) -> dict[Pair, tuple[float, float]]:
@@ -189,8 +333,9 @@ def _first_of_its_kind(
     scores: Mapping[Pair, float],
     columns: Sequence[Column],
     experiments: Mapping[str, str],
+    totals: Mapping[str, Mapping[str, float]],
 ) -> Pair:
-    """The first of the pairs that differ from the best one by their experiment only."""
+    """The first of the pairs that differ from the best one by their experiment only, and move as it does."""
     known = {column.name: column for column in columns}
     if not _of_one_experiment(experiments, *best):
         return best
@@ -199,7 +344,10 @@ def _first_of_its_kind(
         (a, b), (u, y) = ((known[name] for name in names) for names in (pair, best))
         kinds = a.meaning.quantity is u.meaning.quantity and b.meaning.quantity is y.meaning.quantity
         other = experiments[a.name] != experiments[u.name]
-        return kinds and _of_one_experiment(experiments, *pair) > 0 and (pair == best or other)
+        as_much = (
+            totals["input"][a.name] >= totals["input"][u.name] and totals["output"][b.name] >= totals["output"][y.name]
+        )
+        return as_much and kinds and _of_one_experiment(experiments, *pair) > 0 and (pair == best or other)
 
     return min(filter(alike, scores), key=lambda pair: experiments[pair[0]])
 

@@ -338,7 +338,8 @@ def _record(
     signals = _signals(inputs, outputs, columns)
     used = [s.column for s in signals]
     by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
-    _check_options({**by_column, "units": units}, signals)
+    unused = _surplus_units(units, signals, columns)
+    _check_options({**by_column, "units": {each: units[each] for each in units if each not in unused}}, signals)
     apart = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(apart, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
@@ -367,7 +368,8 @@ def _record(
         record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
         record = record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
         moved = [Finding("data-resampled", name, {"dt": record.dt})] if columns is not apart else []
-        return replace(record, findings=(*moved, *record.findings, *about_sample_time(record.dt, name)))
+        notes = [*unused.values(), *about_sample_time(record.dt, name)]
+        return replace(record, findings=(*moved, *record.findings, *notes))
 
 
 def _on_one_clock(
@@ -409,6 +411,17 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
         check_column(column, columns)
         signals.append(_Signal(name, column, column != name))
     return signals
+
+
+def _surplus_units(units: Mapping[str, str], signals: Sequence[_Signal], columns: Columns) -> dict[str, Finding]:
+    """Units of columns of the file that are no channels, with a finding for each; they may be of another command."""
+    channels = [s.name for s in signals]
+    known = {*channels, *(s.column for s in signals)}
+    return {
+        name: Finding("unit-not-used", name, {"unit": unit, "channels": channels})
+        for name, unit in units.items()
+        if name not in known and column_of(name, columns.series) in columns.series
+    }
 
 
 def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequence[_Signal]) -> None:

@@ -33,6 +33,18 @@ def channel_constant(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} is constant at {level}, so nothing can be identified; record with a changing input"
 
 
+@words("step-from-first-sample", Severity.WARNING)
+def step_from_first_sample(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, gain, time_constant (s), level, unit, input_unit."""
+    d = f.data
+    per = f" {d['unit'] or '1'}/{d['input_unit'] or '1'}" if d["unit"] or d["input_unit"] else ""
+    return (
+        f"{d['input']} is {_in_unit(d['level'], d['input_unit'])} from the first sample on, and {f.subject} settles: "
+        f"this step has a gain of {d['gain']:.3g}{per} and a time constant of {d['time_constant']:.3g} s; it shows "
+        "nothing else, so also record other levels and the other direction"
+    )
+
+
 @words("channel-out-of-scale", Severity.PROBLEM)
 def channel_out_of_scale(f: Finding, argument: Spelling) -> str:
     """Subject: the channel. Data: largest."""

@@ -303,6 +303,44 @@ def direction_column(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("sign-lost", Severity.WARNING)
+def sign_lost(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: output, candidates (columns of two values)."""
+    columns = f.data["candidates"]
+    named = f" {listed(columns)} may be it;" if columns else " no column of two values looks like it;"
+    return (
+        f"{f.subject} is never negative, and {f.data['output']} goes both ways: the sign of the command is lost; give "
+        f"the column with it by {argument('direction')} {assigned(f.subject, columns[0] if columns else '…')}.{named} "
+        "without it, models of the drive cannot follow one of the directions"
+    )
+
+
+@words("further-channels")
+def further_channels(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: inputs, outputs, positions (lists of columns)."""
+    d = f.data
+    said = []
+    if d["inputs"]:
+        said.append(f"{listed(d['inputs'])} may be a load: name it as a second {argument('input')}")
+    if d["outputs"]:
+        said.append(f"{listed(d['outputs'])} may be a second {argument('output')}, which shows electrical parameters")
+    if d["positions"]:
+        said.append(
+            f"{listed(d['positions'])} is the better sensor, as the speed is computed from it: name it as "
+            f"the {argument('output')}"
+        )
+    return f"{f.subject}: {'; '.join(said)}"
+
+
+@words("unit-not-used")
+def unit_not_used(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: unit, channels."""
+    return (
+        f"the unit {f.data['unit']} of {f.subject} is not used, as the column is neither input nor output; these are "
+        f"{listed(f.data['channels'])}"
+    )
+
+
 @words("difference-of-position")
 def difference_of_position(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: position."""

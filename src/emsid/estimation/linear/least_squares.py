@@ -33,6 +33,8 @@ M_co = TypeVar("M_co", covariant=True)
 # Samples that one thread processes at a time. The chunks, and so the results, do not depend on the number of threads.
 CHUNK = 1 << 17
 # The largest value of a channel, and the inverse of the smallest peak; powers of others would over- or underflow.
+SETTLED = 0.1
+"""An output has settled whose range in the last quarter is less than this share of its whole range."""
 LARGEST = 1e60
 SAMPLES_PER_PARAMETER = 3
 """With fewer samples than this for a parameter, an estimate follows the noise of the record."""
@@ -205,8 +207,19 @@ def sample_findings(information: Information) -> list[Finding]:
     return [Finding("few-samples", data={"samples": information.samples, "parameters": information.parameters})]
 
 
+def settles(record: Record) -> bool:
+    """Whether an output moves from its first value to another one and stays there, as after a step of the input."""
+    for piece in record.segments:
+        moves, rests = np.ptp(piece.output, axis=0), np.ptp(piece.output[-len(piece) // 4 :], axis=0)
+        if np.any((np.abs(piece.output[-1] - piece.output[0]) > moves / 2) & (rests < SETTLED * moves)):
+            return True
+    return False
+
+
 def check_excitation(record: Record) -> None:
     """Refuse records that cannot be used: a channel that is constant, or whose powers would overflow.
+
+    A constant input that is not zero is used where the output still settles: it is a step before the first sample.
 
     Raises:
         DataError: naming the channel.
@@ -217,7 +230,7 @@ def check_excitation(record: Record) -> None:
     ):
         for k, name in enumerate(names):
             x = values[:, k]
-            if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0:
+            if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0 and not (kind == "input" and x[0] and settles(record)):
                 raise DataError(
                     f"{record.name}: {kind} {name!r} is constant at {x[0]:g}, so nothing can be identified from it; "
                     "record while it changes, or name another column"

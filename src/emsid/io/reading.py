@@ -25,7 +25,7 @@ from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
-from emsid.io.columns import Columns, errors_of, nearest
+from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import gunzipped, read_bytes
 from emsid.io.frames import columns_of_frame
@@ -35,6 +35,7 @@ from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
+from emsid.io.options_by_column import check_options, surplus_units
 from emsid.io.other_files import about_files, with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.reading_types import KINDS, check_types
@@ -338,8 +339,9 @@ def _record(
     signals = _signals(inputs, outputs, columns)
     used = [s.column for s in signals]
     by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
-    unused = _surplus_units(units, signals, columns)
-    _check_options({**by_column, "units": {each: units[each] for each in units if each not in unused}}, signals)
+    sources = {s.name: s.column for s in signals}
+    unused = surplus_units(units, sources, columns)
+    check_options({**by_column, "units": {each: units[each] for each in units if each not in unused}}, sources)
     apart = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(apart, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
@@ -411,30 +413,6 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
         check_column(column, columns)
         signals.append(_Signal(name, column, column != name))
     return signals
-
-
-def _surplus_units(units: Mapping[str, str], signals: Sequence[_Signal], columns: Columns) -> dict[str, Finding]:
-    """Units of columns of the file that are no channels, with a finding for each; they may be of another command."""
-    channels = [s.name for s in signals]
-    known = {*channels, *(s.column for s in signals)}
-    return {
-        name: Finding("unit-not-used", name, {"unit": unit, "channels": channels})
-        for name, unit in units.items()
-        if name not in known and column_of(name, columns.series) in columns.series
-    }
-
-
-def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequence[_Signal]) -> None:
-    """Refuse an option for a column that is not a channel: the name is misspelt."""
-    known = dict.fromkeys(s.column for s in signals)
-    for option, by_column in options.items():
-        allowed = [*known, *(s.name for s in signals if s.is_derivative)] if option == "units" else [*known]
-        for name in by_column:
-            if name not in allowed:
-                raise DataError(
-                    f"{option} is given for {name!r}, which is neither input nor output{nearest(name, allowed)}; "
-                    f"these are {', '.join(allowed)}"
-                )
 
 
 def _differentiated(record: Record, names: Collection[str], window: int) -> Record:

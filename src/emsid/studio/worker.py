@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -58,8 +59,9 @@ def wait_for_end(cancelled: Event) -> None:
 
 def say(**message: Any) -> None:
     """Write a line for the server."""
-    sys.stdout.write(msgspec.json.encode(plain(message)).decode() + "\n")
-    sys.stdout.flush()
+    with suppress(OSError):  # the server has ended; what was found is written all the same
+        sys.stdout.write(msgspec.json.encode(plain(message)).decode() + "\n")
+        sys.stdout.flush()
 
 
 class Progress:

@@ -176,6 +176,7 @@ class CharacteristicData(msgspec.Struct, forbid_unknown_fields=True):
     unit: str
     model: str
     shown: bool = True
+    given: list[str] = []
 
 
 class CurveData(msgspec.Struct, forbid_unknown_fields=True):

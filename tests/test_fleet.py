@@ -121,6 +121,20 @@ def test_a_column_names_the_motor(tmp_path: Path, threads: Executor) -> None:
         assert row.estimates["a1"].value == pytest.approx(alone.estimate[0], abs=0.02)  # one sample less at the border
 
 
+def test_a_frame_of_all_motors_is_a_fleet(threads: Executor) -> None:
+    rng = np.random.default_rng(31)
+    parts = [frame(300, 0.9, rng).with_columns(pl.lit(name).alias("id")) for name in ("A", "B")]
+    table = pl.concat(parts)
+    result = emsid.fleet(table, ARX, threads, motor="id", **READING)
+    assert [row.motor for row in result.rows] == ["A", "B"]
+    pandas = pytest.importorskip("pandas")
+    again = emsid.fleet(pandas.DataFrame(table.to_dict(as_series=False)), ARX, threads, motor="id", **READING)
+    assert untimed(again) == untimed(result)
+    assert isinstance(again.to_frame("pandas"), pandas.DataFrame)
+    with pytest.raises(DataError, match="names the motor"):
+        emsid.fleet(table, ARX, threads, **READING)
+
+
 def test_a_duration_divides_the_time_column(tmp_path: Path, threads: Executor) -> None:
     rng = np.random.default_rng(3)
     begin = pl.datetime(2026, 3, 1, 22)

@@ -19,20 +19,22 @@ from typing import Any
 
 import msgspec
 
-from emsid.errors import DataError, EmsidError, FormatError
+from emsid.errors import DataError, EmsidError, FormatError, some
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
 from emsid.fleets.engine import Engine
-from emsid.fleets.sources import Batch, batches, divided, found_files
+from emsid.fleets.sources import Batch, Found, batches, divided, found_files
 from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
 from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
 from emsid.models.refitting import specification
+from emsid.record.frames import frame as made_frame
 
 JOURNAL, RESULT, PARTS = "rows.jsonl", "fleet.parquet", ".parts"
+FRAME = ".frame.parquet"
 """The files in the folder of results, and the folder of the divided tables, which is removed at the end."""
 
 
@@ -86,10 +88,16 @@ class Fleet:
             "failed": [{"motor": row.motor, "period": row.period, "reason": row.reason} for row in self.failed],
         }
 
-    def to_frame(self) -> Any:
-        """A Polars frame with a row for every motor and period.
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with a row for every motor and period.
 
         Every parameter has two columns, its value and ``<name>_half_width``, half its 95 % interval.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+
+        Raises:
+            DataError: for a library that is unknown or not installed.
         """
         import polars as pl
 
@@ -115,7 +123,8 @@ class Fleet:
                 columns[name + ending] = [
                     getattr(row.estimates[name], part) if name in row.estimates else None for row in self.rows
                 ]
-        return pl.DataFrame(columns, schema=plain)
+        table = pl.DataFrame(columns, schema=plain)
+        return table if library == "polars" else made_frame(dict(table.to_dict(as_series=False)), library)  # type: ignore[arg-type]
 
 
 def fleet(
@@ -137,7 +146,7 @@ def fleet(
 
     Args:
         source: a folder, a pattern such as ``logs/{motor}/{period}.csv``, or several; folders named ``motor=M7`` name
-            their motor.
+            their motor. Or a pandas or Polars frame with a column that names it.
         what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, or the file of one, whose
             structure is taken; or anything that `emsid.fit` takes.
         executor: where the fits run; by default processes of this machine, which in a script needs the usual
@@ -187,6 +196,7 @@ def fleet(
             write_table(result, folder / RESULT)
             if not stopped:
                 _remove(folder / PARTS)
+                (folder / FRAME).unlink(missing_ok=True)
         return result
 
 
@@ -194,12 +204,40 @@ def _found(
     source: Any, motor: str | None, period: str | None, time: str | None, folder: Path
 ) -> tuple[list[Batch], list[FleetRow]]:
     """The batches of a source, and rows for tables that cannot be divided."""
-    files = found_files(source)
+    if hasattr(source, "columns"):
+        source = framed(source, motor, folder / FRAME)
+        files = [Found(source, {})]
+    else:
+        files = found_files(source)
     if motor is None or any(motor in each.keys for each in files):
         return batches(files, motor, period, time), []
     parts, failed = divided(files, motor, folder / PARTS)
     rows = [FleetRow(Path(path).name, "", reason=f"{path}: {reason}") for path, reason in failed.items()]
     return batches(parts, "motor", period, time), rows
+
+
+def framed(frame: Any, motor: str | None, path: Path) -> Path:
+    """A data frame of all motors as a file, which is then divided like any other.
+
+    Raises:
+        DataError: without the column that names the motor.
+    """
+    from io import BytesIO
+
+    import narwhals
+    import polars as pl
+
+    table = narwhals.from_native(frame)
+    if motor not in table.columns:
+        raise DataError(
+            f"name the column of the frame that names the motor; it has {some(table.columns)}", arguments=("motor",)
+        )
+    content = BytesIO()
+    numeric = {name: table[name].dtype.is_numeric() for name in table.columns}
+    columns = {name: table[name].to_numpy() if numeric[name] else table[name].to_list() for name in table.columns}
+    pl.DataFrame(columns).write_parquet(content)
+    atomic_write(path, content.getvalue())
+    return path
 
 
 def _remove(folder: Path) -> None:

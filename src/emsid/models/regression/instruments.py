@@ -156,7 +156,8 @@ def instruments(structure: Structure, a: Array, runs: Sequence[tuple[Record, Rec
         a: (≥ 1,) A = 1 + a₁q⁻¹ + …, stable, whose inverse filters the signals.
         runs: every segment, and the same with the noise-free output x.
     """
-    scale = np.array([1.0 if r.factors else 1.0 / a.sum() for r in structure.regressors])[:, None]
+    level = float(a.sum()) or 1.0  # an integrator makes a ramp of a constant, which has no level to scale by
+    scale = np.array([1.0 if r.factors else 1.0 / level for r in structure.regressors])[:, None]
     slowest = float(np.abs(np.roots(a)).max(initial=0.0))
     settling = 2 ** int(np.log2(1 + np.log(SMALL) / np.log(slowest))) if 0 < slowest < 1 else 0  # steps seldom
     blocks = []

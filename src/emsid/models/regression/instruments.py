@@ -156,8 +156,9 @@ def instruments(structure: Structure, a: Array, runs: Sequence[tuple[Record, Rec
         a: (≥ 1,) A = 1 + a₁q⁻¹ + …, stable, whose inverse filters the signals.
         runs: every segment, and the same with the noise-free output x.
     """
-    level = float(a.sum()) or 1.0  # an integrator makes a ramp of a constant, which has no level to scale by
-    scale = np.array([1.0 if r.factors else 1.0 / level for r in structure.regressors])[:, None]
+    if not a.sum() > 0:  # a pole at one: a constant has no level behind it
+        raise ModelError(f"{structure.name}: the filter of the instruments integrates; choose other orders")
+    scale = np.array([1.0 if r.factors else 1.0 / a.sum() for r in structure.regressors])[:, None]
     slowest = float(np.abs(np.roots(a)).max(initial=0.0))
     settling = 2 ** int(np.log2(1 + np.log(SMALL) / np.log(slowest))) if 0 < slowest < 1 else 0  # steps seldom
     blocks = []

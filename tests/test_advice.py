@@ -102,7 +102,7 @@ def held_output() -> Array:
 U, SLOW = steps(), steps(hold=100)
 Case = tuple[Array, Array]
 CASES: dict[str, Callable[[], Case]] = {
-    "channel-constant": lambda: (np.ones(N), motor(np.ones(N))),
+    "channel-constant": lambda: (np.ones(N), motor(U)),  # what moves the output is not in the record
     "output-constant": lambda: (U, np.zeros(N)),
     "record-too-short": lambda: (U[:40], motor(U[:40])),
     "excitation-too-low": lambda: ((np.arange(N) > 100) * 1.0, motor((np.arange(N) > 100) * 1.0)),

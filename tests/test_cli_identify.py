@@ -113,7 +113,7 @@ def test_where_no_model_can_be_used_none_is_called_recommended(run, tmp_path):
     status, printed, _ = run("identify", noise, *IDENTIFY, "--models", "arx", "--out", out)
     page = (out / "report.html").read_text()
     assert status == 0
-    assert printed.startswith("No model is recommended: ")
+    assert printed.startswith("No model describes these data: ")
     assert "recommended; " not in printed
     assert "none is recommended" in page
     assert "arx is recommended" not in page

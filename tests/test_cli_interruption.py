@@ -247,7 +247,7 @@ def test_what_follows_from_the_models_is_computed_in_one_thread(run, log, tmp_pa
     assert set(seen) == {1}
 
 
-VALUES, COMPARE = "emsid.identification.workflow.built_in_values", "emsid.identification.compared.compare"
+VALUES, COMPARE = "emsid.identification.workflow.about_excerpt", "emsid.identification.compared.compare"
 
 
 @pytest.mark.parametrize("then", [(VALUES,), (COMPARE,), (VALUES, COMPARE)])

@@ -19,6 +19,7 @@ from emsid import DrivenMotor, LinearAxis
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.driven import NEED_SUPPLY
@@ -220,6 +221,18 @@ def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
     return GreyBox(plant, model.signals).simulate(u, dt=DT).output
 
 
+def by_process(text: str, u: Array) -> Array:
+    """Gain, zero, time constants, dead time and offset as they are printed."""
+    gain = float(re.findall(r"y = ([-\d.e]+)", text)[0])
+    above, below = text.split("/", 1)
+    zero = [float(number) for number in re.findall(r"\(1 \+ ([-\d.e]+)\*s\)", above)]
+    constants = [float(number) for number in re.findall(r"\(1 \+ ([-\d.e]+)\*s\)", below)]
+    delay = [float(number) for number in re.findall(r"exp\(-([\d.e]+)\*s\)", below)]
+    offset = [float(number) for number in re.findall(r"u \+([-\d.e]+)", below)]
+    first = {"zero": sum(zero), "delay": sum(delay), "offset": sum(offset)}
+    return ProcessModel(gain, tuple(constants), dt=DT, **first).simulate(u).output
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
     model: Model = ALL[name]
@@ -239,6 +252,8 @@ def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
         found = by_states(text, u)
     elif isinstance(model, PolynomialModel):
         found = by_polynomials(text, u)[:, None]
+    elif isinstance(model, ProcessModel):
+        found = by_process(text, u)
     else:
         assert isinstance(model, GreyBox)
         found = by_parameters(text, model, u)

@@ -106,7 +106,7 @@ def test_an_excess_estimated_as_zero_has_the_interval_of_its_profile():
     rng = np.random.default_rng(78)  # the first of few records with this estimate; others take a fit each
     records = (simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(100))
     fit = next(fit for fit in (simulation_error(STICTION, r, free=free) for r in records) if fit.estimate[-1] == 0)
-    assert fit.table[-1].status is Status.AT_BOUND
+    assert fit[EXCESS].status is Status.AT_BOUND
     assert Finding("parameter-at-bound", EXCESS, {"side": "lower", "bound": 0.0, "because": "physical"}) in fit.findings
     profile = likelihood_profile(fit, EXCESS)
     low, high = profile.interval

@@ -141,7 +141,7 @@ def test_a_profile_stands_beside_its_quadratic_approximation():
     assert figure.name == "rigid-motor-profile-rotor-inertia"
     (plot,) = figure.plots
     spans, curve, quadratic, points, threshold = plot.marks
-    assert plot.x.title == "Rotor moment of inertia [kg·m²]"
+    assert plot.x.title == "Moment of inertia of the rotor, with the load [kg·m²]"
     assert tuple(spans.edges[0]) == profile.interval
     assert threshold.value == pytest.approx(3.841459)
     assert np.interp(spans.edges[0], curve.x, curve.y) == pytest.approx([threshold.value] * 2, rel=1e-3)

@@ -12,6 +12,7 @@ from .look import describe as describe
 from .names import ColumnQuantity as ColumnQuantity
 from .names import Meaning as Meaning
 from .names import meaning as meaning
+from .roles import Evidence as Evidence
 from .roles import Roles as Roles
 from .together import Group as Group
 from .together import describe_files as describe_files

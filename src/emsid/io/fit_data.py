@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -20,8 +20,10 @@ from emsid.estimation.estimates import Estimate, Status
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.io.limits import LARGEST, check_limits
-from emsid.models.model import Model
 from emsid.record.channels import ChannelNames
+
+if TYPE_CHECKING:
+    from emsid.models.model import Model
 
 Array = NDArray[np.float64]
 Number = float | str

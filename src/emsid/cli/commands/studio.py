@@ -28,7 +28,7 @@ def studio(
     port: Annotated[int, typer.Option(metavar="N", help="Port on this machine; 0: a free one.", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Open a page in the browser: look at data, fit, compare and play.
+    """Look at data, fit and compare models in the browser.
 
     The page is served on this machine only, under an address with a secret token, and loads nothing from a network.
     Everything that is done is kept in the folder of the session. Ctrl-C ends the server.

@@ -41,6 +41,11 @@ FAIR = 1 / 3
 explains two thirds of the output, as few do that are of no use, would be no better than the mean there."""
 
 
+CHANGES = 10
+"""Changes are over this part of what is held back: long enough for a motion to stand out from noise, and short enough
+for several of them."""
+
+
 def hold_back(record: Record, fraction: float) -> tuple[Record, Record]:
     """Split a record into a part to fit and an unseen part of about this fraction of the samples.
 
@@ -100,18 +105,30 @@ def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
 
 
 def shares(record: Record, first: int, stop: int) -> Array:
-    """(2,) the deviation of the outputs in a part and in the rest, over that in the record; the least of all outputs.
+    """(2,) how much of the motion of the record a part and the rest show; the least of all outputs.
 
-    Zero where no input changes, and one where an output is constant in the whole record.
+    It is the deviation of an output, or that of its changes over a tenth of the part, whichever is larger, over that in
+    the record: a position may move as much as ever while it stays near one place. Zero where no input changes, and one
+    where an output is constant in the whole record.
     """
     place = np.arange(len(record))
     inside = (place >= first) & (place < stop)
-    whole = record.output.std(axis=0)
-    moving, found = whole > 0, np.zeros(2)
+    lag = max((stop - first) // CHANGES, 1)
+    changes = record.output[lag:] - record.output[:-lag]
+    found = np.zeros(2)
     for number, part in enumerate((inside, ~inside)):
         if part.any() and np.ptp(record.input[part], axis=0).any():
-            found[number] = np.min(record.output[part].std(axis=0)[moving] / whole[moving], initial=1.0)
+            level = _share(record.output, part)
+            change = _share(changes, part[lag:] & part[:-lag])
+            found[number] = np.min(np.maximum(level, change), initial=1.0)
     return found
+
+
+def _share(values: Array, part: Mask) -> Array:
+    """(ny,) the deviation of values (N, ny) in a part over that of all; one where they are constant."""
+    whole = values.std(axis=0)
+    inside = values[part].std(axis=0) if part.any() else np.zeros(values.shape[1])
+    return np.divide(inside, whole, out=np.ones_like(whole), where=whole > 0)
 
 
 def choice_and_headline(unseen: Record) -> tuple[Record, Record] | None:

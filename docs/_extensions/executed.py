@@ -36,7 +36,7 @@ from sphinx.util import logging
 
 RUN = ("bash", "python")
 """Languages of fences that are run."""
-SHOWN = ("text", "toml", "json", "csv", "diff", "default", "none", "matlab")
+SHOWN = ("text", "c", "toml", "json", "csv", "diff", "default", "none", "matlab")
 """Languages of fences that are content of files or output, not commands."""
 FENCE = re.compile(r"^(`{3,})(\w+)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)
 CONTINUES = re.compile(r"\A---\n.*?^continues: (\S+)$.*?^---\n", re.MULTILINE | re.DOTALL)

@@ -128,7 +128,8 @@ def _share(values: Array, part: Mask) -> Array:
     """(ny,) the deviation of values (N, ny) in a part over that of all; one where they are constant."""
     whole = values.std(axis=0)
     inside = values[part].std(axis=0) if part.any() else np.zeros(values.shape[1])
-    return np.divide(inside, whole, out=np.ones_like(whole), where=whole > 0)
+    share: Array = np.divide(inside, whole, out=np.ones_like(whole), where=whole > 0)
+    return share
 
 
 def choice_and_headline(unseen: Record) -> tuple[Record, Record] | None:

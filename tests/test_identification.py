@@ -323,7 +323,11 @@ def test_a_profile_may_be_asked_for_by_the_name_of_both_directions_where_one_is_
     position = LinearAxis().simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
     position += 1e-4 * np.random.default_rng(1).standard_normal(position.shape)
     record = emsid.Record(force, position, 0.005, input_units=("N",), output_units=("m",))
-    options = Options(free=("mass", "friction.coulomb.forward"), profile=("friction.coulomb",))
+    options = Options(
+        free=("mass", "friction.coulomb.forward"),
+        fixed={"viscous_friction": 1.0, "friction.coulomb.backward": 0.1},
+        profile=("friction.coulomb",),
+    )
     (profile,) = identify(record, models=["linear-axis"], options=options).profiles["linear-axis"]
     assert profile.name == "friction.coulomb.forward"
     assert profile.interval == pytest.approx((0.1, 0.1), abs=5 * profile.standard_error)

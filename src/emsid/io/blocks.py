@@ -170,4 +170,5 @@ def _ascends(times: pl.Series) -> bool:
         return False
     known = times.drop_nulls()
     complete = len(known) == len(times) or times[: len(known)].null_count() == 0
-    return complete and len(known) > 1 and bool(np.all(np.diff(as_numbers(known)) > 0))
+    numbers = as_numbers(known)
+    return complete and len(known) > 1 and bool(np.all(numbers[1:] > numbers[:-1]))

@@ -343,6 +343,20 @@ def test_least_squares_over_files_is_that_of_one_record(tmp_path: Path, threads:
         assert parts.covariance == pytest.approx(whole.covariance, rel=1e-8)
 
 
+def test_parts_may_be_short_or_constant(tmp_path: Path, threads: Executor) -> None:
+    """What a record cannot show alone, a part of one may leave open: 2 rows of the end, an input at rest."""
+    table = frame(4_002, 0.9, np.random.default_rng(15))
+    table = table.with_columns(u=pl.when(pl.int_range(pl.len()) < 2_100).then(0.0).otherwise(pl.col("u")))
+    table.write_parquet(tmp_path / "one.parquet")
+    structure = emsid.arx(na=2, nb=3)
+    whole = least_squares(structure, [emsid.read(table, input="u", output="y", dt=0.01)])
+    parts = least_squares_over(tmp_path, structure, threads, input="u", output="y", dt=0.01, rows=1_000)
+    assert parts.estimate == pytest.approx(whole.estimate, rel=1e-9)
+    with pytest.raises(emsid.DataError, match="4 usable samples for the 5 parameters"):
+        table[3_000:3_007].write_parquet(tmp_path / "one.parquet")
+        least_squares_over(tmp_path, structure, threads, input="u", output="y", dt=0.01, rows=5)
+
+
 def test_a_gauss_newton_step_is_merged_as_a_tree() -> None:
     rng = np.random.default_rng(12)
     jacobian, residual = rng.standard_normal((999, 6)), rng.standard_normal(999)

@@ -19,10 +19,11 @@ from functools import partial
 
 import numpy as np
 
+from emsid.arguments import as_names
 from emsid.errors import DataError, ModelError
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Fit
 from emsid.estimation.linear.information import Information
-from emsid.estimation.linear.least_squares import gather, rank_findings
+from emsid.estimation.linear.least_squares import check_information, solved, with_record
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.fleets.engine import Engine
 from emsid.fleets.sources import BINARY, found_files, scan, scanned
@@ -83,7 +84,7 @@ def least_squares_over(
     files = [str(each.path) for each in found_files(source)]
     if not scanned(files, BINARY):
         raise DataError(f"{files[0]}: parts are taken of {', '.join(BINARY)} only; write the tables in such a format")
-    inputs, outputs = _names(input), _names(output)
+    inputs, outputs = as_names(input), as_names(output)
     parts = _parts(files, rows, structure.memory)
     engine = Engine(partial(_informations, structure, inputs, outputs, dt), _lost, executor, workers, control)
     found: dict[int, Information] = {}
@@ -92,27 +93,10 @@ def least_squares_over(
         control.doing("reducing parts", len(found), len(parts))
     control.check()
     whole = merged([found[k] for k in sorted(found)])
-    if whole.samples < whole.parameters:
-        raise DataError(f"{whole.samples:g} samples for {whole.parameters} parameters; name more files")
+    check_information(whole, structure, files[0])
     solution = whole.solve()
     head = _record(Part(0, files[0], 0, structure.memory + 1, 0), inputs, outputs, dt)
-    full = solution.rank == whole.parameters
-    return Fit(
-        model=structure.model(solution.estimate, head),
-        names=structure.parameter_names,
-        estimate=solution.estimate,
-        covariance=solution.covariance,
-        noise_variance=solution.noise_variance,
-        samples=whole.samples,
-        condition=solution.condition,
-        rank=solution.rank,
-        ending=Ending.SOLVED if full else Ending.RANK_DEFICIENT,
-        findings=tuple(rank_findings(solution, structure.labels)),
-    )
-
-
-def _names(names: str | Sequence[str]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names)
+    return solved(structure, whole, solution, head, solution.estimate)
 
 
 def _parts(files: Sequence[str], rows: int, memory: int) -> list[Part]:
@@ -144,7 +128,12 @@ def _record(part: Part, inputs: Sequence[str], outputs: Sequence[str], dt: float
 def _informations(
     structure: Structure, inputs: Sequence[str], outputs: Sequence[str], dt: float, parts: Sequence[Part]
 ) -> list[Information]:
-    return [gather(structure, _record(part, inputs, outputs, dt), threads=1)[0] for part in parts]
+    found = []
+    for part in parts:
+        record = _record(part, inputs, outputs, dt)
+        structure.check(record)
+        found.append(with_record(Information.empty(len(structure.parameter_names)), structure, record))
+    return found
 
 
 def _lost(part: Part) -> Information:

@@ -120,8 +120,23 @@ def least_squares(
     estimate = solution.estimate
     if refinements and solution.rank == information.parameters:
         estimate = _refined(information, estimate, partial(_all_blocks, structure, records), refinements, ridge)
+    return solved(structure, information, solution, first, estimate)
+
+
+def solved(
+    structure: LinearStructure[M_co], information: Information, solution: Solution, record: Record, estimate: Array
+) -> Fit[M_co]:
+    """The fit of a structure.
+
+    Args:
+        structure: what was fitted.
+        information: of all data.
+        solution: of it.
+        record: one like those that were fitted.
+        estimate: (n,) that of the solution, or a refined one.
+    """
     return Fit(
-        model=structure.model(estimate, first),
+        model=structure.model(estimate, record),
         names=structure.parameter_names,
         estimate=estimate,
         covariance=solution.covariance,
@@ -168,22 +183,46 @@ def gather(
             check_excitation(record)
             first = first or record
             check_same_channels(first, record)
-            chunks = structure.chunks(record, CHUNK)
-            in_turn = map if len(chunks) == 1 else parallel  # a short record is faster without threads
-            for part in in_turn(_chunk_information, repeat(structure), chunks):
-                information = information.merge(part)
+            information = with_record(information, structure, record, parallel)
     if first is None:
         raise DataError("no record to identify from")
+    check_information(information, structure, first.name)
+    return information, first
+
+
+def with_record(
+    information: Information,
+    structure: LinearStructure[object],
+    record: Record,
+    parallel: Callable[..., Iterable[Information]] = map,
+) -> Information:
+    """The information with that of one more record.
+
+    Args:
+        information: so far.
+        structure: what is fitted.
+        record: the data; of a part of a record it may be short, or constant.
+        parallel: as `map`, for a record of several chunks; a short one is faster without threads.
+    """
+    chunks = structure.chunks(record, CHUNK)
+    for part in (map if len(chunks) == 1 else parallel)(_chunk_information, repeat(structure), chunks):
+        information = information.merge(part)
+    return information
+
+
+def check_information(information: Information, structure: LinearStructure[object], name: str) -> None:
+    """Refuse the information of data that are too few for a structure, or whose regressors overflow.
+
+    Raises:
+        DataError: with the name of the data.
+    """
     if information.samples < information.parameters:
         raise DataError(
-            f"{first.name}: {information.samples:g} usable samples for the {information.parameters} parameters of "
+            f"{name}: {information.samples:g} usable samples for the {information.parameters} parameters of "
             f"{structure.name}; record longer or choose a smaller structure"
         )
     if not np.isfinite(information.factor).all():
-        raise DataError(
-            f"{first.name}: the regressors of {structure.name} overflow; scale the channels or lower powers"
-        )
-    return information, first
+        raise DataError(f"{name}: the regressors of {structure.name} overflow; scale the channels or lower powers")
 
 
 def rank_findings(solution: Solution, labels: Sequence[str]) -> list[Finding]:

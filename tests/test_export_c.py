@@ -67,7 +67,7 @@ def expected(model: Model, u: np.ndarray) -> np.ndarray:
 
 
 def width(model: Model) -> int:
-    return emsid.start(model, dt=DT)._u.size
+    return emsid.start(model, dt=DT).inputs
 
 
 @needs_gcc

@@ -12,7 +12,8 @@ import numpy as np
 
 from emsid.errors import FormatError, ModelError, listed
 from emsid.estimation.fit import Fit
-from emsid.exports.formats import Export, Files, format_of
+from emsid.exports.formats import Export, Files
+from emsid.exports.registry import format_of
 from emsid.io.files import atomic_write, write_several
 from emsid.models.verbs import as_model
 
@@ -61,10 +62,9 @@ def export(
         have = listed(list(kind.options)) if kind.options else "none"
         raise ModelError(f"{format} has no option {unknown[0]!r}; it has {have}", arguments=(unknown[0],))
     subject = as_model(model)
-    check_stable(subject, dt)
-    made = Export(
-        subject, model if isinstance(model, Fit) else None, c_name(name or subject.name), _dt(subject, dt), options
-    )
+    step = _dt(subject, dt)
+    check_stable(subject, step)
+    made = Export(subject, model if isinstance(model, Fit) else None, c_name(name or subject.name), step, options)
     files, notes = kind.function(made)
     files = {**files, README: readme(made, format, notes, files)}
     folder = Path(path)
@@ -117,9 +117,8 @@ def check_stable(model: Any, dt: float | None) -> None:
     """
     from emsid.models.starting import start
 
-    stepper = start(model, dt=model.dt or dt or 1e-3)
-    width = len(stepper._u)
-    ends = [model.run(stepper.state, np.full((PROBE * k, width), 1e-6))[0][-1] for k in (1, 2)]
+    stepper = start(model, dt=dt or 1e-3)
+    ends = [model.run(stepper.state, np.full((PROBE * k, stepper.inputs), 1e-6))[0][-1] for k in (1, 2)]
     if not np.isfinite(ends).all() or np.max(np.abs(ends[1])) > 1e6 * max(np.max(np.abs(ends[0])), 1e-6):
         raise ModelError(f"{model.name} is unstable: its free run grows without bound; identify another model")
 

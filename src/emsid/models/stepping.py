@@ -31,6 +31,11 @@ class Stepper(ABC):
     def __init__(self, model: Model, inputs: int, outputs: int) -> None:
         self.model, self._u, self._y = model, np.zeros(inputs), np.zeros(outputs)
 
+    @property
+    def inputs(self) -> int:
+        """How many inputs a step takes."""
+        return len(self._u)
+
     def step(self, u: ArrayLike) -> Any:
         """The output for the input of one sample, after which the model is one sample further.
 

@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 import emsid
 from emsid.errors import DataError
-from emsid.exports.formats import FORMATS
+from emsid.exports import FORMATS
 from emsid.io import origin
 from emsid.models.verbs import as_model
 from emsid.studio.play import loaded

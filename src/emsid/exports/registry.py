@@ -1,0 +1,38 @@
+"""The formats of an export, by name."""
+
+from __future__ import annotations
+
+from emsid.arguments import did_you_mean
+from emsid.errors import ModelError
+from emsid.exports.c99 import c99
+from emsid.exports.control import control
+from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
+from emsid.exports.formats import Format
+from emsid.exports.mujoco import mujoco
+from emsid.exports.tables import csv
+
+BRUSHLESS = ("winding", "pole_pairs")
+
+FORMATS: dict[str, Format] = {
+    "c99": Format("C99: one header and one source, no heap", c99, ("single",)),
+    "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco),
+    "python-control": Format("the linear part as a script for python-control", control),
+    "csv": Format("friction, dead zone and static maps as tables", csv),
+    "wpilib": Format("kS, kV and kA for WPILib", wpilib),
+    "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS),
+    "vesc": Format("the motor of a VESC", vesc, BRUSHLESS),
+    "simplefoc": Format("the motor of SimpleFOC", simplefoc, BRUSHLESS),
+}
+
+
+def format_of(name: str) -> Format:
+    """The format of this name.
+
+    Raises:
+        ModelError: for an unknown one, with the known ones.
+    """
+    if name not in FORMATS:
+        raise ModelError(
+            f"no format {name!r}; there are {', '.join(FORMATS)}{did_you_mean(name, FORMATS)}", arguments=("to",)
+        )
+    return FORMATS[name]

@@ -26,6 +26,7 @@ from emsid.compiled import njit
 from emsid.models.blocks.static_maps.static_map import StaticMap
 from emsid.models.blocks.static_maps.tables import Tables as Tables
 from emsid.models.blocks.static_maps.tables import tables_of as tables_of
+from emsid.models.blocks.static_maps.tables import value_at
 
 Array = NDArray[np.float64]
 
@@ -106,8 +107,6 @@ def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array,
     """
     n, m = len(state), len(offsets) - 1
     all_x, all_z, all_w, y = out.x, out.z, out.w, out.y
-    first, edges, origins, coefficients, signs = tables
-    degree = coefficients.shape[1] - 1
     new, w = np.empty(n + 1), np.empty(m)
     for t in range(len(u)):
         for j in range(n):
@@ -116,19 +115,7 @@ def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array,
             z = offsets[i] + matrix[n + i, n] * u[t]
             for j in range(n):
                 z += matrix[n + i, j] * state[j]
-            low, high = first[i], first[i + 1] - 1
-            while low < high:  # the last piece whose edge is not above z
-                middle = (low + high + 1) // 2
-                if edges[middle] <= z:
-                    low = middle
-                else:
-                    high = middle - 1
-            h, value = z - origins[low], coefficients[low, degree]
-            for k in range(degree - 1, -1, -1):
-                value = value * h + coefficients[low, k]
-            jump, width = signs[i, 0], signs[i, 1]
-            if jump != 0.0:
-                value += jump * (np.tanh(z / width) if width > 0.0 else np.sign(z))
+            value = value_at(tables, i, z)
             factor = factors[i, n + 1] + factors[i, n] * u[t]
             for j in range(n):
                 factor += factors[i, j] * state[j]

@@ -19,11 +19,11 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.free_run import RunMethods
 from emsid.models.linear.state_space import StateSpaceModel, observer_form
+from emsid.models.linear.through_state_space import ThroughStateSpace
 from emsid.models.terms import check_whole, sum_of_terms
 from emsid.record import Record
 
@@ -33,7 +33,7 @@ FIELDS = ("a", "b", "c", "d", "f")
 
 
 @dataclass(frozen=True, eq=False)
-class PolynomialModel(RunMethods):
+class PolynomialModel(ThroughStateSpace):
     """A linear model of one output in polynomials.
 
     Args:
@@ -104,47 +104,9 @@ class PolynomialModel(RunMethods):
         b, k = (np.vstack([block[j] for block in blocks]) for j in (1, 2))
         return StateSpaceModel(whole, b, output, direct, k, np.array([level]), self.dt, name=self.name)
 
-    @property
-    def memory(self) -> int:
-        """The number of samples of a segment that give its initial state."""
-        return self.form.memory
-
-    @property
-    def latency(self) -> int:
-        """Zero: the model does not interpolate its input."""
-        return 0
-
-    def check_record(self, record: Record) -> None:
-        """Refuse a record of other channels; its outputs may be missing.
-
-        Raises:
-            ModelError: with the difference.
-        """
-        self.form.check_record(record)
-
-    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
-        """The steady state for a constant input; zero for a model without one, such as an integrator."""
-        return self.form.at_rest(level, dt)
-
-    def initial(self, segment: Record, samples: int) -> Array:
-        """The state after these samples, by least squares on their outputs, with the noise model."""
-        return self.form.initial(segment, samples)
-
-    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
-        """The outputs (N, 1) for inputs (N, nu), and the state after them."""
-        return self.form.run(state, inputs)
-
-    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
-        """The output (1,) for the input (nu,) of one sample, and the state after it."""
-        return self.form.advance(state, u)
-
     def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
         """ŷ(t | t − horizon) with the noise model."""
         return self.form.ahead(segment, samples, horizon)
-
-    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""
-        return self.form.response(frequency)
 
     @property
     def _sizes(self) -> tuple[int, int, int, int, int]:

@@ -26,15 +26,16 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.problem import Block
-from emsid.models.free_run import RunMethods, continued, from_rest
+from emsid.models.free_run import continued, from_rest
 from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.through_state_space import ThroughStateSpace
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ SHORTEST, LARGEST = 0.3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ProcessModel(RunMethods):
+class ProcessModel(ThroughStateSpace):
     """A gain with time constants, a zero and a dead time.
 
     Args:
@@ -139,44 +140,6 @@ class ProcessModel(RunMethods):
             bm[past[0], 0] = 1.0
         none = np.zeros((size, 1))
         return StateSpaceModel(am, bm, cm, dm, none, np.array([self.offset]), self.dt, start=8 * n, name=self.name)
-
-    @property
-    def memory(self) -> int:
-        """The number of samples of a segment that give its initial state."""
-        return self.form.memory
-
-    @property
-    def latency(self) -> int:
-        """Zero: the model does not interpolate its input."""
-        return 0
-
-    def check_record(self, record: Record) -> None:
-        """Refuse a record of other channels; its outputs may be missing.
-
-        Raises:
-            ModelError: with the difference.
-        """
-        self.form.check_record(record)
-
-    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
-        """The steady state for a constant input."""
-        return self.form.at_rest(level, dt)
-
-    def initial(self, segment: Record, samples: int) -> Array:
-        """The state after these samples, by least squares on their outputs."""
-        return self.form.initial(segment, samples)
-
-    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
-        """The outputs (N, 1) for inputs (N, 1), and the state after them."""
-        return self.form.run(state, inputs)
-
-    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
-        """The output (1,) for the input of one sample, and the state after it."""
-        return self.form.advance(state, u)
-
-    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """(F, 1, 1) the frequency response at frequencies (F,) in Hz."""
-        return self.form.response(frequency)
 
     def parameter_values(self) -> dict[str, float]:
         """gain, T1, T2, …, Tz, delay and offset."""

@@ -58,14 +58,18 @@ class Fleet:
         return series_of(self.rows)
 
     @cached_property
+    def _compared(self) -> tuple[list[Outlier], dict[str, Spread]]:
+        return outliers(self.series)
+
+    @property
     def outliers(self) -> list[Outlier]:
         """The motors that differ from the fleet, the most different first; see `emsid.fleets.spread`."""
-        return outliers(self.series)[0]
+        return self._compared[0]
 
-    @cached_property
+    @property
     def ordinary(self) -> dict[str, Spread]:
         """Centre and spread of every parameter over the motors."""
-        return outliers(self.series)[1]
+        return self._compared[1]
 
     @cached_property
     def changes(self) -> list[Change]:
@@ -150,8 +154,8 @@ def fleet(
         what: a name of ``emsid list``, whose structure is then chosen on one motor; a fit, or the file of one, whose
             structure is taken; or anything that `emsid.fit` takes.
         executor: where the fits run; by default processes of this machine, which in a script needs the usual
-            ``if __name__ == "__main__":``. Of a cluster that needs no more than files
-            that its workers reach, give ``client.get_executor()``.
+            ``if __name__ == "__main__":``. Of a Dask cluster, whose workers must reach the files, give
+            ``client.get_executor()``.
         out: a folder for the rows; the same call goes on where an earlier one stopped.
         motor: the field of paths, or else the column of tables, that names the motor; by default the field ``motor``,
             or the names of the files.

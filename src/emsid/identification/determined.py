@@ -49,8 +49,8 @@ LARGEST = sqrt(WITHIN**2 - 1)
 LOWER = 0.8
 """The range of the probes over that of the record; near the ends of the range there are few data."""
 BEGUN, SAMPLES = 300, 1_500
-"""The samples of the record before a probe, which give the state, and those of the probe. Twice as many change the
-differences by less than a tenth."""
+"""The samples of the record before a probe, which give the state, and those of the probe: fifteen levels of a hundred
+samples on average. Chosen, not measured."""
 SHORTEST, LONGEST = 3, 8
 """A level is held for at least the first number of samples, and for at most the probe divided by the second."""
 SINES = 20

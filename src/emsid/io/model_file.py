@@ -81,12 +81,8 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     @classmethod
     def of(cls, record: Record) -> Origin:
         """The channels and the fingerprint of a record."""
-        return cls(
-            record.dt,
-            tuple(zip(record.input_names, record.input_units, strict=True)),
-            tuple(zip(record.output_names, record.output_units, strict=True)),
-            fingerprint(record),
-        )
+        known = ChannelNames.of(record)
+        return cls(known.dt, known.inputs, known.outputs, fingerprint(record))
 
     @classmethod
     def named(cls, channels: ChannelNames) -> Origin:

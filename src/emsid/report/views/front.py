@@ -30,7 +30,7 @@ def front_table(rows: Sequence[FrontRow]) -> Table:
         for k, each in enumerate(rows, 1)
     )
     folds = rows[0].folds
-    where = f"over {folds} parts of the data, each left out of a fit once" if folds > 1 else "on unseen data"
+    where = f"over {folds} parts of the data, by fits without and with each" if folds > 1 else "on unseen data"
     return Table(
         ("Model", "Parameters", "Error %", "± one standard error", "Remark"),
         lines,

@@ -33,12 +33,13 @@ from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive
+from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.structures import arx, friction_narx, wiener_hammerstein_regression
-from emsid.plant import Friction, Motor
+from emsid.plant import Friction, Motor, PowerFriction
 from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
@@ -175,6 +176,8 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
     rigid = replace(Motor(), inductance=0.0).rigid()
     speed, both, current = (Signal.SPEED,), (Signal.POSITION, Signal.SPEED), (Signal.SPEED, Signal.CURRENT)
     slow = Sensor(lag=2 * DT, average=True)
+    law = PowerFriction(0.01, 0.01, 2.0, 0.1, 0.2, 0.05, 0.02)
+    loaded = DrivenMotor(replace(rigid, rotor_friction=law, load_friction=Friction()), gravity=Gravity())
     sticky = replace(rigid, rotor_friction=Friction(0.02, 0.01, 2.0))
     for name, plant, signals in (
         ("rigid motor", DrivenMotor(rigid), speed),
@@ -183,6 +186,8 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
         ("rigid motor, coasting", DrivenMotor(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
         ("elastic motor", DrivenMotor(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),
+        ("joint", DrivenMotor(sticky, Drive(delay=0.3 * DT), Sensor(ratio=20.0), gravity=Gravity(0.4, 0.3)), both),
+        ("joint, friction by load", replace(loaded, gravity=Gravity(0.02, 0.3, 0.05, 0.1)), both),
         ("own plant", OWN, speed),
         ("own plant, linear input", replace(OWN, name="linear input", between="linear", steps=2), speed),
         ("own plant, band-limited input", replace(OWN, name="band-limited input", between="band-limited"), speed),

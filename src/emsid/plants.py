@@ -12,6 +12,7 @@ from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Acting, ActingEach, Bridge, Drive, Feed, Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent
+from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -21,7 +22,7 @@ from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.constructors import linear_axis, motor, rigid_motor
+from emsid.models.plants.search.constructors import joint, linear_axis, motor, rigid_motor
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
@@ -31,7 +32,10 @@ from emsid.models.plants.state import PlantState
 from emsid.models.plants.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
+from emsid.plant.load_friction import LoadFriction
 from emsid.plant.parameter import Measure, Parameter
+from emsid.plant.power_friction import PowerFriction
+from emsid.plant.squared_load_friction import SquaredLoadFriction
 
 __all__ = [
     "Acting",
@@ -50,6 +54,7 @@ __all__ = [
     "FrictionLaw",
     "GaussianStribeck",
     "Given",
+    "Gravity",
     "GreyBox",
     "GreyBoxFit",
     "Handle",
@@ -58,6 +63,7 @@ __all__ = [
     "LawParameter",
     "LinearAxis",
     "LoadDrift",
+    "LoadFriction",
     "Measure",
     "Motion",
     "Needs",
@@ -65,6 +71,7 @@ __all__ = [
     "Parameter",
     "Plant",
     "PlantState",
+    "PowerFriction",
     "Profile",
     "Quantity",
     "Recent",
@@ -73,6 +80,7 @@ __all__ = [
     "Sensor",
     "Signal",
     "Sizes",
+    "SquaredLoadFriction",
     "StaticCharacteristic",
     "Status",
     "Trial",
@@ -82,6 +90,7 @@ __all__ = [
     "dead_zone_curve",
     "friction_curve",
     "friction_law",
+    "joint",
     "likelihood_profile",
     "linear_axis",
     "motor",

@@ -342,7 +342,7 @@ def usual_for(record: Record) -> tuple[str, ...]:
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
-    starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
+    starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined and kind.usual}
     folded = ("wiener",) if one_each and not position and keeps_its_sign(record.output[:, 0]) else ()
     least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)

@@ -103,8 +103,17 @@ class LawParameter(NamedTuple):
     linear_symbol: str = ""
 
 
-Level = Callable[[Any, Any, Any], Any]
-"""(speed ≥ 0, numbers (2, n), side) → the torque or force that opposes the motion; side 0 is forward, 1 backward."""
+Level = Callable[..., Any]
+"""(speed ≥ 0, numbers (2, n), side) → the torque or force that opposes the motion; side 0 is forward, 1 backward. For a
+law that depends on the load, (speed, numbers, side, torque of the drive, torque from outside)."""
+LOADED = 5
+"""How many arguments the level of a law that depends on the load takes."""
+
+
+def sees_load(level: Level) -> bool:
+    """Whether a level depends on the load."""
+    code = getattr(getattr(level, "py_func", level), "__code__", None)
+    return code is not None and code.co_argcount == LOADED
 
 
 @dataclass(frozen=True)
@@ -146,15 +155,19 @@ class FrictionLaw(ABC):
 
     @cached_property
     def breakaway(self) -> tuple[float, float]:
-        """(forward, backward) in N·m: the net torque up to which a body stays at rest."""
-        numbers, level = self.numbers, type(self).level
-        return float(level(0.0, numbers, 0)), float(level(0.0, numbers, 1))
+        """(forward, backward) in N·m: the net torque up to which a body without load stays at rest."""
+        return self._against(0.0, 0), self._against(0.0, 1)
 
     def torque(self, speed: ArrayLike) -> Array:
-        """T_f(ω) in N·m while sliding at ``speed`` in rad/s, of any shape; 0 at ω = 0."""
-        w, numbers, level = np.asarray(speed, dtype=float), self.numbers, type(self).level
-        flat = [np.sign(one) * level(abs(float(one)), numbers, int(one < 0)) for one in w.ravel()]
+        """T_f(ω) in N·m while sliding without load at ``speed`` in rad/s, of any shape; 0 at ω = 0."""
+        w = np.asarray(speed, dtype=float)
+        flat = [np.sign(one) * self._against(abs(float(one)), int(one < 0)) for one in w.ravel()]
         return np.array(flat).reshape(w.shape)
+
+    def _against(self, speed: float, side: int) -> float:
+        """The torque against the motion in N·m, without load."""
+        level = type(self).level
+        return float(level(speed, self.numbers, side, *(0.0, 0.0) * sees_load(level)))
 
     @property
     def symmetric(self) -> bool:

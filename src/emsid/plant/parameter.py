@@ -33,6 +33,7 @@ class Measure(Enum):
     QUADRATIC = ("N*m*s^2/rad^2", "N*s^2/m^2")
     SPEED = ("rad/s", "m/s")
     PER_SPEED = ("s/rad", "s/m")
+    PER_FORCE = ("1/(N*m)", "1/N")
     COMMAND = ("V", "V")
     TIME = ("s", "s")
     FACTOR = ("1", "1")

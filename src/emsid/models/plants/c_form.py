@@ -11,14 +11,22 @@ from emsid.models.c_form import CForm, number
 from emsid.models.plants.drive import FULL, GAUSS, PIECES
 from emsid.models.plants.sampling import OneMassSampler, Outer
 from emsid.models.plants.stepping import PlantStepper
-from emsid.plant.friction import coulomb_stribeck
+from emsid.plant.friction import Level, coulomb_stribeck, sees_load
 from emsid.plant.gaussian_stribeck import gaussian_excess
+from emsid.plant.load_friction import with_load
+from emsid.plant.power_friction import by_power
+from emsid.plant.squared_load_friction import by_power_squared
 
+_POWER = "n[0] + FABS(n[3] * made - n[4] * outside) + EXP(-n[2] * speed) * (n[1] + FABS(n[5] * made - n[6] * outside)"
 LEVELS = {
     coulomb_stribeck: "n[0] + n[1] * EXP(-n[2] * speed)",
     gaussian_excess: "n[0] + n[1] * EXP(-(n[2] * speed) * (n[2] * speed))",
+    with_load: "n[0] + n[3] * FABS(made - outside) + EXP(-n[2] * speed) * (n[1] + n[4] * FABS(made - outside))",
+    by_power: f"{_POWER})",
+    by_power_squared: f"{_POWER} + (made * outside < K(0.0) ? (FABS(made) > FABS(outside) ? n[8] * outside * outside "
+    ": n[7] * made * made) : K(0.0)))",
 }
-"""The friction laws in C, for the numbers ``n`` of a direction."""
+"""The friction laws in C, for the numbers ``n`` of a direction and the forces of the drive and from outside."""
 
 MOTION = """\
 static void phi(real r, real h, real *one, real *two)
@@ -49,9 +57,9 @@ static real ripple(real x, real way)
     return force;
 }
 
-static real against(real speed, int side)
+static real against(real speed, int side, real made, real outside)
 {
-    return level(speed, side) + QUADRATIC * speed * speed;
+    return level(speed, side, made, outside) + QUADRATIC * speed * speed;
 }
 
 /* Motion over the time `whole` under a constant force: exact for constant friction, which holds the mass at rest. */
@@ -64,6 +72,8 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
         real left = whole / (real)STEPS;
         while (left > K(0.0)) {
             real net = drive - ripple(x, K(0.0));
+            real made = drive + LOAD;
+            real outside = net - drive - LOAD;
             const int side = (v > K(0.0) || (v >= K(0.0) && net > K(0.0))) ? 0 : 1;
             const real direction = side == 0 ? K(1.0) : -K(1.0);
             const int stands = !(v > K(0.0) || v < K(0.0));
@@ -74,15 +84,17 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
             real pull;
             real after;
             real time;
-            if (stands && FABS(net) <= breakaway[side]) {
+            if (stands && FABS(net) <= holds(side, made, outside)) {
                 break;
             }
             if (varies[side]) {
                 real middle;
-                a = (net - direction * against(FABS(v), side)) / MASS;
+                a = (net - direction * against(FABS(v), side, made - drag * v, outside)) / MASS;
                 middle = above(direction * (v + (a - r * v) * (left / (K(2.0) + K(0.5) * r * left))));
                 net = drive - ripple(x, direction * middle * left);
-                a = (net - direction * against(middle, side)) / MASS;
+                made -= drag * direction * middle;
+                outside = net - drive - LOAD;
+                a = (net - direction * against(middle, side, made, outside)) / MASS;
             } else {
                 a = (drive - direction * breakaway[side]) / MASS;
             }
@@ -169,6 +181,7 @@ def c_form(stepper: PlantStepper) -> CForm:
     scalars = {
         "MASS": inside.mass,
         "QUADRATIC": float(friction.quadratic),
+        "LOAD": float(friction.load),
         "ZONE_BEGIN": float(inside.zone[0]),
         "ZONE_END": float(inside.zone[1]),
         "ZONE_LEFT": float(inside.zone[2]),
@@ -189,9 +202,8 @@ def c_form(stepper: PlantStepper) -> CForm:
     }
     defines = "".join(f"#define {key} {number(value)}\n" for key, value in scalars.items())
     defines += "".join(f"#define {key} {value}\n" for key, value in whole.items())
-    functions = (
-        f"{defines}\nstatic real level(real speed, int side)\n{{\n    const real *n = law + {width} * side;\n"
-        f"    return {LEVELS[law]};\n}}\n\n{MOTION}\n{SENSE}\n{_apply(outer)}" + (f"\n{ROW}" if outer.straight else "")
+    functions = f"{defines}\n{_friction(law, width)}\n{MOTION}\n{SENSE}\n{_apply(outer)}" + (
+        f"\n{ROW}" if outer.straight else ""
     )
     constants = (
         ("law", friction.numbers.ravel()),
@@ -208,6 +220,17 @@ def c_form(stepper: PlantStepper) -> CForm:
         ("begun", count.astype(float)),
     )
     return CForm(1, len(outer.signals), state, _step(outer, inside), constants, functions)
+
+
+def _friction(law: Level, width: int) -> str:
+    """The level of a law, and what it holds at rest."""
+    arguments, unused = "int side, real made, real outside", "    (void)made;\n    (void)outside;\n"
+    held = "level(K(0.0), side, made, outside)" if sees_load(law) else "breakaway[side]"
+    return (
+        f"static real level(real speed, {arguments})\n{{\n    const real *n = law + {width} * side;\n{unused}"
+        f"    return {LEVELS[law]};\n}}\n\n"
+        f"static real holds({arguments})\n{{\n{unused}    return {held};\n}}\n"
+    )
 
 
 def _apply(outer: Outer) -> str:

@@ -83,6 +83,11 @@ class DrivenPlant(Plant):
         return command
 
     @property
+    def turn(self) -> float:
+        """The phase in rad per unit of a position with which a force on it repeats; 0 for none."""
+        return 0.0
+
+    @property
     def can_coast(self) -> bool:
         """No."""
         return False

@@ -185,7 +185,8 @@ class LinearAxis(DrivenPlant):
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""
         force = voltage if self.dead_zone is None else self.dead_zone(voltage)
-        law = Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves)  # type: ignore[arg-type]
+        viscous: tuple[float, float] = self.viscous_friction  # type: ignore[assignment]
+        law = Sliding.of(self.friction, viscous, self.quadratic_viscous, self.cogging.waves, self.offset)
         level = type(self.friction).level
         return OneMass(self.mass, level, law, force - self.offset, np.zeros(len(force)))
 

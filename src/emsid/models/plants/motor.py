@@ -10,8 +10,7 @@ which the fast loop of `one_mass` simulates.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TYPE_CHECKING, Any, Self
 
@@ -21,13 +20,23 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
-from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
-from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
+from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, without_idle
+from emsid.models.plants.drive import Acting, Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.motor_equations import equations, linear_motor, quantities, together
+from emsid.models.plants.gravity import CONSTANTS, Gravity
+from emsid.models.plants.motor_equations import (
+    WEIGHT,
+    equations,
+    linear_motor,
+    of_joint,
+    quantities,
+    together,
+    with_motion,
+)
+from emsid.models.plants.motor_handles import MADE, ZONES, motor_handles
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
-from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
+from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import (
     Channels,
     Limits,
@@ -40,8 +49,8 @@ from emsid.models.plants.plant import (
 )
 from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import PlantState
-from emsid.plant import FrictionLaw, Measure, Motor, Parameter
+from emsid.models.plants.state import HELD, PlantState
+from emsid.plant import FrictionLaw, Measure, Motor
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -51,35 +60,6 @@ Array = NDArray[np.float64]
 QUICKEST = 0.02
 """The shortest electrical time constant in samples. A current that is sampled where the voltage steps still shows 0.04;
 one of 0.01 takes so many steps that a search with it takes ten times as long."""
-_MADE = {
-    Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
-    Feed.CURRENT: ("A", "amperes", Measure.OTHER),
-    Feed.TORQUE: ("N*m", "newton metres", Measure.FORCE),
-}
-_ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_zone": ("torque", "N*m", Measure.FORCE)}
-
-
-@cache
-def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[FrictionLaw]) -> Mapping[str, Handle]:
-    """The handles of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft."""
-    laws = {"rotor_friction": rotor, "load_friction": load}
-    found: dict[str, Handle] = {}
-    for part in fields(Motor):
-        path, about = ("motor", part.name), part.metadata
-        if part.name in laws:
-            found |= law_handles(path, part.name, laws[part.name], about["where"], about["index"])
-        elif part.name in _ZONES:
-            found |= dead_zone_handles(path, part.name, *_ZONES[part.name])
-        elif not (rigid and part.name.startswith("shaft_")):
-            parameter = Parameter(part.name, about["symbol"], about["unit"], about["description"])
-            found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
-    torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
-    found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
-    if rigid:
-        square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
-        found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
-        found |= cogging_handles("N*m", "rad")
-    return found | outer_handles(*_MADE[feed], "rad/s", Measure.SPEED)
 
 
 @dataclass(frozen=True)
@@ -98,10 +78,11 @@ class DrivenMotor(DrivenPlant):
         feed: the output of the drive; with a current or a torque, a rigid motor has no back electromotive force.
         quadratic_viscous: friction by the square of the speed, as of a fan, in N·m·s²/rad²; of a rigid motor.
         cogging: torque over the angle, in N·m and rad; of a rigid motor.
+        gravity: the arm that a rigid motor moves as a joint; None for a motor.
 
     Raises:
         ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has quadratic
-            friction or cogging.
+            friction, cogging or gravity.
     """
 
     motor: Motor = field(default_factory=Motor)
@@ -112,39 +93,45 @@ class DrivenMotor(DrivenPlant):
     feed: Feed = Feed.VOLTAGE
     quadratic_viscous: float = 0.0
     cogging: Cogging = Cogging()  # noqa: RUF009  (frozen)
+    gravity: Gravity | None = None
 
     def __post_init__(self) -> None:
         check_quadratic(self.name, self.quadratic_viscous)
         check_steps(self.name, self.steps)
         if self.feed is not Feed.VOLTAGE and not self.motor.is_rigid:
             raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
+        if self.gravity is not None and not self.motor.is_rigid:
+            raise ModelError("a joint with gravity is simulated as one mass only; give Motor.rigid()")
 
     @property
     def name(self) -> str:
-        """``rigid-motor`` or ``motor``."""
-        return "rigid-motor" if self.motor.is_rigid else "motor"
+        """``joint``, ``rigid-motor`` or ``motor``."""
+        return "joint" if self.gravity is not None else "rigid-motor" if self.motor.is_rigid else "motor"
 
     @property
     def handles(self) -> Mapping[str, Handle]:
         """The handles of `Motor.parameters` by name, then load torque, drive and sensor."""
         motor = self.motor
-        return _handles(motor.is_rigid, self.feed, type(motor.rotor_friction), type(motor.load_friction))
+        laws = type(motor.rotor_friction), type(motor.load_friction)
+        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None)
 
     @property
     def default_free(self) -> tuple[str, ...]:
         """Electrical constants, inertia, viscous and Coulomb friction, dead zone; also shaft and load, if not rigid.
 
-        Only parameters with an effect are included; with a current or a torque as input there is no dead zone.
+        Only parameters with an effect are included; with a current or a torque as input there is no dead zone, and none
+        in a joint, whose friction hides it.
         """
+        hangs = () if self.gravity is None else ("gravity.torque", "gravity.angle")
         if self.feed is not Feed.VOLTAGE:
             constant = ("motor_constant",) if self.feed is Feed.CURRENT else ()
-            return (*constant, "rotor_viscous", "rotor_inertia", self._level)
+            return (*constant, "rotor_viscous", "rotor_inertia", self._level, *hangs)
         names = ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
         if not self.motor.is_rigid:
             names += ["load_inertia", "shaft_stiffness", "shaft_damping"]
         if self.motor.inductance > 0:
             names.append("inductance")
-        return (*names, self._level, "voltage_dead_zone.half_width")
+        return (*names, self._level, *(hangs or ("voltage_dead_zone.half_width",)))
 
     @property
     def _level(self) -> str:
@@ -159,8 +146,8 @@ class DrivenMotor(DrivenPlant):
 
     @property
     def body(self) -> str:
-        """``motor``."""
-        return "motor"
+        """``motor``, or ``joint``."""
+        return "motor" if self.gravity is None else "joint"
 
     @property
     def channels(self) -> Channels:
@@ -168,9 +155,9 @@ class DrivenMotor(DrivenPlant):
         units = {Signal.SPEED: "rad/s", Signal.ROTOR_SPEED: "rad/s", Signal.POSITION: "rad", Signal.CURRENT: "A"}
         return Channels(
             units,
-            Signal.SPEED,
-            (_MADE[self.feed][0],),
-            _MADE[self.feed][1],
+            Signal.SPEED if self.gravity is None else Signal.POSITION,
+            (MADE[self.feed][0],),
+            MADE[self.feed][1],
             self.feed.value,
             self.drive.codes,
             self.feed is Feed.VOLTAGE,
@@ -229,16 +216,17 @@ class DrivenMotor(DrivenPlant):
         return ("inductance",) if self.motor.is_rigid and self.motor.inductance == 0 else ()
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
-        """Electrical parameters, unless a voltage drives it."""
+        """Electrical parameters, unless a voltage drives it; nobody questions the constants of gravity."""
+        constants = () if self.gravity is None else CONSTANTS
         if self.feed is Feed.VOLTAGE:
-            return ()
+            return constants
         constant = self.feed is Feed.TORQUE and Signal.CURRENT not in signals
-        return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
+        return ("resistance", "inductance", *(("motor_constant",) if constant else ()), *constants)
 
     def for_command(self, record: Record) -> Self:
         """A rigid motor driven by a current or a torque if the command is in A or N·m."""
         unit = record.input_units[0]
-        feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == _MADE[each][0]), None)
+        feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == MADE[each][0]), None)
         if self.feed is not Feed.VOLTAGE or feed is None:
             return self
         if not self.motor.is_rigid:
@@ -320,7 +308,7 @@ class DrivenMotor(DrivenPlant):
         before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
         zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
         mass = self._sliding(np.zeros(1), np.zeros(1))
-        numbers = (before, after, slope * k if volts else 0.0, float(mass.damping[0]), self.load_torque, mass.mass, k)
+        numbers = (before, after, slope * k if volts else 0.0, 0.0, self.load_torque, mass.mass, k)
         return OneMassSampler(outer, Inside(zone, *map(float, numbers)), mass.law, mass.friction, self.steps, state)
 
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
@@ -345,10 +333,12 @@ class DrivenMotor(DrivenPlant):
 
     def _sliding(self, torque: Array, braking: Array) -> OneMass:
         motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
-        friction = Sliding.of(law, quadratic=self.quadratic_viscous, waves=self.cogging.waves)
+        waves = self.cogging.waves
+        if self.gravity is not None:
+            waves = np.concatenate([self.gravity.wave(self.sensor.ratio), waves])
         viscous = motor.rotor_viscous + motor.load_viscous
-        mass = motor.rotor_inertia + motor.load_inertia
-        return OneMass(mass, type(law).level, friction, torque - self.load_torque, braking + viscous)
+        friction = Sliding.of(law, (viscous, viscous), self.quadratic_viscous, waves, self.load_torque)
+        return OneMass(self.inertia_of_all, type(law).level, friction, torque - self.load_torque, braking)
 
     def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """The same for a motor that one mass does not describe."""
@@ -369,8 +359,11 @@ class DrivenMotor(DrivenPlant):
             )
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
-        """See `linear_motor`."""
-        part = linear_motor(self.motor, self.feed, self.drive.gain, self.sensor.ratio, signals)
+        """See `linear_motor`; of a joint about the angle at which it hangs."""
+        spring = 0.0
+        if self.gravity is not None:
+            spring = self.gravity.whole / self.sensor.ratio * self.gravity.per_unit(self.sensor.ratio)
+        part = linear_motor(self.motor, self.feed, self.drive.gain, self.sensor.ratio, signals, (spring, self._weight))
         filtered = tuple(j for j, signal in enumerate(signals) if signal is not Signal.CURRENT)
         return part.with_lag(self.sensor.lag, filtered)
 
@@ -395,15 +388,30 @@ class DrivenMotor(DrivenPlant):
     @property
     def holding(self) -> float:
         """The output of the drive that balances the load torque."""
-        motor, torque = self.motor, self.load_torque
+        return self._balancing(self.load_torque)
+
+    def before(self, state: Array) -> float | None:
+        """See `DrivenPlant.before`; at rest the drive of a joint balances its gravity too."""
+        if self.gravity is None or len(state) <= HELD or not state[HELD]:
+            return super().before(state)
+        return self._balancing(self.load_torque + self.gravity.against(float(state[1]), self.sensor.ratio))
+
+    def _balancing(self, torque: float) -> float:
+        """The output of the drive that balances a torque at rest."""
         if torque == 0.0:  # as in most free runs of a search
             return 0.0
+        motor = self.motor
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
         made = torque / self._torque_per_unit
         if self.feed is not Feed.VOLTAGE or motor.voltage_dead_zone is None:
             return made
         return float(motor.voltage_dead_zone.inverse(made))
+
+    @property
+    def turn(self) -> float:
+        """The phase of gravity per unit of the angle of the joint."""
+        return 0.0 if self.gravity is None else self.gravity.per_unit(1.0)
 
     def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
         """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.
@@ -414,26 +422,9 @@ class DrivenMotor(DrivenPlant):
         input, K_m is kept, and J and the friction follow from it.
         """
         if self.feed is not Feed.VOLTAGE:
-            return self._with_motion_by_torque(motion)
-        motor, zone = self.motor, motion.dead_zone * abs(self.drive.gain)
-        constant, inertia, viscous = self._constants_of(motion, fixed)
-        share = motor.load_inertia / (motor.rotor_inertia + motor.load_inertia)
-        load = motor.load_inertia if "load_inertia" in fixed else inertia * share
-        factor = 1.0 if motor.is_rigid else inertia / (motor.rotor_inertia + motor.load_inertia)
-        small = 0.02 * inertia * motion.damping
-        found = replace(
-            motor,
-            motor_constant=constant,
-            rotor_inertia=motor.rotor_inertia if "rotor_inertia" in fixed else max(inertia - load, TINY),
-            load_inertia=load,
-            rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
-            load_viscous=min(motor.load_viscous, small),
-            rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
-            voltage_dead_zone=motor.voltage_dead_zone and replace(motor.voltage_dead_zone, b_l=-zone, b_r=zone),
-            shaft_stiffness=motor.shaft_stiffness * factor,
-            shaft_damping=motor.shaft_damping * factor,
-        )
-        return replace(self, motor=found)
+            return self._with_motion_by_torque(motion)._hung(motion, fixed)
+        moved = replace(self, motor=with_motion(self.motor, self.drive.gain, motion, fixed))
+        return moved._hung(motion, fixed)
 
     def _with_motion_by_torque(self, motion: Motion) -> Self:
         """`with_motion` for an input of current or torque."""
@@ -442,24 +433,32 @@ class DrivenMotor(DrivenPlant):
         inertia = max(per_unit / motion.gain, 2 * TINY)
         return self.with_values(
             {
-                "rotor_inertia": max(inertia - motor.load_inertia, TINY),
+                "rotor_inertia": max(inertia - motor.load_inertia - self._weight, TINY),
                 "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
                 self._level: inertia * max(motion.coulomb, 0.0),
             }
         )
 
-    def _constants_of(self, motion: Motion, fixed: Collection[str]) -> tuple[float, float, float]:
-        """K_m, J and B_m of a motion, for a voltage; B_m is zero where K_m and J follow from the motion."""
-        motor, gain = self.motor, motion.gain / self.drive.gain  # rad/s² per volt
-        if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
-            constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
-            return constant, constant / (motor.resistance * gain), 0.0
-        constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
-        if "motor_constant" not in fixed:
-            constant = inertia * motor.resistance * gain
-        elif "rotor_inertia" not in fixed:
-            inertia = constant / (motor.resistance * gain)
-        return constant, inertia, inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous
+    def _hung(self, motion: Motion, fixed: Collection[str]) -> Self:
+        """The joint with the gravity of a motion, after its inertia is known; any other motor as it is."""
+        gravity = self.gravity
+        if gravity is None:
+            return self
+        total = self.motor.rotor_inertia + self.motor.load_inertia
+        cosine, sine = (self.inertia_of_all * each for each in motion.waves)
+        found = gravity.of_wave(cosine, sine, self.sensor.ratio)
+        found["rotor_inertia"] = max(self.motor.rotor_inertia - self._weight, 0.1 * total)
+        return self.with_values({name: value for name, value in found.items() if name not in fixed})
+
+    @property
+    def _weight(self) -> float:
+        """The inertia of a known weight on the arm of a joint, at the motor."""
+        return 0.0 if self.gravity is None else self.gravity.inertia / self.sensor.ratio**2
+
+    @property
+    def inertia_of_all(self) -> float:
+        """All that turns, at the motor, in kg·m²."""
+        return self.motor.rotor_inertia + self.motor.load_inertia + self._weight
 
     def friction_characteristic(self) -> StaticCharacteristic:
         """All mechanical friction over speed, with the viscous part."""
@@ -474,12 +473,14 @@ class DrivenMotor(DrivenPlant):
 
     def equations(self) -> str:
         """(4.1)–(4.11) as far as they apply."""
-        return equations(self.motor, self.feed, extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ"))
+        extra = "" if self.gravity is None else WEIGHT
+        extra += extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ")
+        return equations(self.motor, self.feed, extra)
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""
         data = super().to_data()
-        absent = tuple(f"{zone}." for zone in _ZONES if getattr(self.motor, zone) is None)
+        absent = tuple(f"{zone}." for zone in ZONES if getattr(self.motor, zone) is None)
         parameters = without_idle(data["parameters"])
         kept = {name: value for name, value in parameters.items() if not name.startswith(absent or ("\0",))}
         return {**data, "parameters": kept, "feed": self.feed.value}
@@ -490,4 +491,7 @@ class DrivenMotor(DrivenPlant):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
-        return quantities(self.motor, self.feed)
+        found = quantities(self.motor, self.feed)
+        if self.gravity is None:
+            return found
+        return (*of_joint(self.motor, self.gravity.whole, self.inertia_of_all, self.sensor.ratio), *found)

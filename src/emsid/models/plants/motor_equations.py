@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Feed
+from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import TINY, Signal
 from emsid.models.plants.plant import Quantity
 from emsid.models.plants.visited import Needs, RestsOn
@@ -16,6 +18,8 @@ from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Motor
 
 GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
 """The torque of a shaft with backlash, before its damping."""
+WEIGHT = " − (T_a + m·g·l)·sin(θ − θ₀)"
+"""The torque of gravity on a joint."""
 STATES = ("current", "rotor speed", "load speed", "twist", "angle")
 """All that a linear motor may have."""
 
@@ -45,7 +49,14 @@ def equations(motor: Motor, feed: Feed, extra: str) -> str:
     return "\n".join([*electrical, *mechanical])
 
 
-def linear_motor(motor: Motor, feed: Feed, gain: float, ratio: float, signals: Sequence[Signal]) -> StateSpace:
+def linear_motor(
+    motor: Motor,
+    feed: Feed,
+    gain: float,
+    ratio: float,
+    signals: Sequence[Signal],
+    hung: tuple[float, float] = (0.0, 0.0),
+) -> StateSpace:
     """(4.1)–(4.6) without dry friction and dead zones: armature, two masses and shaft, as far as they exist.
 
     Args:
@@ -54,6 +65,7 @@ def linear_motor(motor: Motor, feed: Feed, gain: float, ratio: float, signals: S
         gain: of the drive.
         ratio: turns of the motor per turn measured.
         signals: of the outputs.
+        hung: of a joint, the torque of gravity per angle about rest in N·m/rad, and the inertia of its weight.
     """
     own_current, rotor, load, twist, angle, command = np.eye(6)  # a row has one element per state, then the command
     if motor.is_rigid:
@@ -67,8 +79,8 @@ def linear_motor(motor: Motor, feed: Feed, gain: float, ratio: float, signals: S
     across = gain * command - m.resistance * own_current - k * rotor
     rows = {"current": across / m.inductance} if has_inductance else {}
     if m.is_rigid:
-        viscous, inertia = m.rotor_viscous + m.load_viscous, m.rotor_inertia + m.load_inertia
-        rows |= {"rotor speed": (k * current - viscous * rotor) / inertia}
+        viscous, inertia = m.rotor_viscous + m.load_viscous, m.rotor_inertia + m.load_inertia + hung[1]
+        rows |= {"rotor speed": (k * current - viscous * rotor - hung[0] * angle) / inertia}
     else:
         shaft = m.shaft_stiffness * twist + m.shaft_damping * (rotor - load)
         rows |= {
@@ -91,6 +103,29 @@ FORWARD, BACKWARD = (RestsOn(Needs.SLIDING, way) for way in (1, -1))
 def quantities(motor: Motor, feed: Feed) -> tuple[Quantity, ...]:
     """Quantities that input and speed alone identify."""
     return _of_voltage(motor) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
+
+
+def of_joint(m: Motor, weight: float, inertia: float, ratio: float) -> tuple[Quantity, ...]:
+    """What simulators of robots ask of a joint behind a gear, at the joint.
+
+    Args:
+        m: the motor.
+        weight: the torque of gravity at horizontal in N·m.
+        inertia: all of it, at the motor.
+        ratio: turns of the motor per turn of the joint.
+    """
+    level = together(m.rotor_friction, m.load_friction).base[0]
+    at_joint, damping = ratio**2 * inertia, ratio**2 * (m.rotor_viscous + m.load_viscous)
+    found = [Quantity("gravity torque at horizontal", "T_a + m·g·l", "N*m", weight)]
+    if ratio != 1.0:
+        found += [
+            Quantity("inertia at the joint", "n²·J", "kg*m^2", at_joint),
+            Quantity("damping at the joint", "n²·B", "N*m*s/rad", damping),
+            Quantity("friction at the joint", "n·T_c", "N*m", abs(ratio) * level, SLIDING),
+        ]
+    if weight > 0:
+        found.append(Quantity("swing about rest", "√(T_g/J)", "rad/s", float(np.sqrt(weight / at_joint))))
+    return tuple(found)
 
 
 def _of_torque(m: Motor, feed: Feed) -> tuple[Quantity, ...]:
@@ -156,3 +191,45 @@ def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
         tuple(a.stribeck + b.stribeck for a, b in sides),  # type: ignore[arg-type]
         tuple((a if a.stribeck > 0 else b).stribeck_rate for a, b in sides),  # type: ignore[arg-type]
     )
+
+
+def with_motion(motor: Motor, gain: float, motion: Motion, fixed: Collection[str]) -> Motor:
+    """A motor that a voltage drives, with a motion of one mass; see `DrivenMotor.with_motion`.
+
+    Args:
+        motor: with the values of ``fixed``.
+        gain: of its drive.
+        motion: from a regression.
+        fixed: the names of its known parameters.
+    """
+    zone = motion.dead_zone * abs(gain)
+    constant, inertia, viscous = _constants_of(motor, motion, motion.gain / gain, fixed)
+    share = motor.load_inertia / (motor.rotor_inertia + motor.load_inertia)
+    load = motor.load_inertia if "load_inertia" in fixed else inertia * share
+    factor = 1.0 if motor.is_rigid else inertia / (motor.rotor_inertia + motor.load_inertia)
+    small = 0.02 * inertia * motion.damping
+    return replace(
+        motor,
+        motor_constant=constant,
+        rotor_inertia=motor.rotor_inertia if "rotor_inertia" in fixed else max(inertia - load, TINY),
+        load_inertia=load,
+        rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
+        load_viscous=min(motor.load_viscous, small),
+        rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
+        voltage_dead_zone=motor.voltage_dead_zone and replace(motor.voltage_dead_zone, b_l=-zone, b_r=zone),
+        shaft_stiffness=motor.shaft_stiffness * factor,
+        shaft_damping=motor.shaft_damping * factor,
+    )
+
+
+def _constants_of(motor: Motor, motion: Motion, gain: float, fixed: Collection[str]) -> tuple[float, float, float]:
+    """K_m, J and B_m of a motion with ``gain`` rad/s² per volt; B_m is zero where K_m and J follow from the motion."""
+    if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
+        constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
+        return constant, constant / (motor.resistance * gain), 0.0
+    constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
+    if "motor_constant" not in fixed:
+        constant = inertia * motor.resistance * gain
+    elif "rotor_inertia" not in fixed:
+        inertia = constant / (motor.resistance * gain)
+    return constant, inertia, inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous

@@ -17,8 +17,10 @@ depends on speed, such as a Stribeck excess or quadratic friction, is evaluated 
 which is of second order in h; the tests compare it with `emsid.plant.simulate`. A force that repeats with position
 (`cogging`) counts with its mean over the way of the step, so that many periods in one step average out.
 
-The loop is the same for every friction law: `loop_for` replaces ``level``. One call simulates several plants, each in
-several runs, as a derivative by differences needs them.
+The loop is the same for every friction law: `loop_for` replaces ``level``. A law may depend on the load: on the force
+of the drive, less the braking of the armature, and on that from outside, the waves and what is constant in F. At rest
+such a law holds the mass up to its level at these forces. One call simulates several plants, each in several runs, as a
+derivative by differences needs them.
 
 A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
 and every output is a continuous function of every parameter.
@@ -36,8 +38,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compiled import njit
 from emsid.errors import ModelError
-from emsid.plant.friction import FrictionLaw, Level
+from emsid.plant.friction import FrictionLaw, Level, sees_load
 from emsid.plant.friction import coulomb_stribeck as level
+from emsid.plant.load_friction import with_load as loaded
 
 Array = NDArray[np.float64]
 
@@ -47,7 +50,7 @@ NO_WAVES = np.empty((0, 3))
 
 
 class Motion(NamedTuple):
-    """The motion of one mass, divided by the mass: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset.
+    """The motion of one mass, divided by the mass: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset − waves.
 
     Attributes:
         gain: acceleration per unit of command beyond the dead zone.
@@ -55,6 +58,7 @@ class Motion(NamedTuple):
         coulomb: Coulomb level, the same in both directions.
         offset: constant deceleration.
         dead_zone: half its width, in units of the command.
+        waves: decelerations by the cosine and the sine of the angle of a joint.
     """
 
     gain: float
@@ -62,6 +66,7 @@ class Motion(NamedTuple):
     coulomb: float
     offset: float
     dead_zone: float
+    waves: tuple[float, float] = (0.0, 0.0)
 
 
 class Sliding(NamedTuple):
@@ -74,6 +79,7 @@ class Sliding(NamedTuple):
         viscous: (2,) added to D in that direction, in N·s/m or N·m·s/rad.
         quadratic: friction by the square of the speed, in N·s²/m² or N·m·s²/rad².
         waves: (n, 3) 2π over the period, cosine and sine of every harmonic of the cogging.
+        load: the constant force from outside that F has, against the positive direction.
     """
 
     numbers: Array
@@ -82,6 +88,7 @@ class Sliding(NamedTuple):
     viscous: Array
     quadratic: Any
     waves: Array
+    load: Any = 0.0
 
     @classmethod
     def of(
@@ -90,19 +97,21 @@ class Sliding(NamedTuple):
         viscous: Sequence[float] = (0.0, 0.0),
         quadratic: float = 0.0,
         waves: Array = NO_WAVES,
+        load: float = 0.0,
     ) -> Sliding:
-        """A friction law, viscous friction (forward, backward), quadratic friction and cogging."""
+        """A friction law, viscous friction (forward, backward), quadratic friction, cogging and a constant load."""
         varies = law.varies | bool(quadratic > 0 or len(waves))
-        return cls(law.numbers, np.array(law.breakaway), varies, np.array(viscous), float(quadratic), waves)
+        numbers = law.numbers, np.array(law.breakaway), varies, np.array(viscous)
+        return cls(*numbers, float(quadratic), waves, float(load))
 
     @classmethod
     def of_all(cls, plants: Sequence[Sliding]) -> Sliding:
         """That of several plants; harmonics that one of them does not have are zero."""
-        numbers, breakaway, varies, viscous, quadratic, waves = zip(*plants, strict=True)
+        numbers, breakaway, varies, viscous, quadratic, waves, load = zip(*plants, strict=True)
         most = max(map(len, waves))
         padded = [np.concatenate([each, np.zeros((most - len(each), 3))]) if most else each for each in waves]
         both = np.array(breakaway), np.array(varies), np.array(viscous)
-        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded))
+        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded), np.array(load))
 
 
 class OneMass(NamedTuple):
@@ -165,28 +174,28 @@ def move(
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
                     side = 0 if v > 0.0 or (v == 0.0 and net > 0.0) else 1
-                    if v == 0.0 and abs(net) <= friction.breakaway[side]:
+                    made, outside = drive + friction.load, net - drive - friction.load
+                    if v == 0.0 and abs(net) <= _holds(friction, side, made, outside):
                         break
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) * per_mass
                     if friction.varies[side]:
-                        against = level(abs(v), friction.numbers, side) + friction.quadratic * v * v
+                        against = _resists(abs(v), friction, side, made - drag * v, outside)
                         a = (net - direction * against) * per_mass
                         middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
-                        against = level(middle, friction.numbers, side) + friction.quadratic * middle * middle
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
+                        made, outside = made - drag * direction * middle, net - drive - friction.load
+                        against = _resists(middle, friction, side, made, outside)
                         a = (net - direction * against) * per_mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
-                        first, second = _phi(r, left)
-                        known = (r, left, first, second)
+                        known = (r, left) + _phi(r, left)  # noqa: RUF005  (Numba unpacks no tuple in another)
                     _, _, first, second = known
                     pull = a - r * v
-                    after = v + pull * first
-                    if direction * after > 0.0:
+                    if direction * (v + pull * first) > 0.0:
                         x += v * left + pull * second
-                        v = after
+                        v += pull * first
                         break
                     if v == 0.0:  # no motion in this step: rounding, or an excess that vanishes at once
                         break
@@ -234,6 +243,7 @@ def move_each(
             friction.viscous[p],
             friction.quadratic[p],
             friction.waves[p],
+            friction.load[p],
         )
         most = steps if varies[0] or varies[1] else 1
         for s in range(len(dt)):
@@ -249,10 +259,8 @@ def loop_for(law: Level) -> Callable[..., None]:
     if law is level:
         return move_each
     if hasattr(law, "py_func"):
-        one = _compiled_with(law, move, "level", law)
-        return _compiled_with(law, move_each, "move", one)
-    one = _with(law, move, {"level": law, "_phi": _in_python(_phi), "_ripple": _in_python(_ripple)})
-    every = _with(law, move_each, {"move": one})
+        return _compiled_with(law, move_each, {"move": _move_with(law)})
+    every = _with(law, move_each, {"move": _move_with(law)})
 
     def slow(*arguments: Any) -> None:
         with np.errstate(all="ignore"):
@@ -271,10 +279,24 @@ def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
     """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python."""
     if law is level:
         return kernel  # type: ignore[no-any-return]
+    made = _compiled_with if hasattr(law, "py_func") else _with
+    return made(law, kernel, {"move": _move_with(law)})
+
+
+@cache
+def _move_with(law: Level) -> Any:
+    """`move` with another friction law, in plain Python unless that is compiled."""
+    seen = sees_load(law)
+    name, resists = ("loaded", _resists_load) if seen else ("level", _resists)
     if hasattr(law, "py_func"):
-        return _compiled_with(law, kernel, "move", _compiled_with(law, move, "level", law))
-    one = _with(law, move, {"level": law, "_phi": _in_python(_phi), "_ripple": _in_python(_ripple)})
-    return _with(law, kernel, {"move": one})
+        replaced = {"_resists": _compiled_with(law, resists, {name: law})}
+        if seen:
+            replaced["_holds"] = _compiled_with(law, _holds_load, {name: law})
+        return _compiled_with(law, move, replaced)
+    plain = {"_phi": _in_python(_phi), "_ripple": _in_python(_ripple), "_holds": _in_python(_holds)}
+    if seen:
+        plain["_holds"] = _with(law, _holds_load, {name: law})
+    return _with(law, move, {**plain, "_resists": _with(law, resists, {name: law})})
 
 
 def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
@@ -283,12 +305,36 @@ def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
     return FunctionType(code.__code__, {**code.__globals__, **names}, f"{code.__name__}_with_{law.__name__}")
 
 
-def _compiled_with(law: Level, loop: Any, name: str, function: Any) -> Callable[..., None]:
-    with_law = _with(law, loop, {name: function})
+def _compiled_with(law: Level, loop: Any, names: Mapping[str, Any]) -> Callable[..., Any]:
+    with_law = _with(law, loop, names)
     with_law.__qualname__ = with_law.__name__  # the cache on disk identifies a law by this name alone
     ours = law.__module__.startswith("emsid.")
-    compiled: Callable[..., None] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
+    compiled: Callable[..., Any] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
     return compiled
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _resists(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
+    """All friction but the viscous one, at a speed in a direction, for forces of the drive and from outside."""
+    return float(level(speed, friction.numbers, side) + friction.quadratic * speed * speed)
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _holds(friction: Sliding, side: int, made: float, outside: float) -> float:
+    """The net force up to which the mass stays at rest."""
+    return float(friction.breakaway[side])
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _resists_load(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
+    """`_resists` with a law that depends on the load."""
+    return float(loaded(speed, friction.numbers, side, made, outside) + friction.quadratic * speed * speed)
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _holds_load(friction: Sliding, side: int, made: float, outside: float) -> float:
+    """`_holds` with a law that depends on the load."""
+    return float(loaded(0.0, friction.numbers, side, made, outside))
 
 
 @njit(nogil=True, error_model="numpy", inline="always")

@@ -389,6 +389,7 @@ _PLAUSIBLE: dict[Measure, Callable[[float, Sizes], float]] = {
     Measure.DAMPING: lambda force, sizes: 0.1 * force / sizes.output,
     Measure.QUADRATIC: lambda force, sizes: 0.1 * force / sizes.output**2,
     Measure.PER_SPEED: lambda force, sizes: 10 / sizes.output,
+    Measure.PER_FORCE: lambda force, sizes: 0.1 / force if force else 0.0,
     Measure.SPEED: lambda force, sizes: 0.1 * sizes.output,
     Measure.COMMAND: lambda force, sizes: 0.1 * sizes.command,
     Measure.TIME: lambda force, sizes: sizes.dt,

@@ -11,6 +11,7 @@ from typing import Any
 
 from emsid.errors import ModelError
 from emsid.models.plants.by_record import from_data
+from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.plant import Plant
@@ -28,6 +29,7 @@ class Kind:
         datasheet: the name of its table in a datasheet.
         described: the plant with all parameters that this table may have.
         refined: whether refinements of it are tried.
+        usual: whether it is tried where nobody asks for it.
     """
 
     plain: Plant
@@ -36,6 +38,7 @@ class Kind:
     datasheet: str
     described: Plant
     refined: bool = True
+    usual: bool = True
 
 
 PLANTS: dict[str, Kind] = {}
@@ -50,11 +53,12 @@ def register(
     datasheet: str = "",
     described: Plant | None = None,
     refined: bool = True,
+    usual: bool = True,
 ) -> None:
     """Register a plant under its name.
 
     Args:
-        plain, summary, refined: see `Kind`.
+        plain, summary, refined, usual: see `Kind`.
         start, described: by default ``plain``.
         datasheet: by default the name of the plant.
 
@@ -65,7 +69,7 @@ def register(
     if known is not None and type(known.plain).__qualname__ != type(plain).__qualname__:
         raise ModelError(f"there is a plant {plain.name!r} already; choose another name")
     PLANTS[plain.name] = Kind(
-        plain, start or plain, summary or plain.name, datasheet or plain.name, described or plain, refined
+        plain, start or plain, summary or plain.name, datasheet or plain.name, described or plain, refined, usual
     )
 
 
@@ -88,6 +92,12 @@ register(
     refined=False,
 )
 register(LinearAxis(), summary="a mass on a rail: force to position, kg and N with intervals")
+register(
+    DrivenMotor(replace(_BARE, inductance=0.0).rigid(), gravity=Gravity()),
+    start=DrivenMotor(replace(_ONE_MASS, voltage_dead_zone=None), gravity=Gravity(0.1)),
+    summary="a joint of a robot: gear, arm with gravity, friction; N·m and kg·m² with intervals",
+    usual=False,
+)
 
 
 def described() -> dict[str, Plant]:

@@ -29,6 +29,17 @@ def motor() -> DrivenMotor:
     return plant
 
 
+def joint() -> DrivenMotor:
+    """A joint of a robot behind a gear: J·dω/dt = T − B·ω − T_f(ω) − (T_a + m·g·l)·sin(θ − θ₀) − T_d.
+
+    The torque T is that of a motor on a voltage, K_m/R_a·(v − K_m·ω), or of a current or a torque. Its values are a
+    start for `emsid.fit`; `DrivenMotor.with_values` gives it others.
+    """
+    plant = neutral(STARTS["joint"])
+    assert isinstance(plant, DrivenMotor)
+    return plant
+
+
 def linear_axis() -> LinearAxis:
     """A mass on a guide, driven by a force: M·dv/dt = D(f) − F_v·v − T_f(v) − offset.
 

@@ -26,10 +26,12 @@ _EXPONENTS = {
     "rad": (0, 1, 0), "m": (0, 1, 0), "rad/s": (0, 1, 0), "m/s": (0, 1, 0), "s/rad": (0, -1, 0), "s/m": (0, -1, 0),
     "kg*m^2": (0, -1, 1), "kg": (0, -1, 1), "N*m*s/rad": (0, -1, 1), "N*s/m": (0, -1, 1), "N*m/rad": (0, -1, 1),
     "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "N*m*s^2/rad^2": (0, -2, 1), "N*s^2/m^2": (0, -2, 1),
+    "1/(N*m)": (0, 0, -1), "1/N": (0, 0, -1), "m/s^2": (0, 2, 0),
     "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
 }  # fmt: skip
-# Parameters of the drive in units of the command, and those per unit of it.
-_BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0)}
+# Parameters of the drive in units of the command, those per unit of it, and a weight m with a torque m·g·l, where l is
+# scaled as the output.
+_BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0), "gravity.mass": (0, -3, 1)}
 
 
 def _exponents(name: str, handle: Handle) -> tuple[int, int, int] | None:

@@ -57,7 +57,12 @@ LEVELS = (0.02, 0.1)
 
 
 def motions(
-    segments: Sequence[Record], channel: int, is_position: bool, dead_zone: bool, offset: float = 0.0
+    segments: Sequence[Record],
+    channel: int,
+    is_position: bool,
+    dead_zone: bool,
+    offset: float = 0.0,
+    turn: float = 0.0,
 ) -> Iterator[Motion]:
     """The motion of one mass according to several regressions.
 
@@ -67,13 +72,14 @@ def motions(
         is_position: which of the two.
         dead_zone: whether to try dead zones.
         offset: of the command.
+        turn: the phase per unit of position with which a force on a joint repeats; 0 for none.
     """
     largest = max(float(np.max(np.abs(s.input[:, 0]))) for s in segments)
     for samples in FILTERS:
         for part in DEAD_ZONES if dead_zone else (0.0,):
             width = part * largest
             rows = [
-                motion_rows(segment, channel, is_position, samples, width, offset)[0]
+                _joined_rows(segment, channel, is_position, samples, width, offset, turn)
                 for segment in segments
                 if len(segment) > 12
             ]
@@ -83,11 +89,11 @@ def motions(
             if len(matrix) < 12:
                 continue
             one_way = (matrix[:, SLIDING] < 0).all() or (matrix[:, SLIDING] > 0).all()
-            matrix[:, OFFSET] *= not one_way  # an offset is the same as friction there
-            gain, damping, coulomb, drop = solved(matrix[:, :-1], matrix[:, -1])
+            matrix[:, OFFSET] *= not (one_way or turn)  # an offset is the same as friction there, or nearly as a wave
+            gain, damping, coulomb, drop, *waves = solved(matrix[:, :-1], matrix[:, -1])
             if gain != 0:
-                yield Motion(gain, max(damping, 0.0), coulomb, drop, width)
-            if samples == FILTERS[0]:
+                yield Motion(gain, max(damping, 0.0), coulomb, drop, width, (waves[0], waves[1]) if turn else (0, 0))
+            if samples == FILTERS[0] and not turn:
                 gain, coulomb, drop = solved(matrix[:, [0, SLIDING, OFFSET]], -matrix[:, 1])
                 if gain != 0:
                     for time in SETTLING:
@@ -179,7 +185,7 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
         except EmsidError:
             return inf, inf, start
 
-    likely = list(motions(commanded, channel, is_position, zone, drive.offset))
+    likely = list(motions(commanded, channel, is_position, zone, drive.offset, plant.turn))
     turned = plant.reversed_drive()
     forward = [(motion, plant) for motion in likely if motion.gain / drive.gain > 0]
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
@@ -264,6 +270,22 @@ def motion_rows(
     return np.asarray(table[kept]), kept
 
 
+def _joined_rows(
+    segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float, turn: float
+) -> Array:
+    """The rows of `motion_rows`; before the last column those of a wave, if there is a ``turn``.
+
+    Of a speed the position is the integral from zero.
+    """
+    table, kept = motion_rows(segment, channel, is_position, samples, width, offset)
+    if not turn:
+        return table
+    y = segment.output[:, channel]
+    position = y if is_position else np.cumsum(y) * segment.dt
+    waves = -smoothed(np.array([np.cos(turn * position), np.sin(turn * position)]), samples)[:, kept]
+    return np.column_stack([table[:, :-1], *waves, table[:, -1]])
+
+
 def started(
     plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
 ) -> list[DrivenPlant]:
@@ -271,7 +293,8 @@ def started(
     found, known = [], {name: plant.value(name) for name in fixed}
     is_position = signals[0] is Signal.POSITION
     commanded = after_drive(plant.drive, segments)
-    likely = list(motions(commanded, 0, is_position, True, plant.drive.offset))
+    zone = not plant.turn  # the friction of a joint hides one
+    likely = list(motions(commanded, 0, is_position, zone, plant.drive.offset, plant.turn))
     if not is_position:
         likely += plausible_motions(commanded, 0)
     for motion in likely:

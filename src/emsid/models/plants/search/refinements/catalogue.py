@@ -24,6 +24,7 @@ from emsid.models.plants.search.refinements.gain_by_direction import (
 )
 from emsid.models.plants.search.refinements.inductance import INDUCTANCE, inductance
 from emsid.models.plants.search.refinements.knee import knee
+from emsid.models.plants.search.refinements.load_friction import LOADED, SQUARED, as_one_factor
 from emsid.models.plants.search.refinements.quadratic_viscous import QUADRATIC, quadratic_viscous
 from emsid.models.plants.search.refinements.sensor_offset import OFFSET, sensor_offset
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
@@ -45,7 +46,7 @@ REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
     stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, cogging_of_speed,
-    inductance, sensor_offset,
+    inductance, sensor_offset, *LOADED,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
@@ -95,7 +96,10 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
     excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
     found: list[Refined] = []
     both = {f"{excess}.forward": 0.0, f"{excess}.backward": 0.0}
-    for neutral in (*WITHOUT, {plant.load_name: 0.0}, {excess: 0.0, rate: 0.0}, {**both, rate: 0.0}):
+    factors = ({f"{plant.friction_name}.{name}": 0.0} for name in ("load", "load_stribeck", "motor", "outside"))
+    squares = dict.fromkeys((f"{plant.friction_name}.{name}" for name in SQUARED), 0.0)
+    friction = ({excess: 0.0, rate: 0.0}, {**both, rate: 0.0}, *factors, squares)
+    for neutral in (*WITHOUT, {plant.load_name: 0.0}, *friction):
         if set(neutral) <= set(free):
             try:
                 plain = plant.with_values(neutral)
@@ -108,7 +112,7 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
             mean = float(np.mean([abs(plant.value(side)) for side in sides]))
             merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
             found.append((plant.with_values({whole: mean}), merged))
-    return found
+    return found + as_one_factor(plant, free)
 
 
 def sizes(names: Sequence[str], plain: DrivenPlant) -> list[str]:
@@ -118,7 +122,12 @@ def sizes(names: Sequence[str], plain: DrivenPlant) -> list[str]:
         names: of free parameters that a plant has and a simpler one does not have.
         plain: the simpler one.
     """
-    return [name for name in names if isfinite(plain.value(name)) and name != FIRST[0] and not name.endswith("_rate")]
+    return [name for name in names if isfinite(_plain(plain, name)) and name != FIRST[0] and not name.endswith("_rate")]
+
+
+def _plain(plain: DrivenPlant, name: str) -> float:
+    """The value of a parameter of a plant; zero for one that its friction law does not have."""
+    return plain.value(name) if name in plain.handles else 0.0
 
 
 def without_effect(refined: Refined, plain: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
@@ -136,4 +145,4 @@ def without_effect(refined: Refined, plain: DrivenPlant, free: tuple[str, ...]) 
     left_out = [name for name in free if name not in names and not set(parts(plain, name) or (name,)) <= set(names)]
     if left_out or not added:
         return []
-    return [(plant.with_values({name: plain.value(name) for name in (*free, *added) if name in names}), names)]
+    return [(plant.with_values({name: _plain(plain, name) for name in (*free, *added) if name in names}), names)]

@@ -1,0 +1,224 @@
+"""Joints of robots: gravity, gears, and friction that depends on the load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid import Record
+from emsid.models.plants.drive import Feed
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.one_mass import Sliding
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.sensor import Sensor
+from emsid.plant import Friction, LoadFriction, Motor, PowerFriction, SquaredLoadFriction
+from emsid.plants import DrivenMotor, Gravity
+
+DT = 5e-3
+POSITION = (Signal.POSITION,)
+TRUTH = {
+    "rotor_inertia": 0.02,
+    "rotor_viscous": 0.05,
+    "rotor_friction.coulomb": 0.15,
+    "gravity.torque": 1.2,
+    "gravity.angle": 0.3,
+}
+
+
+def joint(feed: Feed = Feed.TORQUE, **values: float) -> DrivenMotor:
+    motor = Motor(inductance=0.0, load_inertia=1e-15, load_viscous=0.0, voltage_dead_zone=None).rigid()
+    motor = replace(motor, rotor_friction=Friction(), load_friction=Friction())
+    return DrivenMotor(motor, gravity=Gravity(), feed=feed).with_values({**TRUTH, **values})
+
+
+def torque(samples: int, seed: int, size: float = 0.8) -> np.ndarray:
+    """A slow command that lifts the arm, with steps."""
+    rng = np.random.default_rng(seed)
+    slow = np.sin(2 * np.pi * 0.4 * DT * np.arange(samples)) + 0.5 * np.sin(2 * np.pi * 1.1 * DT * np.arange(samples))
+    return size * (slow + 0.3 * np.repeat(rng.standard_normal(samples // 40 + 1), 40)[:samples])
+
+
+def recorded(plant: DrivenMotor, u: np.ndarray, seed: int = 0, counts: int = 4096, name: str = "arm") -> Record:
+    """The angle of a joint that begins at rest where it hangs, in counts of an encoder."""
+    start = np.zeros(plant.states)
+    start[1] = plant.value("gravity.angle") * plant.sensor.ratio
+    angle = plant.simulate(u[:, None], DT, start, POSITION)
+    size = 2 * np.pi / counts
+    return Record(u, np.round(angle / size) * size, DT, input_units="N*m", output_units="rad", name=name)
+
+
+def test_gravity_swings_as_a_pendulum_does() -> None:
+    from scipy.integrate import solve_ivp
+
+    plant = joint(**{"rotor_friction.coulomb": 0.0})
+    drag, weight, inertia = 0.05, 1.2, 0.02
+    exact = solve_ivp(
+        lambda t, x: [x[1], (-weight * np.sin(x[0] - 0.3) - drag * x[1]) / inertia],
+        (0, 2), [2.0, 0.0], t_eval=DT * np.arange(400), rtol=1e-10, atol=1e-12,
+    ).y[0]  # fmt: skip
+    errors = []
+    for steps in (1, 2, 4):
+        run = replace(plant, steps=steps).simulate(np.zeros((400, 1)), DT, np.array([0.0, 2.0]), POSITION)[:, 0]
+        errors.append(float(np.max(np.abs(run - exact))))
+    assert errors[0] < 0.02
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.3 * errors[1]  # of second order
+
+
+def test_behind_a_gear_the_motor_turns_against_the_torque_over_its_ratio() -> None:
+    plain = joint()
+    ratio = 50.0
+    geared = replace(plain, sensor=Sensor(ratio=ratio)).with_values(
+        {
+            "rotor_inertia": 0.02 / ratio**2,
+            "rotor_viscous": 0.05 / ratio**2,
+            "rotor_friction.coulomb": 0.15 / ratio,
+        }
+    )
+    u = torque(600, 1)
+    angle = plain.simulate(u[:, None], DT, np.array([0.0, 0.3]), POSITION)
+    behind = geared.simulate(u[:, None] / ratio, DT, np.array([0.0, 0.3 * ratio]), POSITION)
+    np.testing.assert_allclose(behind, angle, rtol=1e-7, atol=1e-7)
+    at_joint = {each.name: each.value for each in geared.quantities()}
+    assert at_joint["inertia at the joint"] == pytest.approx(0.02)
+    assert at_joint["damping at the joint"] == pytest.approx(0.05)
+    assert at_joint["friction at the joint"] == pytest.approx(0.15)
+
+
+def test_a_weight_adds_its_torque_and_its_inertia() -> None:
+    loaded = joint(**{"gravity.mass": 0.5, "gravity.length": 0.2, "gravity.acceleration": 9.81})
+    alike = joint(**{"gravity.torque": 1.2 + 0.5 * 9.81 * 0.2, "rotor_inertia": 0.02 + 0.5 * 0.2**2})
+    u = torque(400, 2, 2.5)[:, None]
+    start = np.array([0.0, 0.3])
+    np.testing.assert_allclose(
+        loaded.simulate(u, DT, start, POSITION), alike.simulate(u, DT, start, POSITION), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_a_joint_at_rest_is_held_by_its_drive_until_the_first_command_acts() -> None:
+    plant = joint(**{"rotor_friction.coulomb": 0.0}).with_drive(delay=3.5 * DT)
+    held = np.array([0.0, 1.5, 0.0, 1.0])
+    run = plant.simulate(np.zeros((30, 1)), DT, held, POSITION)[:, 0]
+    assert np.max(np.abs(run[:4] - 1.5)) < 1e-12
+    assert run[-1] < 1.4  # it falls when the command acts
+
+
+# --- friction that depends on the load -------------------------------------------------------------------------------
+
+LAWS = {
+    "M1": (LoadFriction(0.4), lambda v, m, e: 0.4),
+    "M2": (LoadFriction(0.4, 0.05, 2.0), lambda v, m, e: 0.4 + 0.05 * np.exp(-2 * v)),
+    "M3": (LoadFriction(0.4, load=0.2), lambda v, m, e: 0.4 + 0.2 * abs(m - e)),
+    "M4": (
+        LoadFriction(0.4, 0.05, 2.0, 0.2, 0.1),
+        lambda v, m, e: 0.4 + 0.2 * abs(m - e) + np.exp(-2 * v) * (0.05 + 0.1 * abs(m - e)),
+    ),
+    "M5": (
+        PowerFriction(0.4, 0.05, 2.0, 0.1, 0.3, 0.05, 0.02),
+        lambda v, m, e: 0.4 + abs(0.1 * m - 0.3 * e) + np.exp(-2 * v) * (0.05 + abs(0.05 * m - 0.02 * e)),
+    ),
+    "M6": (
+        SquaredLoadFriction(0.4, 0.05, 2.0, 0.1, 0.3, 0.05, 0.02, 0.01, 0.03),
+        lambda v, m, e: (
+            0.4
+            + abs(0.1 * m - 0.3 * e)
+            + np.exp(-2 * v)
+            * (0.05 + abs(0.05 * m - 0.02 * e) + (m * e < 0) * (0.03 * e * e if abs(m) > abs(e) else 0.01 * m * m))
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_models_of_the_paper(name: str) -> None:
+    law, equation = LAWS[name]
+    level = type(law).level
+    for v, m, e in np.random.default_rng(0).uniform(-2, 2, (50, 3)):
+        assert level(abs(v), law.numbers, 0, m, e) == pytest.approx(equation(abs(v), m, e), rel=1e-12)
+
+
+def slowly(law, equation, force, load, waves, dt, steps, mass, drag):
+    """One mass under a law that sees the load, in small steps in which friction never turns the motion."""
+    speed = position = 0.0
+    h, found = dt / steps, np.empty((len(force) - 1, 2))
+    for k in range(len(found)):
+        found[k] = speed, position
+        for _ in range(steps):
+            ripple = sum(c * np.cos(n * position) + s * np.sin(n * position) for n, c, s in waves)
+            made, outside = force[k + 1] + load - drag * speed, -load - ripple
+            level = equation(abs(speed), made, outside)
+            pushed = speed + h * (made + outside) / mass
+            speed = np.sign(pushed) * max(abs(pushed) - h * level / mass, 0.0)
+            position += h * speed
+    return found
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_mass_moves_under_them_as_in_small_steps(name: str) -> None:
+    from emsid.models.plants.one_mass import loop_for
+
+    law, equation = LAWS[name]
+    force = np.repeat(np.random.default_rng(3).uniform(-2, 2, 20) * (np.arange(20) % 2), 6) - 0.2
+    waves = np.array([[1.0, 0.1, 1.0]])
+    friction = Sliding.of_all([Sliding.of(law, waves=waves, load=0.2)])
+    speeds, positions = np.empty((1, len(force))), np.empty((1, len(force)))
+    one = np.ones((1, 1))
+    loop_for(type(law).level)(
+        np.array([0.5]), friction, force[None], np.full((1, len(force)), 0.3), np.array([0, len(force)]),
+        np.array([0.02]), 0.0 * one, 8, np.zeros((1, 1, 2)), speeds, positions,
+    )  # fmt: skip
+    errors = []
+    for steps in (20, 80):
+        slow = slowly(law, equation, force, 0.2, waves, 0.02, steps, 0.5, 0.3)
+        errors.append(float(np.max(np.abs(np.array([speeds[0, :-1], positions[0, :-1]]).T - slow))))
+    assert errors[1] < 0.01 * np.max(np.abs(speeds))
+    assert errors[1] < 0.4 * errors[0]
+    assert np.count_nonzero(speeds == 0.0) > 3  # it sticks, exactly
+
+
+def test_without_load_they_are_the_law_of_the_paper() -> None:
+    plain, loaded = Friction(0.4, 0.05, 2.0), LoadFriction(0.4, 0.05, 2.0)
+    u = torque(300, 4)[:, None]
+    runs = [
+        joint().with_frictions({"rotor_friction": law}).simulate(u, DT, np.array([0.0, 0.3]), POSITION)
+        for law in (plain, loaded, PowerFriction(0.4, 0.05, 2.0), SquaredLoadFriction(0.4, 0.05, 2.0))
+    ]
+    for run in runs[1:]:
+        np.testing.assert_allclose(run, runs[0], rtol=1e-10, atol=1e-10)
+
+
+def test_a_self_locking_gear_holds_its_arm_at_any_angle() -> None:
+    plant = joint().with_frictions({"rotor_friction": LoadFriction(0.0, load=1.1)})
+    run = plant.simulate(np.zeros((50, 1)), DT, np.array([0.0, 0.3 + np.pi / 2]), (Signal.SPEED,))
+    assert np.all(run == 0.0)
+    driven = plant.simulate(np.full((50, 1), 40.0), DT, np.array([0.0, 0.3]), (Signal.SPEED,))
+    assert np.all(driven == 0.0)  # a factor above one holds what the motor does, too
+
+
+@pytest.mark.parametrize("name", ["M4", "M5", "M6"])
+def test_sample_by_sample_and_in_files_they_are_the_same(name: str, tmp_path) -> None:
+    law, _ = LAWS[name]
+    plant = joint(Feed.VOLTAGE).with_frictions({"rotor_friction": law}).with_drive(delay=0.4 * DT)
+    plant = plant.with_values({"resistance": 2.0, "motor_constant": 0.8, "load_torque": 0.05})
+    model = GreyBox(plant, (Signal.POSITION, Signal.SPEED))
+    u = 6.0 * torque(200, 5)
+    expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
+    running = emsid.start(model, dt=DT)
+    np.testing.assert_allclose([running.step(each) for each in u], expected, rtol=1e-9, atol=1e-9)
+    again = GreyBox.from_data(model.to_data())
+    assert again.plant == plant
+
+
+# --- identification --------------------------------------------------------------------------------------------------
+
+
+def test_a_joint_is_found_in_counts_of_its_encoder() -> None:
+    records = [recorded(joint(), torque(1500, seed), name=f"{seed}") for seed in (1, 2)]
+    fit = emsid.fit(emsid.plants.joint(), records, search=False)
+    for name, true in TRUTH.items():
+        row = fit[name]
+        assert row.interval[0] <= true <= row.interval[1], (name, row)
+        assert row.value == pytest.approx(true, rel=0.05)

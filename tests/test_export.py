@@ -32,7 +32,7 @@ def motor(dead_zone: float = 0.0, signals: tuple[Signal, ...] = (Signal.SPEED,))
 
 def texts(folder: Path, *arguments: object, **options: object) -> dict[str, str]:
     written = emsid.export(*arguments, folder, **options)  # type: ignore[arg-type]
-    return {path.name: path.read_text("utf-8") for path in written}
+    return {path.name: path.read_text("utf-8", "replace") for path in written}  # some formats are binary
 
 
 def numbers(text: str) -> dict[str, float]:

@@ -38,7 +38,7 @@ def c99(export: Export) -> tuple[Files, list[str]]:
     form = c_form_of(export.model, dt=export.dt)
     single = bool(export.options.get("single"))
     latency = int(export.model.latency)
-    files = {
+    files: Files = {
         f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
         f"{export.name}.c": source(export.name, form, single=single),
     }

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model
 
-Files = dict[str, str]
+Files = dict[str, str | bytes]
+"""The contents of files by their names; text is written as UTF-8."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ def mujoco(export: Export) -> tuple[Files, list[str]]:
         ModelError: for a model that is no plant of one mass.
     """
     found = mechanics(export)
-    files = {f"{export.name}.xml": mjcf(export, found)}
+    files: Files = {f"{export.name}.xml": mjcf(export, found)}
     notes = list(found.notes)
     if found.friction[0] != found.friction[1]:
         notes.append(f"Friction by direction, {found.friction[0]:.4g} and {found.friction[1]:.4g}: its mean is used.")

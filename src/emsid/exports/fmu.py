@@ -77,7 +77,7 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
     """
     asked = str(export.options.get("version", "3.0"))
     if asked not in VERSIONS:
-        raise ModelError(f"there is no version {asked!r} of FMI; give 3.0 or 2.0", arguments=("version",))
+        raise ModelError(f"there is no version {asked!r} of FMI; give 3.0 or 2.0", arguments=("option",))
     version = VERSIONS[asked]
     sources, notes = c99(Export(export.model, export.fit, export.name, export.dt))
     found = variables(export, str(sources[f"{export.name}.h"]))
@@ -95,9 +95,9 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
         notes.append(f"The binary is for {folder}; other machines compile the sources, which are in the archive.")
     else:
         notes.append("There is no binary, as there is no C compiler for Linux here: the importer compiles the sources.")
-    notes.append(
-        "An input of another start value than zero acts from the first sample on; before it, the input is zero."
-    )
+    if direct(export):
+        notes.append("The output follows the input of the same time: set the input before the output is read.")
+    notes.append("Before the first sample the input is zero, whatever its start value.")
     return {f"{export.name}.fmu": archive(content)}, notes
 
 

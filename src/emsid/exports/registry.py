@@ -9,6 +9,7 @@ from emsid.exports.control import control
 from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
 from emsid.exports.fmu import fmu
 from emsid.exports.formats import Format
+from emsid.exports.modelica import modelica
 from emsid.exports.mujoco import mujoco
 from emsid.exports.tables import csv
 
@@ -17,6 +18,7 @@ BRUSHLESS = ("winding", "pole_pairs")
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single",)),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
+    "modelica": Format("a plant of one mass as a Modelica model", modelica),
     "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco),
     "python-control": Format("the linear part as a script for python-control", control),
     "csv": Format("friction, dead zone and static maps as tables", csv),

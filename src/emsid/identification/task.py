@@ -89,7 +89,7 @@ class Task:
         names = names or usual_for(record)
         asked = understood(options, names)
         responses = tuple(map(response_of, several))
-        options, about_delay = with_delay(codes_of_channel(asked, record), responses, several)
+        options, about_delay = with_delay(codes_of_channel(asked, record), several)
         pole = unstable_pole(record)
         if pole is not None:  # by free runs, the orders of a stable model would be chosen
             options = replace(options, na=options.na or ORDER, nb=options.nb or ORDER)

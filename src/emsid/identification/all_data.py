@@ -6,30 +6,29 @@ a plant is much larger on the held-back part, that part shows something that its
 overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order and
 maps, or refinements, are then chosen again from all data, by the same search. So they are for every short record of a
 sensor that loses the sign, from which a part shows too little. Cascades, whose structure differs less, gain nothing by
-that. The errors that are reported stay those of the fit that has not seen the held-back part.
+that. Of the two structures the one stands whose errors are smaller on stretches of all data that are left out in turn
+(`ranking.in_turn`). The errors that are reported stay those of the fit that has not seen the held-back part.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from emsid.errors import EmsidError
-from emsid.estimation.fit import Ending, fit_or_problem
+from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.candidates import CANDIDATES, Feedback, Physical
 from emsid.identification.compared import Compared
 from emsid.identification.options import Options
-from emsid.identification.ranking import MANY
+from emsid.identification.ranking import MANY, in_turn
 from emsid.identification.verdict import larger_on_unseen
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.free_run import free_run_error
 from emsid.models.model import Model
 from emsid.models.refitting import better_refit, is_safe
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
-from emsid.selection.improvement import matters
 
 MOST = 50_000
 """A structure is not chosen twice from as many samples: every search takes seconds for them."""
@@ -70,14 +69,19 @@ def from_all_data(
         return None
     refit = _refit(judged, whole, options, control) if few else None
     if larger or of_magnitudes:
-        model = judged.best.model if refit is None else refit
-        anew = _searched(model.name, whole, options, control)
-        # The search chose that of magnitudes by errors on data left out, on which one with fewer numbers may win.
-        if anew is not None and (
-            of_magnitudes or not matters(free_run_error(model, (whole,)), free_run_error(anew, (whole,)))
-        ):
-            return FromAllData(anew, True, larger)
+        with suppress(Stopped):
+            anew = _searched(judged.best.model.name, whole, options, control)
+            start = judged.on_unseen.best.transient
+            # The search chose that of magnitudes by errors on data left out.
+            if anew is not None and (of_magnitudes or _better(anew, judged.best, whole, start, options, control)):
+                return FromAllData(anew.model, True, larger)
     return None if refit is None else FromAllData(refit, False, larger)
+
+
+def _better(anew: Fit[Any], known: Fit[Any], whole: Record, start: int, options: Options, control: Control) -> bool:
+    """Whether a structure has the smaller errors on stretches of all data that are left out in turn."""
+    one, other = in_turn((anew, known), whole, start, options, control)
+    return one.errors.mean <= other.errors.mean
 
 
 def _refit(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:
@@ -103,12 +107,11 @@ def _of_magnitudes(model: Model) -> bool:
     return isinstance(model, FeedbackModel) and model.sensor is not None
 
 
-def _searched(name: str, whole: Record, options: Options, control: Control) -> Model | None:
+def _searched(name: str, whole: Record, options: Options, control: Control) -> Fit[Any] | None:
     """A model with its structure from all data; None where the search finds none or is stopped, or it runs away."""
     try:
         control.doing(f"{name} from all data")
         fit = fit_or_problem(partial(CANDIDATES[name], whole, options, control))
     except (EmsidError, Stopped):
         return None
-    model: Model = fit.model
-    return model if fit.ending is not Ending.INTERRUPTED and is_safe(model, whole) else None
+    return fit if fit.ending is not Ending.INTERRUPTED and is_safe(fit.model, whole) else None

@@ -195,6 +195,23 @@ def ranked_ahead(choice: Comparison, horizon: int) -> tuple[Ranked, ...]:
     )
 
 
+def in_turn(fits: Sequence[Fit[Any]], whole: Record, start: int, options: Options, control: Control) -> list[Ranked]:
+    """Models with their errors on stretches of all data that are left out in turn, while the run goes on.
+
+    Args:
+        fits: the models, whatever part of the data they have seen: each is fitted again to the rest.
+        whole: all data.
+        start: samples of every segment that start a run.
+        options: how regressions are fitted.
+        control: when to stop.
+
+    Raises:
+        Stopped: if ``control`` stops it.
+    """
+    folds = _Folds(start, _scale(whole), options, control)
+    return [folds.in_turn(fit, whole, whole) for fit in fits]
+
+
 @dataclass(frozen=True)
 class FrontRow:
     """A model in the comparison of accuracy and number of parameters.
@@ -288,7 +305,7 @@ class _Folds:
         if size < ANEW * self.start and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
             long = [each for each in whole.segments if len(each) > LEAST * self.start]
             if 2 * sum(map(len, long)) > len(whole):
-                return [self.in_turn(each, whole, concatenate(long)) for each in followed]
+                return [self.in_turn(each.fit, whole, concatenate(long)) for each in followed]
         folds: list[Fold] = []
         if size >= LEAST * self.start:
             every = left_out_once(fitted, FOLDS - 1, self.start)
@@ -311,28 +328,28 @@ class _Folds:
         each = zip(followed, found, parts, strict=True)
         return [Ranked(one.fit, tuple(errors), parts=tuple(known)) for one, errors, known in each]
 
-    def in_turn(self, each: Assessment, whole: Record, long: Record) -> Ranked:
+    def in_turn(self, fit: Fit[Any], whole: Record, long: Record) -> Ranked:
         """A model with its errors on stretches that are left out in turn, while the run goes on.
 
         Args:
-            each: the model.
+            fit: the model.
             whole: all data.
             long: the segments of them that are run on.
         """
-        refit = self.to_all(each.fit, whole)
-        known = each.fit if refit is None else replace(each.fit, model=refit)
+        refit = self.to_all(fit, whole)
+        known = fit if refit is None else replace(fit, model=refit)
         squares = _squares(free_run(known.model, long, self.start), long, self.scale)
         left, included, parts = list[StretchErrors](), list[StretchErrors](), list[tuple[float, Model]]()
         lengths = [len(segment) for segment in long.segments]
         for number, out in enumerate(stretches_in_turn(lengths, FOLDS, STRETCHES, self.start), 1):
-            self.control.doing(f"ranking {each.row.model}", number, FOLDS)
+            self.control.doing(f"ranking {fit.model.name}", number, FOLDS)
             mask = np.concatenate(out)
             included.append(StretchErrors.of(squares[mask], STRETCHES // FOLDS))
             with self.failing(left, int(mask.sum())):
                 parts.append((float(np.mean(mask)), self.again(known, long, [mask])))
                 run = free_run(parts[-1][1], long, self.start)
                 left.append(StretchErrors.of(_squares(run, long, self.scale)[mask], STRETCHES // FOLDS))
-        return Ranked(each.fit, tuple(left), tuple(included), refit, tuple(parts))
+        return Ranked(fit, tuple(left), tuple(included), refit, tuple(parts))
 
     def with_included(self, each: Ranked, whole: Record, parts: Sequence[Record]) -> Ranked:
         """A model with the error on the folds, the parts, of its parameters from all data."""

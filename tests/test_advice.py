@@ -216,6 +216,22 @@ def test_a_delay_of_a_slow_input_is_not_certain() -> None:
     assert sure["slow"] <= 0.6 < 0.9 < sure["steps"]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_feedback_within_the_sample_is_seen_between_many_steps(seed: int) -> None:
+    """A controller of proportional and integral action that uses the sample which it answers."""
+    rng = np.random.default_rng(seed)
+    reference = np.repeat(rng.uniform(-100, 100, 75), 20)
+    for closed in (True, False):
+        u, y = np.zeros(1500), np.zeros(1500)
+        state = integral = 0.0
+        for k in range(1500):
+            y[k] = state + 0.5 * rng.standard_normal()
+            integral += 0.005 * (reference[k] - y[k])
+            u[k] = 0.5 * (reference[k] - y[k]) + integral if closed else 0.1 * reference[k]
+            state = 0.95 * state + 0.3 * u[k]
+        assert ("feedback-likely" in findings(u, y)) is closed
+
+
 def test_a_filter_hides_feedback() -> None:
     u, y = in_closed_loop()
     assert "feedback-likely" in findings(u, y)
@@ -675,11 +691,12 @@ class TestRest:
         assert not codes & {"dead-zone-likely", "amplitude-near-dead-zone"}
 
 
-def test_feedback_is_seen_between_the_steps_of_a_reference() -> None:
+@pytest.mark.parametrize("held", [40, 15])
+def test_feedback_is_seen_between_the_steps_of_a_reference(held: int) -> None:
     """A proportional controller: most of what is new in the input are the steps, and they answer nothing."""
     rng = np.random.default_rng(0)
     samples, pole = 3000, 0.9
-    reference = np.repeat(rng.uniform(-8, 8, samples // 40), 40)
+    reference = np.repeat(rng.uniform(-8, 8, samples // held), held)
     noise = lfilter([1.0], [1.0, -0.95], 0.3 * rng.standard_normal(samples))
     u, y = np.zeros(samples), np.zeros(samples)
     for k in range(1, samples):

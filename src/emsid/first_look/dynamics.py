@@ -45,6 +45,8 @@ HELD_INPUT = 0.1
 """An input that stays the same in more of its samples does not answer a measured output."""
 UNDONE = 0.5
 """Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
+ROUNDS = 5
+"""Of a prediction without the steps of a signal; from the second on it changes little."""
 CLEAR = 6.0
 """A correlation of this many standard deviations shows the delay."""
 LARGEST_STEP = 20.0
@@ -143,11 +145,11 @@ def feedback(u: Array, y: Array, sign: int | None) -> float:
     if len(rows) < 6 * LONG_PAST:
         return 0.0
     past_u, past_y = (_past(x, rows, LONG_PAST // 2) for x in (u, y))
-    new, error = _new(u), _residual(np.hstack([np.ones((len(rows), 1)), past_u, past_y]), y[rows])
+    error = _residual(np.hstack([np.ones((len(rows), 1)), past_u, past_y]), y[rows])
+    moving = np.mean(np.diff(u) == 0) < HELD_INPUT  # steps of a reference hide what answers the output in between
+    new, error = (_new(u, ROUNDS), _clipped(error)) if moving else (_new(u), error)
     if new.std() < 1e-6 * u.std() or error.std() < 1e-9 * y.std():
         return 0.0
-    if np.mean(np.diff(u) == 0) < HELD_INPUT:  # steps of a reference hide what answers the output in between
-        new, error = _new(_clipped(new)), _clipped(error)[LONG_PAST:]  # a clipped step lasts, so it is predicted again
     lags = range(LONG_PAST // 2)
     found = [float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1]) for lag in lags]
     if sign is not None and found[0] * sign >= 0:
@@ -161,10 +163,20 @@ def _past(x: Array, rows: NDArray[np.int64], lags: int) -> Array:
     return np.column_stack([x[rows - lag] for lag in range(1, lags + 1)])
 
 
-def _new(x: Array) -> Array:
-    """(N − `LONG_PAST`,) what the past of a signal (N,) does not predict."""
+def _new(x: Array, rounds: int = 0) -> Array:
+    """(N − `LONG_PAST`,) what the past of a signal (N,) does not predict.
+
+    Args:
+        x: the signal.
+        rounds: of repeating the prediction without the samples that it misses most, whose errors are clipped then.
+    """
     rows = np.arange(LONG_PAST, len(x))
-    return _residual(np.hstack([np.ones((len(rows), 1)), _past(x, rows, LONG_PAST)]), x[rows])
+    table = np.hstack([np.ones((len(rows), 1)), _past(x, rows, LONG_PAST)])
+    new = _residual(table, x[rows])
+    for _ in range(rounds):
+        near = _clipped(new) == new
+        new = x[rows] - table @ np.linalg.lstsq(table[near], x[rows][near], rcond=None)[0]
+    return _clipped(new) if rounds else new
 
 
 def _clipped(x: Array) -> Array:

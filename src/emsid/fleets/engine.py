@@ -25,6 +25,7 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
+from logging import CRITICAL, getLogger
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
@@ -214,5 +215,11 @@ def connected(address: str) -> Iterator[Executor]:
             f"{address}: no scheduler answers ({type(problem).__name__}); start one with: dask scheduler",
             arguments=("scheduler",),
         ) from None
-    with suppress(OSError, TimeoutError), client:
-        yield client.get_executor(pure=False)
+    logger = getLogger("distributed")
+    level = logger.level
+    logger.setLevel(CRITICAL)  # a lost scheduler is one line of ours, and not its traceback
+    try:
+        with suppress(OSError, TimeoutError), client:
+            yield client.get_executor(pure=False)
+    finally:
+        logger.setLevel(level)

@@ -10,16 +10,16 @@ import pytest
 
 import emsid
 from emsid.models.model import Model
-from model_examples import DT, cascades, feedback, inputs, plants, polynomials, regressions, state_spaces
+from model_examples import DT, cascades, feedback, inputs, plants, polynomials, processes, regressions, state_spaces
 
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow"]
 ALL: dict[str, Any] = {
     name: model
-    for kind in (regressions, state_spaces, polynomials, cascades, feedback, plants)
+    for kind in (regressions, state_spaces, polynomials, processes, cascades, feedback, plants)
     for name, model in kind()
 }
-NO_FORM = {name for name in ALL if "user" in name or name.startswith(("own plant", "elastic motor", "process"))}
-"""Functions in Python, a shaft, and models in continuous time."""
+NO_FORM = {name for name in ALL if "user" in name or name.startswith(("own plant", "elastic motor"))}
+"""Functions in Python, and a shaft."""
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 MAIN = """\

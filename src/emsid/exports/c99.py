@@ -23,6 +23,23 @@ HELPERS = {
     "above": "static real above(real x)\n{\n    return x > K(0.0) ? x : K(0.0);\n}\n",
 }
 """Functions that are written where they are used."""
+SMALL = {
+    "expm1": """\
+static real small_expm1(real x)
+{
+    const real all = (real)exp(x);
+    return all > K(1.0) || all < K(1.0) ? (all > K(0.0) ? (all - K(1.0)) * x / (real)log(all) : -K(1.0)) : x;
+}
+""",
+    "log1p": """\
+static real small_log1p(real x)
+{
+    const real all = K(1.0) + x;
+    return all > K(1.0) || all < K(1.0) ? (real)log(all) * x / (all - K(1.0)) : x;
+}
+""",
+}
+"""Functions that the C library of AVR does not have, by Kahan's formulas, whose errors of rounding cancel."""
 WIDTH = 100
 """Characters of a line of a table."""
 
@@ -88,7 +105,7 @@ def source(name: str, form: CForm, *, single: bool) -> str:
     """The source: constants, helpers, and two functions."""
     text = form.functions + form.step
     suffix = "f" if single else ""
-    macros = "".join(f"#define {each.upper()} {each}{suffix}\n" for each in FUNCTIONS if f"{each.upper()}(" in text)
+    macros = "".join(_macro(each, suffix) for each in FUNCTIONS if f"{each.upper()}(" in text)
     helpers = "\n".join(code for called, code in HELPERS.items() if f"{called}(" in text)
     tables = "\n".join(table(array, values) for array, values in form.constants if array in text)
     initial = ", ".join(f"{{{', '.join(map(number, values.tolist()))}}}" for _, values in form.state if len(values))
@@ -104,6 +121,14 @@ def source(name: str, form: CForm, *, single: bool) -> str:
         f"void {name}_step({name}_state *s, const real u[], real y[])\n{{\n{form.step}}}\n",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _macro(name: str, suffix: str) -> str:
+    """The macro of a function of ``math.h``."""
+    usual = f"#define {name.upper()} {name}{suffix}\n"
+    if name not in SMALL:
+        return usual
+    return f"#ifdef __AVR__\n{SMALL[name]}#define {name.upper()} small_{name}\n#else\n{usual}#endif\n"
 
 
 def table(name: str, values: NDArray[Any]) -> str:

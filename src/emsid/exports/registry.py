@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
+from emsid.exports.arduino import arduino
 from emsid.exports.c99 import c99
 from emsid.exports.control import control
 from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
@@ -17,6 +18,7 @@ BRUSHLESS = ("winding", "pole_pairs")
 
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single",)),
+    "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
     "modelica": Format("a plant of one mass as a Modelica model", modelica),
     "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco),

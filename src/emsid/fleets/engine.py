@@ -215,7 +215,7 @@ def connected(address: str) -> Iterator[Executor]:
             f"{address}: no scheduler answers ({type(problem).__name__}); start one with: dask scheduler",
             arguments=("scheduler",),
         ) from None
-    logger = getLogger("distributed")
+    logger = getLogger("distributed.client")
     level = logger.level
     logger.setLevel(CRITICAL)  # a lost scheduler is one line of ours, and not its traceback
     try:

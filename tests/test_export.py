@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid import LinearAxis
 from emsid.exports import FORMATS
 from emsid.exports.verb import README, c_name
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.plant import Friction, Motor
+from emsid.plant.gaussian_stribeck import GaussianStribeck
 
 R, K, J, B, LEVEL = 1.5, 0.05, 4e-5, 2e-5, 0.004
 
@@ -96,22 +98,50 @@ def test_a_joint_has_the_parameters_of_the_motor(tmp_path: Path) -> None:
     assert [ctrl(u) for u in (-1.0, 0.2, 1.0)] == pytest.approx([-0.7, 0.0, 0.7])  # type: ignore[operator]
 
 
-def test_mujoco_moves_as_the_model(tmp_path: Path) -> None:
-    """The free run in MuJoCo beside that of the model, through stops and reversals."""
+def moved_in_mujoco(model: GreyBox, folder: Path, **options: object) -> float:
+    """The fit in % of the free run in MuJoCo to that of the model, through stops and reversals."""
     library = pytest.importorskip("mujoco")
-    model, dt = motor(), 2e-3
-    rng = np.random.default_rng(1)
-    u = np.repeat(rng.uniform(-4, 4, 30), 40)
-    emsid.export(model, "mujoco", tmp_path, dt=dt)
-    simulated = library.MjModel.from_xml_path(str(tmp_path / "rigid_motor.xml"))
+    dt = 2e-3
+    u = np.repeat(np.random.default_rng(1).uniform(-4, 4, 30), 40)
+    emsid.export(model, "mujoco", folder, name="joint", dt=dt, **options)  # type: ignore[arg-type]
+    simulated = library.MjModel.from_xml_path(str(folder / "joint.xml"))
+    steps = int(np.ceil(dt / simulated.opt.timestep - 1e-9))
+    simulated.opt.timestep = dt / steps
     state, found = library.MjData(simulated), []
+    scope: dict[str, object] = {"ctrl": float}
+    if (folder / "joint_ctrl.py").exists():
+        exec((folder / "joint_ctrl.py").read_text("utf-8"), scope)
     for command in u:
         found.append(float(state.qvel[0]))
-        state.ctrl[0] = command
-        for _ in range(round(dt / simulated.opt.timestep)):
+        state.ctrl[0] = scope["ctrl"](command)  # type: ignore[operator]
+        for _ in range(steps):
             library.mj_step(simulated, state)
     truth = emsid.simulate(model, u, dt=dt).output[:, 0]
-    assert 100 * (1 - np.linalg.norm(truth - found) / np.linalg.norm(truth - truth.mean())) > 97
+    return float(100 * (1 - np.linalg.norm(truth - found) / np.linalg.norm(truth - truth.mean())))
+
+
+def test_mujoco_moves_as_the_model(tmp_path: Path) -> None:
+    assert moved_in_mujoco(motor(), tmp_path / "a") > 97
+    assert moved_in_mujoco(motor(), tmp_path / "b", actuator="dcmotor") > 97
+    plant = motor(0.5).plant.with_values({"drive.gain": 2.0})
+    for actuator in ("general", "dcmotor"):
+        assert moved_in_mujoco(replace(motor(), plant=plant), tmp_path / actuator, actuator=actuator) > 97
+
+
+def test_a_dcmotor_carries_what_a_general_actuator_cannot(tmp_path: Path) -> None:
+    """Inductance, cogging and friction with a Gaussian excess: each fits better, and is no longer named as left out."""
+    cogging = {"cogging.cosine_1": 0.001, "cogging.sine_1": 0.0015, "cogging.period": 1.0}
+    rigid = motor().plant
+    excess = replace(rigid.motor, rotor_friction=GaussianStribeck(LEVEL, 0.006, 0.1))
+    for name, plant in (
+        ("inductance", rigid.with_values({"inductance": 0.005})),
+        ("cogging.cosine_1", rigid.with_values(cogging)),
+        ("rotor_friction.stribeck", replace(rigid, motor=excess)),
+    ):
+        model, general, better = replace(motor(), plant=plant), tmp_path / f"{name}-g", tmp_path / f"{name}-d"
+        assert moved_in_mujoco(model, better, actuator="dcmotor") > max(moved_in_mujoco(model, general), 97.5)
+        assert f"{name} = " in (general / README).read_text("utf-8").split("## What is not")[1]
+        assert f"{name} = " not in (better / README).read_text("utf-8").split("## What is not")[1]
 
 
 def test_curves_are_tables(tmp_path: Path) -> None:
@@ -173,6 +203,8 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         (motor(), "vesc", {"winding": "line", "pole_pairs": "many"}, "whole number"),
         (shaft, "c99", {"dt": 0.01}, "no form in C"),
         (arx, "csv", {}, "static curve"),
+        (motor(), "mujoco", {"actuator": "servo"}, "general or dcmotor"),
+        (LinearAxis(), "mujoco", {"actuator": "dcmotor"}, "no motor constant"),
     ):
         with pytest.raises(emsid.ModelError, match=words):
             emsid.export(model, format, tmp_path / "out", **options)

@@ -31,7 +31,8 @@ class Mechanics:
         gain: torque or force per unit of the command at rest.
         braking: torque or force per speed by the back EMF, included in no other number.
         resistance, constant: of the armature in Ω and N·m/A; zero for an axis.
-        dead_zone: half its width in units of the command.
+        dead_zone: half its width in V, for an axis in N.
+        unit: V or N per unit of the command.
         notes: what is not carried, in sentences.
     """
 
@@ -44,6 +45,7 @@ class Mechanics:
     resistance: float
     constant: float
     dead_zone: float
+    unit: float
     notes: tuple[str, ...]
 
 
@@ -62,7 +64,7 @@ def mechanics(export: Export) -> Mechanics:
     def levels(name: str) -> tuple[float, float]:
         return value(f"{name}.coulomb.forward"), value(f"{name}.coulomb.backward")
 
-    if "motor_constant" in handles and getattr(plant, "is_one_mass", True):
+    if "motor_constant" in handles and "shaft_stiffness" not in handles:
         constant, resistance = value("motor_constant"), value("resistance")
         rotor, load = levels("rotor_friction"), levels("load_friction")
         return Mechanics(
@@ -75,12 +77,15 @@ def mechanics(export: Export) -> Mechanics:
             resistance,
             constant,
             value("voltage_dead_zone.half_width"),
+            value("drive.gain"),
             _left_out(plant),
         )
     if "mass" in handles:
         half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))
         gain, zone = value("drive.gain"), value("dead_zone.half_width")
-        return Mechanics(False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, _left_out(plant))
+        return Mechanics(
+            False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, gain, _left_out(plant)
+        )
     raise ModelError(
         f"{export.model.name} has no inertia and friction to export; identify rigid-motor or linear-axis, or export it "
         "as c99"

@@ -1,43 +1,122 @@
 """A motor or an axis as MJCF for MuJoCo: a joint with armature, damping and frictionloss, and its actuator.
 
-A motor on a voltage is a ``general`` actuator with the gain K/R and the affine bias −K²/R times the speed. The default
-``frictionloss`` of MuJoCo is soft: below break-away a joint creeps (0.16 rad/s at 87 % of it, measured). With
-`SOLIMP` it creeps a thousandth of that. MuJoCo has no dead zone: ``NAME_ctrl.py`` applies it to the command.
+A motor on a voltage is a ``general`` actuator with the gain K/R and the affine bias −K²/R times the speed; with
+``actuator=dcmotor`` it is the actuator of that name, of MuJoCo 3.8 and later, which has an inductance and one wave of
+cogging too. Only its voltage mode is written: the meaning of its other inputs changed in 3.12.
+
+The default ``frictionloss`` of MuJoCo is soft: below break-away a joint creeps (0.16 rad/s at 87 % of it, measured).
+With `SOLIMP` it creeps a thousandth of that. The ``dcmotor`` has friction after LuGre, whose exponent is 2: it carries
+the friction law with a Gaussian excess. Its bristles are a spring σ₀ and a damper σ₁,
+
+    σ₀ = break-away / `BENDS`,      σ₁ = 2·`DAMPING`·√(σ₀·J)
+
+on the inertia J, and the step must resolve their frequency √(σ₀/J). MuJoCo has no dead zone:
+``NAME_ctrl.py`` applies it to the command.
 """
 
 from __future__ import annotations
 
+from math import atan2, hypot, sqrt, tau
+from typing import Any
+
+from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
 from emsid.exports.mechanics import Mechanics, mechanics
+from emsid.plant.gaussian_stribeck import gaussian_excess
 
 SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 """Impedance of the friction constraint, close to one: 0.000175 rad/s of creep in place of 0.163."""
 BODY = 1e-9
 """Inertia of the body in kg·m², and its mass in kg, beside the armature: MuJoCo needs some."""
+ACTUATORS = ("general", "dcmotor")
+BENDS = 1e-3
+"""Angle in rad by which bristles bend before they slip: a thousandth, less than a step of common encoders."""
+DAMPING = 0.01
+"""Of the bristles, as a part of critical damping: MuJoCo integrates its force explicitly, so that with a tenth the free
+run fits 1.2 % less, and with critical damping 13 % less, at the same step. The back EMF damps besides."""
+RESOLVED = 0.2
+"""Largest step as a part of the time √(J/σ₀) of the bristles: with a quarter of it the free run fits 0.14 % better."""
 
 
 def mujoco(export: Export) -> tuple[Files, list[str]]:
-    """The MJCF file, and a function in Python that applies the dead zone to the command.
+    """The MJCF file, and a function in Python that applies drive and dead zone to the command.
 
     Raises:
-        ModelError: for a model that is no plant of one mass.
+        ModelError: for a model that is no plant of one mass, an unknown actuator, or an axis as ``dcmotor``.
     """
+    kind = str(export.options.get("actuator", "general"))
+    if kind not in ACTUATORS:
+        raise ModelError(f"there is no actuator {kind!r}; give {' or '.join(ACTUATORS)}", arguments=("option",))
     found = mechanics(export)
-    files: Files = {f"{export.name}.xml": mjcf(export, found)}
-    notes = list(found.notes)
+    plant: Any = getattr(export.model, "plant", None)
+    if kind == "dcmotor" and not found.constant:
+        raise ModelError(f"{export.model.name} has no motor constant, as a dcmotor needs", arguments=("option",))
+    notes, bristles = list(found.notes), None
+    if kind == "dcmotor":
+        bristles = lugre(plant, found)
+        carried = carried_by_dcmotor(plant, bristles is not None)
+        notes = [note for note in notes if not note.startswith(carried)]
     if found.friction[0] != found.friction[1]:
         notes.append(f"Friction by direction, {found.friction[0]:.4g} and {found.friction[1]:.4g}: its mean is used.")
-    if found.dead_zone > 0:
-        files[f"{export.name}_ctrl.py"] = control(found)
-        notes.append(f"The dead zone is in {export.name}_ctrl.py: give ctrl(u) to data.ctrl.")
+    step = min(export.dt or 1e-3, 1e-3)
+    if bristles is not None:
+        step = min(step, RESOLVED * sqrt((found.inertia + BODY) / bristles[0]))
+        notes.append(f"Friction is that of LuGre: the step must not be larger than {step:.2g} s.")
+    scale = found.unit if kind == "dcmotor" else 1.0
+    zone = found.dead_zone * scale / found.unit
+    files: Files = {
+        f"{export.name}.xml": mjcf(export, found, actuator(export, found, plant, kind, bristles), step, bristles)
+    }
+    if zone > 0 or scale != 1.0:
+        files[f"{export.name}_ctrl.py"] = control(zone, scale)
+        notes.append(f"Dead zone and gain of the drive are in {export.name}_ctrl.py: give ctrl(u) to data.ctrl.")
     return files, notes
 
 
-def mjcf(export: Export, found: Mechanics) -> str:
+def carried_by_dcmotor(plant: Any, bristles: bool) -> tuple[str, ...]:
+    """The beginnings of the notes on what a ``dcmotor`` carries beside a ``general`` actuator."""
+    excess = ("rotor_friction.stribeck ", "load_friction.stribeck ") if bristles else ()
+    return ("inductance ", "cogging.cosine_1 ", "cogging.sine_1 ", *excess)
+
+
+def lugre(plant: Any, found: Mechanics) -> tuple[float, float, float, float, float] | None:
+    """Stiffness, damping, Coulomb level, break-away and Stribeck speed; None for friction without a Gaussian excess.
+
+    Only the friction of the rotor: that of the load must be Coulomb friction, which adds to both levels.
+    """
+    law = plant.motor.rotor_friction
+    excess, rate = plant.value("rotor_friction.stribeck"), plant.value("rotor_friction.stribeck_rate")
+    if type(law).level is not gaussian_excess or not (excess > 0 and rate > 0):
+        return None
+    coulomb = 0.5 * sum(found.friction)
+    stiffness = (coulomb + excess) / BENDS
+    return stiffness, 2 * DAMPING * sqrt(stiffness * found.inertia), coulomb, coulomb + excess, 1 / rate
+
+
+def actuator(export: Export, found: Mechanics, plant: Any, kind: str, bristles: Any) -> str:
+    """The actuator as MJCF."""
+    head = f'<{kind} name="{export.name}" joint="{export.name}"'
+    if kind == "general":
+        return (
+            f'{head} gaintype="fixed" gainprm="{found.gain!r}"\n'
+            f'             biastype="affine" biasprm="0 0 {-found.braking!r}"/>'
+        )
+    parts = [f'motorconst="{found.constant!r}" resistance="{found.resistance!r}"']
+    if (inductance := float(plant.value("inductance"))) > 0:
+        parts.append(f'inductance="{inductance!r}"')
+    cosine, sine = (float(plant.value(f"cogging.{what}_1")) for what in ("cosine", "sine"))
+    if cosine or sine:
+        waves = tau / float(plant.value("cogging.period"))
+        parts.append(f'cogging="{hypot(cosine, sine)!r} {waves!r} {atan2(-cosine, -sine)!r}"')
+    if bristles is not None:
+        parts.append(f'lugre="{" ".join(map(repr, bristles))}"')
+    return f"{head} {' '.join(parts)}/>"
+
+
+def mjcf(export: Export, found: Mechanics, driven: str, step: float, bristles: Any) -> str:
     """The model as MJCF."""
     joint, units = ("hinge", "N·m, rad") if found.rotates else ("slide", "N, m")
-    loss = 0.5 * sum(found.friction)
-    step = min(export.dt or 1e-3, 1e-3)
+    loss = 0.0 if bristles is not None else 0.5 * sum(found.friction)
     inertia = f'armature="{found.inertia!r}"'
     return f"""\
 <!-- Made by emsid; units: {units}, s. -->
@@ -52,8 +131,7 @@ def mjcf(export: Export, found: Mechanics) -> str:
     </body>
   </worldbody>
   <actuator>
-    <general name="{export.name}" joint="{export.name}" gaintype="fixed" gainprm="{found.gain!r}"
-             biastype="affine" biasprm="0 0 {-found.braking!r}"/>
+    {driven}
   </actuator>
   <sensor>
     <jointpos name="position" joint="{export.name}"/>
@@ -63,14 +141,15 @@ def mjcf(export: Export, found: Mechanics) -> str:
 """
 
 
-def control(found: Mechanics) -> str:
+def control(zone: float, scale: float) -> str:
     """A function in Python that gives the command to MuJoCo."""
     return f'''"""Made by emsid: the command of the record as the command of MuJoCo."""
 
-DEAD_ZONE = {found.dead_zone!r}
+GAIN = {scale!r}
+DEAD_ZONE = {zone!r}
 
 
 def ctrl(u: float) -> float:
-    """The command beyond the dead zone."""
-    return max(u - DEAD_ZONE, 0.0) + min(u + DEAD_ZONE, 0.0)
+    """The command beyond the dead zone, in the unit that MuJoCo takes."""
+    return max(GAIN * u - DEAD_ZONE, 0.0) + min(GAIN * u + DEAD_ZONE, 0.0)
 '''

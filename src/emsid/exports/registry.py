@@ -21,7 +21,7 @@ FORMATS: dict[str, Format] = {
     "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
     "modelica": Format("a plant of one mass as a Modelica model", modelica),
-    "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco),
+    "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",)),
     "python-control": Format("the linear part as a script for python-control", control),
     "csv": Format("friction, dead zone and static maps as tables", csv),
     "wpilib": Format("kS, kV and kA for WPILib", wpilib),

@@ -1,26 +1,43 @@
-"""Mutate files of measuring systems and robots and read them; a program of its own, so that its memory can be limited.
+"""Cut and mutate files of measuring systems and robots and read them; a program of its own, so that memory is limited.
 
-The parsers run in this process, which is faster than a process for each file; so a crash of a library ends it. Prints
-every mutation that ends in anything but columns or an `EmsidError` in one line, or takes too long, and at last how many
-were tried.
+The parsers run in this process, which is faster than a process for each file; where one crashes, which the sandbox of
+the reader keeps from its user, another process goes on with the next file. Prints
+every mutation that ends in anything but columns or an `EmsidError` in one line, or takes too long or too much memory,
+and at last how many were tried.
 
 Usage: fuzz_formats.py KIND MUTATIONS SEED
 """
 
+import os
 import random
 import resource
+import signal
 import sys
 import tempfile
+from ast import literal_eval
+from contextlib import ExitStack
+from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from unittest import mock
 
+import numpy as np
+import polars as pl
+
 from emsid.errors import EmsidError, FormatError
 from emsid.io import read_columns
+from test_io_formats import parquet
 from test_io_more_formats import bag, excel, feather, mcap, mcap_of_ros, mdf, tdms, wpilog
 
-MEMORY, SLOW = 6 << 30, 2.0
+ADDRESSES, MEMORY = 6 << 30, 1 << 30
+"""Bytes that a parser may ask for, and that it may use."""
+SLOW, HANGS, CUTS = 2.0, 10, 10
+"""Seconds of a processor that are too many for a small file, seconds after which it is given up; cuts of each file."""
 KINDS = {
+    "parquet": (
+        ".parquet",
+        lambda: parquet(pl.DataFrame({"t": K / 10, "u": K, "y": K**2, "v": [[1.0, k] for k in K]})),
+    ),
     "arrow": (".feather", feather),
     "excel": (".xlsx", excel),
     "tdms": (".tdms", tdms),
@@ -30,6 +47,7 @@ KINDS = {
     "ros": (".mcap", mcap_of_ros),
     "bag": (".bag", lambda: bag(Path(tempfile.mkdtemp()))),
 }
+K = np.arange(30.0)
 WORDS = [b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\xff\xff\xff\xff", b"\0\0\0\0", b"\0\0\1\0"]
 
 
@@ -52,26 +70,46 @@ def mutated(content, rng):
     return bytes(changed)
 
 
+class Hangs(BaseException):
+    """A parser that does not end, or takes too much."""
+
+
+def give_up(*_):
+    raise Hangs
+
+
+def damaged_files(content, count, rng):
+    """The file cut at `CUTS` places, then mutations."""
+    yield from (content[: len(content) * k // (CUTS + 1)] for k in range(1, CUTS + 1))
+    yield from (mutated(content, rng) for _ in range(count))
+
+
 def in_this_process(parser, content, damaged):
     """As `emsid.io.sandbox.in_sandbox`, without its process."""
     try:
         return parser(content)
+    except Hangs:
+        raise
     except BaseException:
         raise FormatError(damaged) from None
 
 
-def fuzz(kind, count, seed, folder):
-    """Mutations that were read, that were refused, and what went wrong."""
+def fuzz(kind, count, seed, folder, first=0):
+    """Damaged files from the first that were read, that were refused, and what went wrong."""
     suffix, make = KINDS[kind]
     rng, content, path = random.Random(seed), make(), Path(folder) / f"file{suffix}"
     read, refused, wrong = 0, 0, []
-    with (
-        mock.patch("emsid.io.packing.in_sandbox", in_this_process),
-        mock.patch("emsid.io.arrow.in_sandbox", in_this_process),
-    ):
-        for k in range(count):
-            path.write_bytes(mutated(content, rng))
-            begun = process_time()
+    before = signal.signal(signal.SIGALRM, give_up)
+    with ExitStack() as patched:
+        for module in ("packing", "arrow", "parquet"):
+            patched.enter_context(mock.patch(f"emsid.io.{module}.in_sandbox", in_this_process))
+        for k, damaged in enumerate(damaged_files(content, count, rng)):
+            if k < first:
+                continue
+            path.write_bytes(damaged)
+            (Path(folder) / "number").write_text(f"{k} {read} {refused} {wrong}")
+            begun, used = process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            signal.alarm(HANGS)
             try:
                 read_columns(path)
                 read += 1
@@ -79,17 +117,51 @@ def fuzz(kind, count, seed, folder):
                 refused += 1
                 if not str(problem).startswith(f"{path}: ") or len(str(problem).splitlines()) > 1:
                     wrong.append((k, str(problem)))
-            except Exception as problem:
+            except (Exception, Hangs) as problem:
                 wrong.append((k, repr(problem)))
+            finally:
+                signal.alarm(0)
             if process_time() - begun > SLOW:
                 wrong.append((k, f"{process_time() - begun:.1f} s"))
+            more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - used) << 10
+            if more > MEMORY:
+                wrong.append((k, f"{more >> 20} MiB"))
+    signal.signal(signal.SIGALRM, before)
     return read, refused, wrong
 
 
-if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+def main(kind, count, seed):
+    """Fuzz in processes: as many as there are crashes, and one."""
+    read = refused = crashed = first = 0
+    wrong = []
+    context = get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
-        read, refused, wrong = fuzz(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), folder)
+        while True:
+            process = context.Process(target=in_a_process, args=(kind, count, seed, folder, first))
+            process.start()
+            process.join()
+            number, more_read, more_refused, more = (Path(folder) / "number").read_text().split(" ", 3)
+            read, refused, wrong = read + int(more_read), refused + int(more_refused), [*wrong, *literal_eval(more)]
+            if process.exitcode == 0:
+                break
+            crashed, first = crashed + 1, int(number) + 1
+            if crashed > count // 4:
+                wrong.append((first, "too many crashes"))
+                break
     for each in wrong:
         print(*each)
-    print(f"{sys.argv[1]}: {read} read, {refused} refused, {len(wrong)} wrong")
+    print(f"{kind}: {read} read, {refused} refused, {crashed} crashed, {len(wrong)} wrong")
+
+
+def in_a_process(kind, count, seed, folder, first):
+    """A process of `main`."""
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), 1)  # libraries print what they find
+        os.dup2(nothing.fileno(), 2)
+    read, refused, wrong = fuzz(kind, count, seed, folder, first)
+    (Path(folder) / "number").write_text(f"{count} {read} {refused} {wrong}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from hypothesis import strategies as st
 from emsid.errors import EmsidError
 from emsid.io import READERS, read, read_columns
 from emsid.record import Record
-from fuzz_formats import fuzz
+from fuzz_formats import KINDS, fuzz
 from test_io_formats import mat_5, mat_73, npz, parquet
 
 K = np.arange(30.0)
@@ -137,6 +139,16 @@ def test_damaged_files_of_measuring_systems(folder: Path, kind: str) -> None:
     read, refused, wrong = fuzz(kind, 40, 1, folder)
     assert wrong == []
     assert (read > 0, refused > 0) == (True, True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_thousand_mutations_and_ten_cuts_of_every_format_of_a_library(kind: str) -> None:
+    """In a process of its own: columns or one line; within 2 s of a processor, 10 s and 1 GiB each."""
+    program = [sys.executable, str(Path(__file__).with_name("fuzz_formats.py")), kind, "2000", "7"]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0
+    assert done.stdout.rstrip().endswith(", 0 wrong"), done.stdout
 
 
 @pytest.mark.skipif(os.name != "posix", reason="no limits of memory")

@@ -294,3 +294,17 @@ def test_columns_with_clocks_of_their_own() -> None:
     np.testing.assert_allclose(on_one_clock(columns, "time", []).series["u"].to_numpy(), times / 0.25 - 1)
     np.testing.assert_allclose(held.series["y"].to_numpy(), 2 * times)
     assert on_one_clock(Columns({}), "time", []) == Columns({})
+
+
+def test_what_a_library_prints_is_no_part_of_the_columns(tmp_path: Path) -> None:
+    """asammdf prints a damaged channel; its name is at byte 0x9f0 + 40 of this file."""
+    content = bytearray(mdf())
+    at = content.rindex(b"##CN") + 40
+    content[at : at + 8] = (256).to_bytes(8, "little")
+    (tmp_path / "file.mf4").write_bytes(content)
+    try:
+        found = emsid.io.read_columns(tmp_path / "file.mf4")
+    except EmsidError as problem:
+        assert str(problem).startswith(f"{tmp_path}/file.mf4: ")
+    else:
+        assert found.series

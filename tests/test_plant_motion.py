@@ -16,6 +16,7 @@ from emsid.models.plants.one_mass import Sliding, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.state import NO_LOAD
 from emsid.plant import Friction, Motor, State, simulate
 from simulated_plants import DT, RIGID, SPEED, VOLTAGE, record_of
 
@@ -62,7 +63,7 @@ def test_the_compiled_motion_is_the_limit_of_the_slow_one(seed):
     force, damping = np.repeat(3 * rng.standard_normal(13), 5), np.repeat(rng.uniform(0.1, 1.0, 13), 5)
     start = (0.05, float(rng.uniform(0, 1)))
     speeds, positions = np.empty(64), np.empty(64)
-    move(0.7, friction, force, damping, *start, 20, 0.4, 1.0, speeds, positions)
+    move(0.7, friction, force, damping, NO_LOAD, *start, 20, 0.4, 1.0, speeds, positions)
     differences = []
     for steps in (40, 160):
         slow = moved_slowly(0.7, friction, force, damping, *start, steps, 0.4, 1.0)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from emsid.cli.options import numbers, option, pairs, quantity, sample_time
+from emsid.cli.shell import command_line, file_word
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class Reader:
         for name in ("input", "output"):
             if not self.given.get(name) and files:
                 read_columns(files[0])  # a missing or damaged file is what to mend first
-                shown = f"`emsid describe {files[0]}` shows the columns"
+                shown = f"`{command_line(['emsid', 'describe', file_word(str(files[0]))])}` shows the columns"
                 raise DataError(f"name the {name} column; {shown}", arguments=(name,))
         names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]
         found = [file_and_column(name) for name in names]

@@ -6,7 +6,7 @@ data, a part of the record. Then it is fitted to the whole record.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
@@ -38,6 +38,7 @@ from emsid.models.blocks.search.topologies import (
 )
 from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.feedback.search.trials import FeedbackSearch
+from emsid.models.plants.by_name import names_had
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
@@ -327,7 +328,7 @@ def left_out(record: Record, names: Sequence[str]) -> Finding:
     return Finding("quick-look", record.name, {"without": without})
 
 
-def usual_for(record: Record) -> tuple[str, ...]:
+def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
 
     A Wiener model is fitted too where the output comes close to zero without a change of its sign, as that of a sensor
@@ -337,28 +338,31 @@ def usual_for(record: Record) -> tuple[str, ...]:
     force and a position those of an axis; without a unit, the name of the output does, and the input has the unit that
     its name implies. A channel without a unit that is named as one of a process, such as a level, is of neither.
 
+    The speed of a wheel in m/s is that of a motor where the radius of the wheel is among the ``known`` parameters.
+
     A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input
     has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
-    starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined and kind.usual}
+    one_output = record.output.shape[1] == 1  # of a plant, further inputs are refused unless they are a load
+    starts = {name: kind.start for name, kind in PLANTS.items() if one_output and kind.refined and kind.usual}
     folded = ("wiener",) if one_each and not position and keeps_its_sign(record.output[:, 0]) else ()
     least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)
-    plants = [name for name, start in starts.items() if _may_be_of(start, record)]
+    plants = [name for name, start in starts.items() if _may_be_of(start, record, known)]
     wanted = Signal.POSITION if position else Signal.SPEED
     plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
     return (*usual, *folded, *plants[:1])
 
 
-def _may_be_of(plant: Plant, record: Record) -> bool:
+def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:
     if not isinstance(plant, DrivenPlant) or plant.secondary:
         return False
     if _is_of_a_process(record):
         return False
     record = with_unit_of_name(record)
-    plant = plant.for_command(record)
+    plant = plant.for_command(record).measured_by({}, names_had(plant, known))
     try:
         check_channels(plant, signals_of(plant, record), record)
     except EmsidError:

@@ -86,7 +86,7 @@ class Task:
         several = given_records(records, reading)
         others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
         record = _long_enough(as_one(several))
-        names = names or usual_for(record)
+        names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free))
         asked = understood(options, names)
         responses = tuple(map(response_of, several))
         options, about_delay = with_delay(codes_of_channel(asked, record), several)

@@ -33,8 +33,9 @@ def in_sandbox(parser: Callable[[bytes], bytes], content: bytes, damaged: str) -
     most = max(MEMORY, EXPANSION * len(content))
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_AS, ({most}, {most})); " if os.name == "posix" else ""
     program = (
-        f"{limit}import sys; from {parser.__module__} import {parser.__name__} as parser; "
-        "sys.stdout.buffer.write(parser(sys.stdin.buffer.read()))"
+        f"{limit}import os, sys; result = os.fdopen(os.dup(1), 'wb'); os.dup2(2, 1); "  # libraries print what they miss
+        f"from {parser.__module__} import {parser.__name__} as parser; "
+        "result.write(parser(sys.stdin.buffer.read())); result.flush()"
     )
     try:
         done = subprocess.run(

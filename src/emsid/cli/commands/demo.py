@@ -1,13 +1,13 @@
 """``emsid demo``."""
 
 from pathlib import Path
-from shlex import quote
 from typing import Annotated
 
 import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.shell import command_line, file_word
 from emsid.cli.terminal import say, working
 from emsid.cli.writing import check_folder
 
@@ -78,7 +78,7 @@ def demo(
         say(f"{folder / example.name}.csv: {example.title}, {len(record):,} samples")
     atomic_write(folder / PAGE, commands_page().encode())
     say(f"{folder / PAGE}: commands to try, from within the folder; the first is")
-    enter = "" if folder == Path() else f"cd {quote(str(folder))} && "
+    enter = "" if folder == Path() else f"{command_line(['cd', file_word(str(folder))])} && "
     say(f"  {enter}emsid {COMMANDS[EXAMPLES[0].name][0][0]}")
 
 
@@ -94,7 +94,7 @@ def _fleet(folder: Path, motors: int, seed: int) -> None:
     say(f"- another load, inertia times {LOAD:g}: {', '.join(made.loaded) or 'none'}")
     say(f"- files that cannot be used: {', '.join(made.poisoned) or 'none'}")
     columns = "-u voltage -y speed --time t --unit voltage=V --unit speed=rad/s"
-    say(f"  emsid fleet {quote(str(folder))} {columns} --fix resistance=2")
+    say(f"  emsid fleet {command_line([file_word(str(folder))])} {columns} --fix resistance=2")
 
 
 def commands_page() -> str:

@@ -1,6 +1,5 @@
 """``emsid describe``."""
 
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.options import Json, option
 from emsid.cli.reading import as_options, reads_records
+from emsid.cli.shell import command_line, file_word
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
 from emsid.cli.writing import as_json, check_folder, draw, say_where
 
@@ -63,7 +63,7 @@ def describe(
         check_folder(out)
     looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
     divided = groups(looks)
-    commands = [shlex.join(words) for words in proposals(divided)]
+    commands = [command_line(words) for words in proposals(divided)]
     if json:
         documents = [as_document(look) for look in looks]
         found = [finding.to_data() for finding in together]
@@ -127,7 +127,8 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
 def proposals(divided: "Sequence[Group]") -> list[list[str]]:
     """The words of the commands to run next, one for each group of files."""
     return [
-        ["emsid", "identify", *(look.path for look in group.looks), *as_options(_turned(group))] for group in divided
+        ["emsid", "identify", *(file_word(look.path) for look in group.looks), *as_options(_turned(group))]
+        for group in divided
     ]
 
 

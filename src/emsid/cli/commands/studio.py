@@ -1,6 +1,5 @@
 """``emsid studio``."""
 
-import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.options import option
 from emsid.cli.reading import as_options
+from emsid.cli.shell import command_line, file_word
 from emsid.cli.terminal import say
 from emsid.cli.writing import check_folder
 from emsid.errors import DataError, FormatError
@@ -72,9 +72,9 @@ def command_of(task: Mapping[str, Any], folder: Path) -> str:
     """
     rows = task["reading"].get("rows")
     reading = {**task["reading"], **({} if rows is None else {"rows": slice(*rows)})}
-    words = ["emsid", "identify", *(str(folder / name) for name in task["files"]), *as_options(reading)]
+    words = ["emsid", "identify", *(file_word(str(folder / name)) for name in task["files"]), *as_options(reading)]
     for name in task["unseen_files"]:
-        words += ["--validate", str(folder / name)]
+        words += ["--validate", file_word(str(folder / name))]
     if not task["unseen_files"]:
         words += ["--unseen", f"{task['unseen']:.10g}"]
     if task["models"]:
@@ -85,7 +85,7 @@ def command_of(task: Mapping[str, Any], folder: Path) -> str:
                 words += ["--fix", f"{parameter}={known}"]
         else:
             words += [option(name), ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
-    return shlex.join(words)
+    return command_line(words)
 
 
 def track_of(asked: Mapping[str, Any], folder: Path) -> list[str]:

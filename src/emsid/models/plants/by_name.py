@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import TypeVar
 
 from emsid.arguments import as_names, did_you_mean
@@ -19,6 +20,15 @@ def full_names(plant: Named, names: str | Iterable[str] | None) -> tuple[str, ..
         ModelError: for an unknown name.
     """
     return None if names is None else tuple(full_name(plant, name) for name in as_names(names))
+
+
+def names_had(plant: Named, names: Iterable[str]) -> tuple[str, ...]:
+    """The full names of those parameters, by name or symbol, that a plant has."""
+    found = []
+    for name in names:
+        with suppress(ModelError):
+            found.append(full_name(plant, name))
+    return tuple(found)
 
 
 def by_full_name(plant: Named, what: str, values: Mapping[str, V] | None) -> dict[str, V]:

@@ -72,15 +72,18 @@ def cogging_handles(force: str, position: str) -> dict[str, Handle]:
     return found
 
 
+IDLE_AT_ZERO = ("quadratic_viscous", "shaft_backlash", "sensor.radius")
+
+
 def without_idle(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a plant without those of cogging, quadratic friction and backlash where these have no effect."""
+    """Parameters of a plant without those of cogging, quadratic friction, backlash and wheel that have no effect."""
     idle = () if any(value for name, value in parameters.items() if name.startswith(("cogging.c", "cogging.s"))) else (
         "cogging.",
     )  # fmt: skip
     return {
         name: value
         for name, value in parameters.items()
-        if not (idle and name.startswith(idle)) and (name not in ("quadratic_viscous", "shaft_backlash") or value)
+        if not (idle and name.startswith(idle)) and (name not in IDLE_AT_ZERO or value)
     }
 
 

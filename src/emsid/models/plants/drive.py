@@ -46,6 +46,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.excitation.between_samples import jumps, may_be_continuous
 from emsid.models.plants.parameters import TINY, Handle, scalar
+from emsid.models.plants.state import NO_LOAD
 from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
@@ -97,6 +98,7 @@ class Acting(NamedTuple):
         samples: which of the M + 1 ends of pieces are the N samples.
         now: (N,) voltage and conducting fraction at the samples; None where they keep their values after them.
         left: the commands that a state keeps after the run.
+        load: (M + 1,) the load of the inputs in every piece, and a last value without meaning; (0,) without one.
     """
 
     voltage: Array
@@ -106,6 +108,7 @@ class Acting(NamedTuple):
     samples: slice
     now: tuple[Array, Array] | None
     left: Array
+    load: Array
 
 
 class ActingEach(NamedTuple):
@@ -116,6 +119,7 @@ class ActingEach(NamedTuple):
         ends: (S + 1,) where runs begin, and M.
         dt, late: (S,) as in `Acting`.
         samples: which of the M are the samples of every run.
+        load: (M,) as in `Acting`, or (0,).
     """
 
     voltage: Array
@@ -124,15 +128,19 @@ class ActingEach(NamedTuple):
     dt: Array
     late: Array
     samples: list[slice]
+    load: Array
 
     @classmethod
     def of(cls, runs: Sequence[Acting]) -> ActingEach:
         """The runs, one after the other."""
-        voltage, conducts, dt, late, samples, _, _ = zip(*runs, strict=True)
+        voltage, conducts, dt, late, samples, _, _, load = zip(*runs, strict=True)
         ends = np.cumsum([0, *map(len, voltage)])
         inside = (range(a, b)[some] for a, b, some in zip(ends.tolist(), ends[1:].tolist(), samples, strict=False))
         slices = [slice(some.start, some.stop, some.step) for some in inside]
-        return cls(np.concatenate(voltage), np.concatenate(conducts), ends, np.array(dt), np.array(late), slices)
+        return cls(
+            np.concatenate(voltage), np.concatenate(conducts), ends, np.array(dt), np.array(late), slices,
+            np.concatenate(load),
+        )  # fmt: skip
 
     def held(self, values: Sequence[Array]) -> Array:
         """(M,) values (N,) of every run, which are held over its samples."""
@@ -158,6 +166,8 @@ class Drive:
         hold: the course of the command between its samples.
         loss: ℓ, the part of its on-time that the bridge loses below full duty, where it switches.
         rise: κ, the time constant of the armature current over the period of the PWM, for a bridge that coasts.
+        loaded: whether the last input is no command but a load on the mass, a torque in N·m (a force in N) against the
+            motion forward. It acts without delay, and between its samples it is held or straight as the command is.
 
     Raises:
         ModelError: for a value that is not physical, a bridge that coasts without a supply voltage, or codes in a
@@ -175,6 +185,7 @@ class Drive:
     hold: Hold = Hold.ZERO
     loss: float = 0.0
     rise: float = 0.0
+    loaded: bool = False
 
     def __post_init__(self) -> None:
         if self.codes and self.hold is not Hold.ZERO:
@@ -205,17 +216,29 @@ class Drive:
         Raises:
             DataError: for other inputs.
         """
-        columns = 2 if self.codes else 1
+        columns = 1 + bool(self.codes) + self.loaded
+        if self.loaded and inputs.shape[1] < 2:
+            raise DataError(
+                "an input for a plant with a load torque or force is missing; give the command, then the load"
+            )
         if inputs.shape[1] > columns:
             raise DataError(
                 f"{inputs.shape[1]} inputs for a plant with one command; name the column that is the command, and "
-                "after it at most one with codes for the state of the bridge, and what the codes mean"
+                "after it at most one with codes for the state of the bridge, and what the codes mean, and a load last"
             )
         command = inputs[:, 0]
         if not self.codes:
             return command
-        coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
+        coded = np.isin(self._coded(inputs), [code for code, _ in self.codes])
         return np.where(coded, 0.0, command) if coded.any() else command
+
+    def _coded(self, inputs: Array) -> Array:
+        """(N,) the input that may hold codes: the last one that is no load."""
+        return inputs[:, -1 - self.loaded]
+
+    def loads(self, inputs: Array) -> Array:
+        """(N,) the load in inputs (N, nu); (0,) without one."""
+        return inputs[:, -1] if self.loaded else NO_LOAD
 
     def for_inputs(self, inputs: Array) -> Drive:
         """The drive as it is in a record with inputs (N, nu), where this differs by record."""
@@ -245,7 +268,7 @@ class Drive:
             voltage = np.where(switching, switched, np.clip(voltage, -self.supply, self.supply))
             conducts = 1.0 - self.freewheel * (1.0 - np.where(switching, open_, 1.0))
         for code, bridge in self.codes:
-            here = inputs[:, -1] == code
+            here = self._coded(inputs) == code
             voltage = np.where(here, 0.0, voltage)
             conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
         return voltage, conducts
@@ -266,7 +289,7 @@ class Drive:
         """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
 
         For a straight command there are two rows more: one for the sample before, and last one of NaN, which says that
-        no sample has been simulated yet.
+        no sample has been simulated yet; and with a load a third column with it.
 
         Args:
             command: the inputs of one sample.
@@ -285,8 +308,10 @@ class Drive:
             )
         straight = self.hold is not Hold.ZERO
         whole = int(samples) if most is None else int(min(samples, most))
-        on_their_way = np.empty((whole + 1 + 2 * straight, 2))
-        on_their_way[:] = np.ravel(self.applied(command[None, :])) if holding is None else (holding, 1.0)
+        on_their_way = np.empty((whole + 1 + 2 * straight, 2 + (straight and self.loaded)))
+        on_their_way[:, :2] = np.ravel(self.applied(command[None, :])) if holding is None else (holding, 1.0)
+        if straight and self.loaded:
+            on_their_way[:, 2] = command[-1]
         if straight:
             on_their_way[-1] = np.nan
         return on_their_way
@@ -307,7 +332,8 @@ class Drive:
         samples = len(inputs)
         left = np.column_stack([voltage[samples:], conducts[samples:]])
         kept = voltage[: samples + 1], conducts[: samples + 1]
-        return Acting(*kept, dt, late, slice(None, -1), None, left)
+        load = self.loads(inputs)
+        return Acting(*kept, dt, late, slice(None, -1), None, left, np.append(load, load[-1:]))
 
     def acting_each(self, inputs: Sequence[Array], dt: float, holding: Sequence[float | None]) -> ActingEach:
         """What the drive does over several runs.
@@ -328,13 +354,15 @@ class Drive:
             if before is not None:
                 voltage[begin : begin + whole + 1], conducts[begin : begin + whole + 1] = before, 1.0
         late = np.full(len(inputs), self.delay / dt - whole)
-        return ActingEach(voltage, conducts, ends, np.full(len(inputs), dt), late, samples)
+        load = np.concatenate([np.append(each, each[-1:]) for each in map(self.loads, inputs)])
+        return ActingEach(voltage, conducts, ends, np.full(len(inputs), dt), late, samples, load)
 
     def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""
         first = bool(np.isnan(commands[-1, 0]))
         past = commands[:-1] if first else commands
-        rows = np.asfortranarray(np.concatenate([past, np.column_stack(self.applied(inputs))]))
+        loads = (self.loads(inputs),) if self.loaded else ()
+        rows = np.asfortranarray(np.concatenate([past, np.column_stack((*self.applied(inputs), *loads))]))
         begin = 0 if first else -1
         zero = len(past) - self.delay / dt  # the row that acts at the first sample
         conducting = bool(np.all(rows[:, 1] == 1.0))  # as a plain drive always does
@@ -345,13 +373,16 @@ class Drive:
 
         now = at(0.0, len(inputs))
         pieces = np.ones((2, 1 + (len(inputs) - 1 - begin) * PIECES))
+        load = np.zeros(pieces.shape[1] * self.loaded)
         pieces[:, 0] = now[0][0], now[1][0]
         for piece in range(PIECES):
             into = pieces[:, 1 + piece :: PIECES]
             into[0], into[1] = at(begin + (piece + 0.5) / PIECES, into.shape[1])
+            if self.loaded:  # without the delay of the drive
+                load[piece:-1:PIECES] = _read(rows[:, 2], len(past) + begin + (piece + 0.5) / PIECES, into.shape[1])
         voltage, conducts = pieces
         samples = slice(None if first else PIECES, None, PIECES)
-        return Acting(voltage, conducts, dt / PIECES, 0.0, samples, now, rows[len(rows) - len(past) :])
+        return Acting(voltage, conducts, dt / PIECES, 0.0, samples, now, rows[len(rows) - len(past) :], load)
 
     def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
         """Voltage (M + 1,) and conducting fraction (M + 1,) of every piece, and their delay as a fraction of a piece.
@@ -427,4 +458,7 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
         **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),
         **one("sensor.average", "ν", "1", "share of the mean over the sample before in a speed", factor, 0.0, 1.0),
         **one("sensor.ratio", "n", "1", "turns of the motor per turn measured", factor, -inf),
+        **one(
+            "sensor.radius", "r", "m", "radius of the wheel whose speed in m/s or way in m is measured", Measure.OTHER
+        ),
     }

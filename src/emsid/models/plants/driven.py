@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ class DrivenPlant(Plant):
     of the drive has passed, its output balances the load. Elsewhere the first command acts before the record, too.
     """
 
+    load_unit: ClassVar[str]
+    """The unit of a load among the inputs."""
     drive: Drive
     sensor: Sensor
     steps: int
@@ -61,14 +63,24 @@ class DrivenPlant(Plant):
     def load_name(self) -> str:
         """The name of its constant load."""
 
-    @property
     @abstractmethod
-    def holding(self) -> float:
-        """The output of the drive that balances the load at rest."""
+    def holding(self, load: float, position: float) -> float:
+        """The output of the drive that balances all loads at rest, among them one of the inputs."""
 
-    def before(self, state: Array) -> float | None:
-        """The output of the drive before a run from an initial state; None for that of the first command."""
-        return self.holding if len(state) > HELD and state[HELD] else None
+    def before(self, state: Array, command: Array) -> float | None:
+        """The output of the drive before a run from an initial state; None for that of the first command (nu,)."""
+        if len(state) <= HELD or not state[HELD]:
+            return None
+        return self.holding(float(command[-1]) if self.drive.loaded else 0.0, float(state[1]))
+
+    def for_load(self, record: Record) -> Self:
+        """The plant with a load among its inputs where the last of several is in the unit of one."""
+        loaded = len(record.input_units) > 1 and record.input_units[-1] == self.load_unit
+        return self.with_drive(loaded=True) if loaded and not self.drive.loaded else self
+
+    def for_command(self, record: Record) -> Self:
+        """See `for_load`."""
+        return self.for_load(record)
 
     def largest_force(self, inputs: Array) -> float:
         """The largest output of the drive."""
@@ -131,7 +143,8 @@ class DrivenPlant(Plant):
         if not all(plant.at_once(signals) for plant in plants):
             return Plant.simulate_each(plants, inputs, dt, states, signals, loads)
         begin = np.array(states, dtype=float)
-        before = [tuple(map(plant.before, each)) for plant, each in zip(plants, begin, strict=True)]
+        first = [each[0] for each in inputs]
+        before = [tuple(map(plant.before, each, first)) for plant, each in zip(plants, begin, strict=True)]
         keys = [(id(plant.drive), each) for plant, each in zip(plants, before, strict=True)]
         drives = dict(zip(keys, plants, strict=True))  # a derivative changes few of them
         acting = {key: plant.drive.acting_each(inputs, dt, key[1]) for key, plant in drives.items()}
@@ -140,7 +153,9 @@ class DrivenPlant(Plant):
         if loads:
             against = on[0].held(loads)
             masses = [mass._replace(force=mass.force - against) for mass in masses]
-        motion = moved(masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2])
+        motion = moved(
+            masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2], on[0].load
+        )
         outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
         sensors = {id(plant.sensor): plant.sensor for plant in plants}
         for sensor in sensors.values():
@@ -164,7 +179,7 @@ class DrivenPlant(Plant):
     def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array]:
         """Speeds and positions (M + 1,) of one mass from (speed, position)."""
         ends = np.array([0, len(on.voltage)])
-        speeds, positions = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None, :2])
+        speeds, positions = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None, :2], on.load)
         return speeds[0], positions[0]
 
     def reversed_drive(self) -> Self:
@@ -184,12 +199,12 @@ class DrivenPlant(Plant):
         for k, signal in enumerate(signals):
             y = segment.output[:, k]
             if signal in (Signal.SPEED, Signal.ROTOR_SPEED):
-                state[0] = (y[0] - sensor.offset) * sensor.ratio
+                state[0] = (y[0] - sensor.offset) * sensor.scale
             elif signal is Signal.POSITION:
                 seen = beginning(y, segment.dt)
-                state[1] = (seen.position[0] - sensor.offset) * sensor.ratio
+                state[1] = (seen.position[0] - sensor.offset) * sensor.scale
                 if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals):
-                    state[0] = 0.0 if starts_at_rest(y) else seen.speed[0] * sensor.ratio
+                    state[0] = 0.0 if starts_at_rest(y) else seen.speed[0] * sensor.scale
         state[1] += sensor.lag * state[0]
         state[2] = state[0]
         if set(signals) - {Signal.CURRENT}:
@@ -259,6 +274,7 @@ class DrivenPlant(Plant):
             "codes": [[code, bridge.value] for code, bridge in self.drive.codes],
             "average": bool(self.sensor.average),
             "steps": self.steps,
+            **({"loaded": True} if self.drive.loaded else {}),
             **({} if self.hold is Hold.ZERO else {"hold": self.hold.value}),
             **({"friction": unusual} if unusual else {}),
         }
@@ -269,6 +285,7 @@ class DrivenPlant(Plant):
         plain = self.with_frictions({name: find_law(law)() for name, law in data.get("friction", {}).items()})
         sensor = Sensor(average=bool(data["average"]))
         drive = replace(plain.drive, codes=codes, hold=Hold(data.get("hold", Hold.ZERO.value)))
+        drive = replace(drive, loaded=bool(data.get("loaded", False)))
         plain = plain._with(drive=drive, sensor=sensor, steps=data["steps"])
         parameters = dict(data["parameters"])
         late = {name: parameters.pop(name) for name in NEED_SUPPLY if name in parameters}

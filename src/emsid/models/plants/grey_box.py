@@ -26,6 +26,7 @@ from emsid.models.plants.cogging import without_idle
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.motor_handles import RADIUS
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
 from emsid.models.plants.registry import plant_from_data, plant_to_data
@@ -233,10 +234,12 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
         return
     for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):
         if unit and unit != channels.units[signal]:
+            wheel = unit in ("m", "m/s") and RADIUS in plant.handles
+            way = f"give the radius of its wheel, {RADIUS}," if wheel else "convert it"
             raise DataError(
                 f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
-                f"{channels.units[signal]}; convert it or choose another model",
-                arguments=("units",),
+                f"{channels.units[signal]}; {way} or choose another model",
+                arguments=("fixed",) if wheel else ("units",),
             )
 
 
@@ -281,11 +284,18 @@ def _has_bridge(channels: Channels, record: Record) -> bool:
 
 def _check_command(plant: Plant, channels: Channels, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
-    if record.input.shape[1] > (2 if channels.codes else 1):
+    if record.input.shape[1] > 1 + bool(channels.codes) + bool(channels.load):
         codes = " and the one with its codes" if channels.codes else ", or say which values of a second are codes"
+        load = plant.load_unit if isinstance(plant, DrivenPlant) and not channels.load else ""
         raise DataError(
-            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}",
-            arguments=() if channels.codes else ("brake", "coast"),
+            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}"
+            f"{f', or give a load as the last one, in {load}' if load else ''}",
+            arguments=() if channels.codes else ("brake", "coast", "units"),
+        )
+    if channels.load and (record.input.shape[1] < 2 or record.input_units[-1] not in ("", channels.load)):
+        raise DataError(
+            f"{record.name}: {plant.name} has a load in {channels.load} as its last input; give it after the command",
+            arguments=("input", "units"),
         )
     if not _has_bridge(channels, record):
         brakes = [f"{code:g}" for code, bridge in channels.codes if bridge is Bridge.BRAKE]

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import inf, isfinite
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,11 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
         **dead_zone_handles(("dead_zone",), "dead_zone", "force", "N", Measure.FORCE),
         **scalar(("quadratic_viscous",), quadratic, Measure.QUADRATIC),
         **cogging_handles("N", "m"),
-        **{name: handle for name, handle in outer.items() if name not in (*NEED_SUPPLY, "sensor.ratio")},
+        **{
+            name: handle
+            for name, handle in outer.items()
+            if name not in (*NEED_SUPPLY, "sensor.ratio", "sensor.radius")
+        },
     }
 
 
@@ -76,6 +80,7 @@ class LinearAxis(DrivenPlant):
         ModelError: for a value that is not physical.
     """
 
+    load_unit: ClassVar[str] = "N"
     mass: float = 1.0
     viscous_friction: float | tuple[float, float] = 1.0
     friction: FrictionLaw = Friction(0.1)  # noqa: RUF009
@@ -125,7 +130,10 @@ class LinearAxis(DrivenPlant):
         """Position and speed, for a force or a command that the drive converts to a force."""
         units = {Signal.SPEED: "m/s", Signal.POSITION: "m", Signal.ROTOR_SPEED: "rad/s", Signal.CURRENT: "A"}
         commands = ("N", "V", "A", "N*m")
-        return Channels(units, Signal.POSITION, commands, "newtons", "", self.drive.codes, zero_when_open="force")
+        return Channels(
+            units, Signal.POSITION, commands, "newtons", "", self.drive.codes,
+            zero_when_open="force", load=self.load_unit if self.drive.loaded else "",
+        )  # fmt: skip
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
@@ -153,7 +161,7 @@ class LinearAxis(DrivenPlant):
         missing = [signal.value for signal in signals if signal not in (Signal.SPEED, Signal.POSITION)]
         if missing:
             raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
-        commands = self.drive.standing(command, dt, samples, self.before(state))
+        commands = self.drive.standing(command, dt, samples, self.before(state, command))
         return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
@@ -165,8 +173,10 @@ class LinearAxis(DrivenPlant):
         output, sensed = self.sensor.read(signals, *shown, state.dt, state.sensed)
         return output, PlantState(state.dt, motion, on.left, sensed)
 
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
-        """See `Plant.sampler`."""
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
+        """See `Plant.sampler`; None with a load among the inputs."""
+        if self.drive.loaded:
+            return None
         outer, mass = Outer.of(self.drive, self.sensor, state, signals), self._as_one_mass(np.zeros(1), np.ones(1))
         zone, load = Inside.numbers_of(self.dead_zone), float(self.offset)
         inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, float(self.mass), 1.0)
@@ -177,10 +187,10 @@ class LinearAxis(DrivenPlant):
         """Always."""
         return True
 
-    @property
-    def holding(self) -> float:
-        """The force that balances the offset."""
-        return self.offset if self.dead_zone is None else float(self.dead_zone.inverse(self.offset))
+    def holding(self, load: float, position: float) -> float:
+        """The force that balances the offset and a load."""
+        force = self.offset + load
+        return force if self.dead_zone is None else float(self.dead_zone.inverse(force))
 
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""
@@ -193,9 +203,10 @@ class LinearAxis(DrivenPlant):
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """A mass with viscous friction, the mean of both directions."""
         drag = float(np.mean(self.viscous_friction)) / self.mass
-        a, b = np.array([[-drag, 0.0], [1.0, 0.0]]), np.array([[self.drive.gain / self.mass], [0.0]])
+        acting = [self.drive.gain, *[-1.0] * self.drive.loaded]  # the command, and a load
+        a, b = np.array([[-drag, 0.0], [1.0, 0.0]]), np.array([acting, [0.0] * len(acting)]) / self.mass
         out = np.array([[0.0, 1.0] if signal is Signal.POSITION else [1.0, 0.0] for signal in signals])
-        part = StateSpace(a, b, out / self.sensor.ratio, np.zeros((len(out), 1)), ("speed", "position"))
+        part = StateSpace(a, b, out / self.sensor.scale, np.zeros((len(out), len(acting))), ("speed", "position"))
         return part.with_lag(self.sensor.lag, tuple(range(len(out))))
 
     def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:

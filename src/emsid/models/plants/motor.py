@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from emsid.models.plants.motor_equations import (
     together,
     with_motion,
 )
-from emsid.models.plants.motor_handles import MADE, ZONES, motor_handles
+from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
 from emsid.models.plants.motor_motion import MotorMotion, two_masses
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
@@ -49,7 +49,7 @@ from emsid.models.plants.plant import (
 )
 from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import HELD, PlantState
+from emsid.models.plants.state import PlantState
 from emsid.plant import FrictionLaw, Measure, Motor
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ class DrivenMotor(DrivenPlant):
             friction, cogging or gravity.
     """
 
+    load_unit: ClassVar[str] = "N*m"
     motor: Motor = field(default_factory=Motor)
     drive: Drive = Drive()  # noqa: RUF009  (frozen)
     sensor: Sensor = Sensor()  # noqa: RUF009  (frozen)
@@ -113,7 +114,7 @@ class DrivenMotor(DrivenPlant):
         """The handles of `Motor.parameters` by name, then load torque, drive and sensor."""
         motor = self.motor
         laws = type(motor.rotor_friction), type(motor.load_friction)
-        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None)
+        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None, self._reads_a_wheel)
 
     @property
     def default_free(self) -> tuple[str, ...]:
@@ -152,16 +153,17 @@ class DrivenMotor(DrivenPlant):
     @property
     def channels(self) -> Channels:
         """Speed, position and current, for a voltage, current or torque."""
-        units = {Signal.SPEED: "rad/s", Signal.ROTOR_SPEED: "rad/s", Signal.POSITION: "rad", Signal.CURRENT: "A"}
-        return Channels(
-            units,
-            Signal.SPEED if self.gravity is None else Signal.POSITION,
-            (MADE[self.feed][0],),
-            MADE[self.feed][1],
-            self.feed.value,
-            self.drive.codes,
-            self.feed is Feed.VOLTAGE,
-        )
+        load = self.load_unit if self.drive.loaded else ""
+        return motor_channels(self.feed, self._reads_a_wheel, self.gravity is not None, self.drive.codes, load)
+
+    @property
+    def _reads_a_wheel(self) -> bool:
+        return self.sensor.radius > 0
+
+    def measured_by(self, known: Mapping[str, float], asked: Collection[str] = ()) -> Self:
+        """The motor with the radius of a wheel that is known, or with a usual one where it is estimated."""
+        radius = known.get(RADIUS, USUAL_RADIUS if RADIUS in asked and not self._reads_a_wheel else self.sensor.radius)
+        return self if radius == self.sensor.radius else self.with_values({RADIUS: radius})
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
@@ -224,7 +226,8 @@ class DrivenMotor(DrivenPlant):
         return ("resistance", "inductance", *(("motor_constant",) if constant else ()), *constants)
 
     def for_command(self, record: Record) -> Self:
-        """A rigid motor driven by a current or a torque if the command is in A or N·m."""
+        """A rigid motor driven by a current or a torque if the command is in A or N·m; see `for_load`."""
+        self = self.for_load(record)
         unit = record.input_units[0]
         feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == MADE[each][0]), None)
         if self.feed is not Feed.VOLTAGE or feed is None:
@@ -267,7 +270,7 @@ class DrivenMotor(DrivenPlant):
             samples: length of the run, if known; it limits the stored delay.
         """
         speed, angle = float(state[0]), float(state[1])
-        commands = self.drive.standing(command, dt, samples, self.before(state))
+        commands = self.drive.standing(command, dt, samples, self.before(state, command))
         motor, motion = self.motor, np.array([speed, angle])
         if not self.is_one_mass:
             volts = commands[:1, 0]
@@ -293,12 +296,14 @@ class DrivenMotor(DrivenPlant):
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
-        """See `Plant.sampler`.
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
+        """See `Plant.sampler`; None with a load among the inputs.
 
         Raises:
             ModelError: for quadratic friction or cogging with a shaft or an inductance.
         """
+        if self.drive.loaded:
+            return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not self.is_one_mass:
             self._check_two_masses()
@@ -360,10 +365,11 @@ class DrivenMotor(DrivenPlant):
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """See `linear_motor`; of a joint about the angle at which it hangs."""
-        spring = 0.0
+        spring, n = 0.0, self.sensor.scale
         if self.gravity is not None:
-            spring = self.gravity.whole / self.sensor.ratio * self.gravity.per_unit(self.sensor.ratio)
-        part = linear_motor(self.motor, self.feed, self.drive.gain, self.sensor.ratio, signals, (spring, self._weight))
+            spring = self.gravity.whole / n * self.gravity.per_unit(n)
+        drive, hung = self.drive, (spring, self._weight)
+        part = linear_motor(self.motor, self.feed, drive.gain, n, signals, hung, loaded=drive.loaded)
         filtered = tuple(j for j, signal in enumerate(signals) if signal is not Signal.CURRENT)
         return part.with_lag(self.sensor.lag, filtered)
 
@@ -385,22 +391,13 @@ class DrivenMotor(DrivenPlant):
         torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
         return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
 
-    @property
-    def holding(self) -> float:
-        """The output of the drive that balances the load torque."""
-        return self._balancing(self.load_torque)
-
-    def before(self, state: Array) -> float | None:
-        """See `DrivenPlant.before`; at rest the drive of a joint balances its gravity too."""
-        if self.gravity is None or len(state) <= HELD or not state[HELD]:
-            return super().before(state)
-        return self._balancing(self.load_torque + self.gravity.against(float(state[1]), self.sensor.ratio))
-
-    def _balancing(self, torque: float) -> float:
-        """The output of the drive that balances a torque at rest."""
+    def holding(self, load: float, position: float) -> float:
+        """The output of the drive that balances the load torque, one among the inputs, and the gravity on a joint."""
+        motor, torque = self.motor, self.load_torque + load
+        if self.gravity is not None:
+            torque += self.gravity.against(position, self.sensor.ratio)
         if torque == 0.0:  # as in most free runs of a search
             return 0.0
-        motor = self.motor
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
         made = torque / self._torque_per_unit

@@ -56,6 +56,7 @@ def linear_motor(
     ratio: float,
     signals: Sequence[Signal],
     hung: tuple[float, float] = (0.0, 0.0),
+    loaded: bool = False,
 ) -> StateSpace:
     """(4.1)–(4.6) without dry friction and dead zones: armature, two masses and shaft, as far as they exist.
 
@@ -66,8 +67,10 @@ def linear_motor(
         ratio: turns of the motor per turn measured.
         signals: of the outputs.
         hung: of a joint, the torque of gravity per angle about rest in N·m/rad, and the inertia of its weight.
+        loaded: whether the second input is a torque on the load.
     """
-    own_current, rotor, load, twist, angle, command = np.eye(6)  # a row has one element per state, then the command
+    # a row has one element per state, then the command and the torque on the load
+    own_current, rotor, load, twist, angle, command, torque = np.eye(7)[:, : 6 + loaded]
     if motor.is_rigid:
         load = rotor
     m, k, has_inductance = motor, motor.motor_constant, feed is Feed.VOLTAGE and motor.inductance > 0
@@ -80,19 +83,19 @@ def linear_motor(
     rows = {"current": across / m.inductance} if has_inductance else {}
     if m.is_rigid:
         viscous, inertia = m.rotor_viscous + m.load_viscous, m.rotor_inertia + m.load_inertia + hung[1]
-        rows |= {"rotor speed": (k * current - viscous * rotor - hung[0] * angle) / inertia}
+        rows |= {"rotor speed": (k * current - viscous * rotor - hung[0] * angle - torque) / inertia}
     else:
         shaft = m.shaft_stiffness * twist + m.shaft_damping * (rotor - load)
         rows |= {
             "rotor speed": (k * current - shaft - m.rotor_viscous * rotor) / m.rotor_inertia,
-            "load speed": (shaft - m.load_viscous * load) / m.load_inertia,
+            "load speed": (shaft - m.load_viscous * load - torque) / m.load_inertia,
             "twist": rotor - load,
         }
     rows |= {"angle": load}
     shown = {Signal.SPEED: load, Signal.ROTOR_SPEED: rotor, Signal.POSITION: angle}
     out = [current if signal is Signal.CURRENT else shown[signal] / ratio for signal in signals]
     kept = [STATES.index(name) for name in rows]
-    table, seen = np.array(list(rows.values())), np.array(out).reshape(-1, 6)
+    table, seen = np.array(list(rows.values())), np.array(out).reshape(-1, 6 + loaded)
     return StateSpace(table[:, kept], table[:, 5:], seen[:, kept], seen[:, 5:], tuple(rows))
 
 

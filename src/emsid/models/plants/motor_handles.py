@@ -8,24 +8,40 @@ from functools import cache
 from math import inf
 
 from emsid.models.plants.cogging import cogging_handles
-from emsid.models.plants.drive import Feed, outer_handles
+from emsid.models.plants.drive import Bridge, Feed, outer_handles
 from emsid.models.plants.gravity import gravity_handles
-from emsid.models.plants.parameters import TINY, Handle, dead_zone_handles, law_handles, scalar
+from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
+from emsid.models.plants.plant import Channels
 from emsid.plant import FrictionLaw, Measure, Motor, Parameter
 
+RADIUS, USUAL_RADIUS = "sensor.radius", 0.05
+"""The radius of a wheel, and where a search for it begins: in m, between a toy's and a cart's."""
 MADE = {
     Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
     Feed.CURRENT: ("A", "amperes", Measure.OTHER),
     Feed.TORQUE: ("N*m", "newton metres", Measure.FORCE),
 }
+"""By the output of the drive its unit, the unit in words, and what it measures."""
 ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_zone": ("torque", "N*m", Measure.FORCE)}
+
+
+def motor_channels(
+    feed: Feed, wheel: bool, hangs: bool, codes: tuple[tuple[float, Bridge], ...], load: str
+) -> Channels:
+    """The signals of a motor, of which a wheel's are in m, and its command."""
+    way = "m" if wheel else "rad"
+    speed, (unit, word, _) = f"{way}/s", MADE[feed]
+    units = {Signal.SPEED: speed, Signal.ROTOR_SPEED: speed, Signal.POSITION: way, Signal.CURRENT: "A"}
+    usual = Signal.POSITION if hangs else Signal.SPEED
+    return Channels(units, usual, (unit,), word, feed.value, codes, feed is Feed.VOLTAGE, load=load)
 
 
 @cache
 def motor_handles(
-    rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[FrictionLaw], hangs: bool
+    rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[FrictionLaw], hangs: bool, wheel: bool
 ) -> Mapping[str, Handle]:
-    """The handles of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft."""
+    """The handles of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft, and the
+    sensor of a wheel reads in m/s."""
     laws = {"rotor_friction": rotor, "load_friction": load}
     found: dict[str, Handle] = {}
     for part in fields(Motor):
@@ -44,4 +60,4 @@ def motor_handles(
         found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
         found |= cogging_handles("N*m", "rad")
     found |= gravity_handles() if hangs else {}
-    return found | outer_handles(*MADE[feed], "rad/s", Measure.SPEED)
+    return found | outer_handles(*MADE[feed], "m/s" if wheel else "rad/s", Measure.SPEED)

@@ -50,11 +50,12 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
     """
     ends = motion[:, None]
     volts, durations = _pieces(on.voltage, on.dt, on.late)
+    torques = load_torque + (np.repeat(on.load[:-1], len(volts) // (len(on.load) - 1)) if len(on.load) > 1 else 0.0)
     if len(volts):
         start = State(*motion.tolist())
         if is_stiff(motor, on.dt):
             start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
-        whole = simulate(motor, volts, durations, disturbance=load_torque, initial=start, method=LONG_STEPS)
+        whole = simulate(motor, volts, durations, disturbance=torques, initial=start, method=LONG_STEPS)
         motion = np.array(astuple(whole.final))
         every = slice(None, None, 2 if 0 < on.late < 1 else 1)
         rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)

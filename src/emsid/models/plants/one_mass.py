@@ -38,6 +38,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compiled import njit
 from emsid.errors import ModelError
+from emsid.models.plants.state import NO_LOAD
 from emsid.plant.friction import FrictionLaw, Level, sees_load
 from emsid.plant.friction import coulomb_stribeck as level
 from emsid.plant.load_friction import with_load as loaded
@@ -138,6 +139,7 @@ def move(
     friction: Sliding,
     force: Array,
     damping: Array,
+    load: Array,
     dt: float,
     late: float,
     steps: int,
@@ -151,13 +153,12 @@ def move(
     Args:
         mass: M.
         friction: T_f and the direction-dependent part of D.
-        force: (N + 1,) F; the first value acts before the first sample.
-        damping: (N + 1,) D, in the same order.
+        force, damping: (N + 1,) F and D; the first value acts before the first sample.
+        load: (≥ N,) a force against F over every sample; (0,) without one.
         dt: sample time in s.
         late: the fraction of a sample during which the previous force still acts, 0 to 1.
         steps: steps per sample for the Stribeck excess.
-        speed: v at the first sample.
-        position: x at the first sample.
+        speed, position: v and x at the first sample.
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
     v, x, per_mass = speed, position, 1.0 / mass  # in every step the next one would wait for a division
@@ -168,13 +169,14 @@ def move(
             whole = late * dt if part == 0 else (1.0 - late) * dt
             if whole <= 0.0:
                 continue
-            drive, drag = force[k + part], damping[k + part]
+            more = load[k] if len(load) > 0 else 0.0
+            drive, drag, weight = force[k + part] - more, damping[k + part], friction.load + more
             for _ in range(steps):
                 left = whole / steps
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
                     side = 0 if v > 0.0 or (v == 0.0 and net > 0.0) else 1
-                    made, outside = drive + friction.load, net - drive - friction.load
+                    made, outside = drive + weight, net - drive - weight
                     if v == 0.0 and abs(net) <= _holds(friction, side, made, outside):
                         break
                     direction = 1.0 - 2.0 * side
@@ -184,15 +186,14 @@ def move(
                         a = (net - direction * against) * per_mass
                         middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
-                        made, outside = made - drag * direction * middle, net - drive - friction.load
+                        made, outside = made - drag * direction * middle, net - drive - weight
                         against = _resists(middle, friction, side, made, outside)
                         a = (net - direction * against) * per_mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
                         known = (r, left) + _phi(r, left)  # noqa: RUF005  (Numba unpacks no tuple in another)
-                    _, _, first, second = known
-                    pull = a - r * v
+                    first, second, pull = known[2], known[3], a - r * v
                     if direction * (v + pull * first) > 0.0:
                         x += v * left + pull * second
                         v += pull * first
@@ -200,8 +201,7 @@ def move(
                     if v == 0.0:  # no motion in this step: rounding, or an excess that vanishes at once
                         break
                     time = min(np.log1p(-r * v / a) / r if abs(r * left) > 1e-9 else -v / a, left)
-                    _, integral = _phi(r, time)
-                    x += v * time + pull * integral
+                    x += v * time + pull * _phi(r, time)[1]
                     v = 0.0
                     left -= time
             known, other = other, known
@@ -215,6 +215,7 @@ def move_each(
     friction: Sliding,
     force: Array,
     damping: Array,
+    load: Array,
     ends: NDArray[np.intp],
     dt: Array,
     late: Array,
@@ -228,6 +229,7 @@ def move_each(
     Args:
         mass, friction: (P,) of every plant.
         force, damping: (P, M) of all runs, one after the other.
+        load: (M,) that of all plants, as in `move`, or (0,).
         ends: where runs begin, and M.
         dt: (S,) of every run.
         late, begin: (P, S) and (P, S, 2) of every plant in every run; the second is speed and position.
@@ -250,7 +252,7 @@ def move_each(
             a, b = ends[s], ends[s + 1]
             v, x = begin[p, s, 0], begin[p, s, 1]
             there, been = speeds[p, a:b], positions[p, a:b]
-            move(mass[p], own, force[p, a:b], damping[p, a:b], dt[s], late[p, s], most, v, x, there, been)
+            move(mass[p], own, force[p, a:b], damping[p, a:b], load[a:b], dt[s], late[p, s], most, v, x, there, been)
 
 
 @cache
@@ -378,17 +380,18 @@ def moved(
     late: ArrayLike,
     steps: int,
     begin: ArrayLike,
+    load: Array = NO_LOAD,
 ) -> tuple[Array, Array]:
     """Speeds and positions (P, M) of plants with one friction law, at every sample and at the end of every run.
 
     Args:
         plants: P of them.
-        ends, dt, late, steps, begin: as in `move_each`.
+        ends, dt, late, steps, begin, load: as in `move_each`.
     """
     mass, laws, friction, force, damping = zip(*plants, strict=True)
     forces = np.array(force)
     speeds, positions = np.empty(forces.shape), np.empty(forces.shape)
-    acting = (np.array(mass), Sliding.of_all(friction), forces, np.array(damping), ends)
+    acting = (np.array(mass), Sliding.of_all(friction), forces, np.array(damping), load, ends)
     timing = (np.array(dt, dtype=float), np.array(late, dtype=float), steps, np.array(begin, dtype=float))
     loop_for(laws[0])(*acting, *timing, speeds, positions)
     return speeds, positions

@@ -8,7 +8,7 @@ candidates.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
@@ -59,6 +59,7 @@ class Channels(NamedTuple):
         default_unit: the assumed unit of a command without a unit: ``volts``.
         source: the quantity that drives it: ``voltage``.
         codes: values of the input that are not commands.
+        load: the unit of a load that is the last input; empty without one.
         bridge: whether the source can short it or leave it open.
         zero_when_open: the quantity that is zero when it is left open: ``torque``.
     """
@@ -71,6 +72,7 @@ class Channels(NamedTuple):
     codes: tuple[tuple[float, Bridge], ...] = ()
     bridge: bool = False
     zero_when_open: str = "torque"
+    load: str = ""
 
 
 class StaticCharacteristic(NamedTuple):
@@ -286,6 +288,15 @@ class Plant(ABC):
 
     def for_command(self, record: Record) -> Self:
         """The plant as the command of a record drives it; the same."""
+        return self
+
+    def measured_by(self, known: Mapping[str, float], asked: Collection[str] = ()) -> Self:
+        """The plant with the known or estimated parameters that decide on the units of its outputs; the same.
+
+        Args:
+            known: values by name.
+            asked: names of estimated parameters.
+        """
         return self
 
     @property

@@ -23,7 +23,7 @@ from emsid.models.plants.motor_motion import LONG_STEPS, is_stiff
 from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import PlantState
+from emsid.models.plants.state import NO_LOAD, PlantState
 from emsid.plant import DeadZoneLaw, Motor
 from emsid.plant.constants import constants, flattened, from_flat
 from emsid.plant.friction import Level
@@ -43,6 +43,7 @@ _CODES = {
 _EARLIER, _LATER = GAUSS
 _FULL = FULL
 _PIECES = PIECES
+_NO_LOAD = NO_LOAD
 NO_ZONE = DeadZoneLaw(0.0, 0.0)
 """A dead zone without width, which changes nothing."""
 
@@ -57,7 +58,7 @@ class Outer(NamedTuple):
             sample of a straight command.
         straight: whether the command is straight.
         signals: (ny,) what is read.
-        sensor: ratio, offset, average, and of its lag 1 or 0 and the three weights.
+        sensor: motion per reading, offset, average, and of its lag 1 or 0 and the three weights.
     """
 
     drive: Array
@@ -83,7 +84,7 @@ class Outer(NamedTuple):
             np.array([dt, late, past - delay]),
             straight,
             np.array([_CODES[signal] for signal in signals], dtype=np.int64),
-            np.array([sensor.ratio, sensor.offset, sensor.average, float(sensor.lag > 0), *lag]),
+            np.array([sensor.scale, sensor.offset, sensor.average, float(sensor.lag > 0), *lag]),
         )
 
 
@@ -368,7 +369,7 @@ def one_mass_sample(
                 force[:] = inside.after * volts - inside.load
                 drag[:] = inside.braking * _read(rows, at, 1) + inside.viscous
                 v, x = motion[0], motion[1]
-                move(inside.mass, friction, force, drag, dt / _PIECES, 0.0, steps, v, x, speeds, positions)
+                move(inside.mass, friction, force, drag, _NO_LOAD, dt / _PIECES, 0.0, steps, v, x, speeds, positions)
                 motion[0], motion[1] = speeds[1], positions[1]
         pull = inside.after * _zoned(inside.zone, inside.before * _read(rows, zero, 0))
         brake = inside.braking * _read(rows, zero, 1)
@@ -389,7 +390,7 @@ def one_mass_sample(
         for k in range(2):
             force[k] -= inside.load
             drag[k] += inside.viscous
-        move(inside.mass, friction, force, drag, dt, late, steps, motion[0], motion[1], speeds, positions)
+        move(inside.mass, friction, force, drag, _NO_LOAD, dt, late, steps, motion[0], motion[1], speeds, positions)
         motion[0], motion[1] = speeds[1], positions[1]
     count[0] = 1
 

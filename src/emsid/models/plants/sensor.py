@@ -1,7 +1,7 @@
 """The sensor between the motion of a plant and the log.
 
-It may have a first-order lag, an offset, a gear ratio, or an average over the previous sample, as from counting encoder
-edges.
+It may have a first-order lag, an offset, a gear ratio, the radius of a wheel whose rim it measures, or an average over
+the previous sample, as from counting encoder edges.
 """
 
 from __future__ import annotations
@@ -30,15 +30,17 @@ class Sensor:
         offset: its reading at rest, in the unit of the output; not applied to a current.
         average: the share of the mean over the previous sample in a speed: 1 (True) where it comes from counting
             encoder edges, 0 (False) for a tachometer. A mean is half a sample late.
+        radius: in m, of a wheel whose way in m or speed in m/s it reads; 0 where it reads an angle or its rate.
 
     Raises:
-        ModelError: for a ratio of zero, a negative lag, or a share outside 0 to 1.
+        ModelError: for a ratio of zero, a negative lag or radius, or a share outside 0 to 1.
     """
 
     ratio: float = 1.0
     lag: float = 0.0
     offset: float = 0.0
     average: float = 0.0
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.ratio) and self.ratio != 0 and isfinite(self.offset)):
@@ -49,6 +51,13 @@ class Sensor:
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
         if not 0 <= self.average <= 1:
             raise ModelError(f"sensor with average {self.average}; give 0 (a tachometer) to 1 (an encoder)")
+        if not (isfinite(self.radius) and self.radius >= 0):
+            raise ModelError(f"sensor of a wheel with a radius of {self.radius} m; give a positive one, or 0 for none")
+
+    @property
+    def scale(self) -> float:
+        """The motion per reading: the turns of the motor per turn measured, or per m of the way of a wheel."""
+        return self.ratio / self.radius if self.radius else self.ratio
 
     def first(self, signals: Sequence[Signal], states: Array, dt: float) -> Array:
         """(ny, …, 2) its state before the first sample, for initial states (…, 2 or 3).
@@ -110,7 +119,7 @@ class Sensor:
             newest, before, decay = self.weights(dt)
             lagging, after[..., 1:] = filtered_from([newest, before], [1.0, -decay], values, kept[..., 1:])
         after[..., 0] = positions[..., -1]
-        return lagging / self.ratio + self.offset, after
+        return lagging / self.scale + self.offset, after
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """The discrete 1/(1 + lag·s) for a piecewise linear signal: weights of the newest value, the previous one, and

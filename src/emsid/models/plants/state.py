@@ -17,7 +17,8 @@ class PlantState(NamedTuple):
         dt: sample time in s; delayed commands and sensor filters are in samples.
         motion: (n,) mechanical state: speed and position of one mass, the five numbers of `emsid.plant.State`, or the
             state of a user's plant.
-        commands: (w + 1, 2) voltage (force) and conducting fraction of the delayed commands, the oldest first.
+        commands: (w + 1, 2) voltage (force) and conducting fraction of the delayed commands, the oldest first; with
+            a third column of the load where it goes straight from sample to sample.
         sensed: (ny, 2) for every output the last position at its sensor (NaN before the first sample) and the state of
             its filter.
     """
@@ -30,5 +31,7 @@ class PlantState(NamedTuple):
 
 HELD = 3
 """Index of an initial state: 1 where the plant is held at rest until its first command acts, else 0."""
+NO_LOAD = np.empty(0)
+"""No load among the inputs."""
 NO_ROWS = np.empty((0, 2))
 """Neither delayed commands nor sensors."""

@@ -72,7 +72,7 @@ from emsid.models.plants.search.result import GreyBoxFit, with_choices
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
-from emsid.models.plants.search.task import known_values
+from emsid.models.plants.search.task import all_known, known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import KEPT, Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
 from emsid.record import Record
@@ -141,7 +141,7 @@ def choose(
     values, sheet = known_values(plant, fixed, applicable(datasheet or {}, plant))
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
-    plant = with_usual_sizes(plant, free, values)
+    plant = with_usual_sizes(plant.measured_by(all_known(values, sheet), free), free, values)
     if not refinements:
         how = weighting or all_alike
         return simulation_error(
@@ -199,7 +199,7 @@ class _Choice:
         signals = signals_of(plant, record)
         check_channels(plant, signals, record)
         self._original, self._scaling = plant, Scaling.of(plant, record)
-        whole, physical = self._scaling.record(record, signals), self._scaling.limits(plant)
+        whole, physical = self._scaling.record(record, signals, plant.drive.loaded), self._scaling.limits(plant)
         scaled = self._fewer(whole, signals, hold)
         self.thinned = scaled is not whole
         hold = Hold.ZERO if self.thinned else hold

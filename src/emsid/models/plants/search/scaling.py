@@ -30,8 +30,10 @@ _EXPONENTS = {
     "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
 }  # fmt: skip
 # Parameters of the drive in units of the command, those per unit of it, and a weight m with a torque m·g·l, where l is
-# scaled as the output.
-_BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0), "gravity.mass": (0, -3, 1)}
+# scaled as the output; the speeds of a wheel and its motor are scaled alike.
+_BY_NAME = {
+    "drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0), "gravity.mass": (0, -3, 1), "sensor.radius": (0, 0, 0),
+}  # fmt: skip
 
 
 def _exponents(name: str, handle: Handle) -> tuple[int, int, int] | None:
@@ -87,10 +89,10 @@ class Scaling:
             for name, each in plant.handles.items()
         }
 
-    def record(self, record: Record, signals: Sequence[Signal]) -> Record:
-        """A record in these units; a second input holds codes and stays as it is."""
+    def record(self, record: Record, signals: Sequence[Signal], loaded: bool = False) -> Record:
+        """A record in these units; a second input holds codes and stays as it is, but a load is a force."""
         outputs = [self.command if signal is Signal.CURRENT else self.output for signal in signals]
-        inputs = [self.command, *[1.0] * (record.input.shape[1] - 1)]
+        inputs = [self.command, *[1.0] * (record.input.shape[1] - 1 - loaded), *[self.force] * loaded]
         return replace(record, input=record.input / inputs, output=record.output / outputs, before=())
 
     def to(self, plant: DrivenPlant, inputs: int) -> DrivenPlant:
@@ -100,7 +102,8 @@ class Scaling:
             plant: in SI units.
             inputs: how many the record has; codes among the commands of a single one become other numbers too.
         """
-        codes = tuple((code / self.command if inputs == 1 else code, bridge) for code, bridge in plant.drive.codes)
+        alone = inputs == 1 + plant.drive.loaded
+        codes = tuple((code / self.command if alone else code, bridge) for code, bridge in plant.drive.codes)
         return self._converted(plant.with_drive(codes=codes), -1)
 
     def back(self, plant: DrivenPlant, like: DrivenPlant) -> DrivenPlant:

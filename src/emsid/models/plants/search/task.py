@@ -106,15 +106,16 @@ def prepare(
     """
     segments = _segments(records)
     plant = plant.for_command(segments[0])
+    values, sheet = known_values(plant, fixed, as_datasheet(plant, datasheet))
+    plant = plant.measured_by(all_known(values, sheet), full_names(plant, free) or ())
     shown = as_signals(signals) if signals is not None else signals_of(plant, segments[0])
     for segment in segments:
         check_channels(plant, shown, segment)
     check_motion(segments)
     bounds = as_bounds(plant, bounds)
-    values, sheet = known_values(plant, fixed, as_datasheet(plant, datasheet))
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
-    known = {name: given.value for name, given in sheet.items() if given.value is not None}
+    known = all_known({}, sheet)
     if from_datasheet:
         plant = with_usual_sizes(plant, asked, (*known, *values))
     given = plant.with_values((known if from_datasheet else {}) | values)
@@ -169,6 +170,11 @@ def known_values(
         for name, value in texts.items()
     }
     return values, {**sheet, **{name: Given(values[name], part) for name, part in tolerances.items()}}
+
+
+def all_known(values: Mapping[str, float], sheet: Mapping[str, Given]) -> dict[str, float]:
+    """The values of a datasheet, and the fixed ones."""
+    return {**{name: given.value for name, given in sheet.items() if given.value is not None}, **values}
 
 
 def _asked(

@@ -13,7 +13,9 @@ from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.one_mass import Sliding
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.refinements.load_friction import load_dependent
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.state import NO_LOAD
 from emsid.plant import Friction, LoadFriction, Motor, PowerFriction, SquaredLoadFriction
 from emsid.plants import DrivenMotor, Gravity
 
@@ -167,7 +169,7 @@ def test_a_mass_moves_under_them_as_in_small_steps(name: str) -> None:
     speeds, positions = np.empty((1, len(force))), np.empty((1, len(force)))
     one = np.ones((1, 1))
     loop_for(type(law).level)(
-        np.array([0.5]), friction, force[None], np.full((1, len(force)), 0.3), np.array([0, len(force)]),
+        np.array([0.5]), friction, force[None], np.full((1, len(force)), 0.3), NO_LOAD, np.array([0, len(force)]),
         np.array([0.02]), 0.0 * one, 8, np.zeros((1, 1, 2)), speeds, positions,
     )  # fmt: skip
     errors = []
@@ -220,5 +222,52 @@ def test_a_joint_is_found_in_counts_of_its_encoder() -> None:
     fit = emsid.fit(emsid.plants.joint(), records, search=False)
     for name, true in TRUTH.items():
         row = fit[name]
-        assert row.interval[0] <= true <= row.interval[1], (name, row)
-        assert row.value == pytest.approx(true, rel=0.05)
+        assert row.interval[1] - row.interval[0] < 0.01 * true
+        assert row.value == pytest.approx(true, rel=2e-3)
+
+
+def test_friction_by_load_is_found_where_it_is() -> None:
+    truth = joint().with_frictions({"rotor_friction": LoadFriction(0.1, load=0.1)})
+    record = recorded(truth, torque(1000, 1))
+    fit = emsid.plants.choose(emsid.plants.joint(), record, refinements=(load_dependent,))
+    assert fit.names[-1] == "rotor_friction.load"
+    assert fit["rotor_friction.load"].value == pytest.approx(0.1, rel=0.02)
+    assert fit["rotor_friction.coulomb"].value == pytest.approx(0.1, rel=0.02)
+
+
+# --- beside MuJoCo ---------------------------------------------------------------------------------------------------
+
+
+def test_an_exported_joint_moves_in_mujoco_as_its_model(tmp_path) -> None:
+    library = pytest.importorskip("mujoco")
+    geared = {"rotor_inertia": 2e-4, "rotor_viscous": 5e-4, "rotor_friction.coulomb": 0.015}
+    model = GreyBox(replace(joint(), sensor=Sensor(ratio=10.0)).with_values(geared), POSITION)
+    emsid.export(model, "mujoco", tmp_path, dt=DT)
+    simulated = library.MjModel.from_xml_path(str(tmp_path / "joint.xml"))
+    state, found = library.MjData(simulated), []
+    u = torque(600, 1) / 10.0
+    state.qpos[0] = 0.3
+    for command in u:
+        found.append(float(state.qpos[0]))
+        state.ctrl[0] = command
+        for _ in range(round(DT / simulated.opt.timestep)):
+            library.mj_step(simulated, state)
+    start = np.zeros(model.plant.states)
+    start[1] = 3.0
+    truth = model.plant.simulate(u[:, None], DT, start, POSITION)[:, 0]
+    assert np.sqrt(np.mean((truth - found) ** 2)) < 0.01 * np.std(truth)
+
+
+def test_a_joint_of_mujoco_is_identified(monkeypatch) -> None:
+    pytest.importorskip("mujoco")
+    from pathlib import Path
+
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "bench"))
+    import joints
+
+    monkeypatch.setattr(joints, "SAMPLES", 1200)
+    truth = joints.drawn(3)
+    records = [joints.simulated(truth, kind)[0] for kind in (0, 1)]
+    fit = emsid.fit(emsid.plants.joint(), records, fixed={"sensor.ratio": joints.GEAR}, search=False)
+    for name, true in joints.true_values(truth).items():
+        assert fit[name].value == pytest.approx(true, rel=5e-3)

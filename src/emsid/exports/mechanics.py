@@ -12,6 +12,7 @@ from emsid.units import plain_unit
 CARRIED = (
     *("resistance", "motor_constant", "rotor_inertia", "load_inertia", "rotor_viscous", "load_viscous"),
     *("rotor_friction.coulomb", "load_friction.coulomb", "drive.gain", "mass", "viscous_friction", "friction.coulomb"),
+    *(f"gravity.{name}" for name in ("torque", "angle", "mass", "length", "acceleration", "period")),
 )
 """Parameters that an export of mechanics carries; of the others, those with an effect are named."""
 NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0}
@@ -34,6 +35,8 @@ class Mechanics:
         dead_zone: half its width in V, for an axis in N.
         unit: V or N per unit of the command.
         notes: what is not carried, in sentences.
+        weight: gravity torque of a joint at horizontal in N·m; zero for none.
+        hangs: the angle in rad at which it hangs.
     """
 
     rotates: bool
@@ -47,6 +50,8 @@ class Mechanics:
     dead_zone: float
     unit: float
     notes: tuple[str, ...]
+    weight: float = 0.0
+    hangs: float = 0.0
 
 
 def mechanics(export: Export) -> Mechanics:
@@ -67,18 +72,24 @@ def mechanics(export: Export) -> Mechanics:
     if "motor_constant" in handles and "shaft_stiffness" not in handles:
         constant, resistance = value("motor_constant"), value("resistance")
         rotor, load = levels("rotor_friction"), levels("load_friction")
+        gravity = getattr(plant, "gravity", None)
+        # a joint is described on the side of its arm, any other motor on its own
+        ratio = 1.0 if gravity is None else value("sensor.ratio")
+        command = value("drive.gain") * plant.torque_per_unit
         return Mechanics(
             True,
-            value("rotor_inertia") + value("load_inertia"),
-            value("rotor_viscous") + value("load_viscous"),
-            (rotor[0] + load[0], rotor[1] + load[1]),
-            value("drive.gain") * constant / resistance,
-            constant**2 / resistance,
+            ratio**2 * plant.inertia_of_all,
+            ratio**2 * (value("rotor_viscous") + value("load_viscous")),
+            (abs(ratio) * (rotor[0] + load[0]), abs(ratio) * (rotor[1] + load[1])),
+            ratio * command,
+            ratio**2 * constant**2 / resistance if plant.channels.bridge else 0.0,
             resistance,
-            constant,
+            ratio * constant,
             value("voltage_dead_zone.half_width"),
             value("drive.gain"),
-            _left_out(plant),
+            tuple(note for note in _left_out(plant) if gravity is None or not note.startswith("sensor.ratio")),
+            0.0 if gravity is None else gravity.whole,
+            0.0 if gravity is None else gravity.angle,
         )
     if "mass" in handles:
         half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))

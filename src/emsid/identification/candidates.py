@@ -50,7 +50,7 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMENTS
+from emsid.models.plants.search.refinements.catalogue import OF_JOINT, OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
@@ -275,9 +275,12 @@ class _Candidates(MutableMapping[str, ModelKind]):
         if name in self.given:
             return self.given[name]
         kind = PLANTS[name]
-        return Physical(
-            kind.summary, kind.start, REFINEMENTS if kind.refined else OF_SHAFT if kind.start.secondary else ()
-        )
+        start = kind.start
+        if isinstance(start, DrivenPlant) and start.turn:
+            tried = OF_JOINT
+        else:
+            tried = REFINEMENTS if kind.refined else OF_SHAFT if start.secondary else ()
+        return Physical(kind.summary, start, tried)
 
     def __setitem__(self, name: str, kind: ModelKind) -> None:
         self.given[name] = kind

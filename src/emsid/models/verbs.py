@@ -39,7 +39,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMENTS
+from emsid.models.plants.search.refinements.catalogue import refinements_of
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.instruments import fit_instruments
@@ -176,7 +176,7 @@ def fit_plant(
         together = several[0] if len(several) == 1 else concatenate(several)
         return choose(
             plant, together, fixed=fixed, datasheet=datasheet, weighting=weighting, hold=hold, per_record=per_record,
-            refinements=OF_SHAFT if plant.secondary else REFINEMENTS, control=control,
+            refinements=refinements_of(plant), control=control,
         )  # fmt: skip
     return simulation_error(
         plant, records, free=free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,

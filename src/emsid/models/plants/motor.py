@@ -194,7 +194,7 @@ class DrivenMotor(DrivenPlant):
         return command**2 / output if self.feed is Feed.VOLTAGE else command
 
     @property
-    def _torque_per_unit(self) -> float:
+    def torque_per_unit(self) -> float:
         """The torque at rest per unit of the output of the drive."""
         motor = self.motor
         if self.feed is Feed.VOLTAGE:
@@ -203,7 +203,7 @@ class DrivenMotor(DrivenPlant):
 
     def largest_force(self, inputs: Array) -> float:
         """The torque at rest."""
-        return self._torque_per_unit * self.drive.largest(inputs)
+        return self.torque_per_unit * self.drive.largest(inputs)
 
     def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
         """See `DrivenPlant.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
@@ -241,7 +241,7 @@ class DrivenMotor(DrivenPlant):
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
         """From the torque of the largest command."""
-        return plausible(measure, sizes.command * abs(self.drive.gain) * self._torque_per_unit, sizes)
+        return plausible(measure, sizes.command * abs(self.drive.gain) * self.torque_per_unit, sizes)
 
     def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
         """An inductance whose time constant is far below the sample time."""
@@ -400,7 +400,7 @@ class DrivenMotor(DrivenPlant):
             return 0.0
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
-        made = torque / self._torque_per_unit
+        made = torque / self.torque_per_unit
         if self.feed is not Feed.VOLTAGE or motor.voltage_dead_zone is None:
             return made
         return float(motor.voltage_dead_zone.inverse(made))
@@ -426,7 +426,7 @@ class DrivenMotor(DrivenPlant):
     def _with_motion_by_torque(self, motion: Motion) -> Self:
         """`with_motion` for an input of current or torque."""
         motor = self.motor
-        per_unit = self._torque_per_unit * self.drive.gain
+        per_unit = self.torque_per_unit * self.drive.gain
         inertia = max(per_unit / motion.gain, 2 * TINY)
         return self.with_values(
             {

@@ -143,13 +143,13 @@ def choose(
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
     plant = with_usual_sizes(plant.measured_by(all_known(values, sheet), free), free, values)
     if not refinements:
-        how = weighting or all_alike
         return simulation_error(
-            plant, record, free=free, fixed=values, datasheet=sheet, weighting=how, hold=hold, per_record=per_record,
-            control=control,
+            plant, record, free=free, fixed=values, datasheet=sheet, weighting=weighting or all_alike, hold=hold,
+            per_record=per_record, control=control,
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
-    stopped = search.run(weighting, refinements, rule, Reference(linear, regression))
+    how = weighting or (all_alike if plant.turn else None)  # gravity pulls a joint back: its errors do not add up
+    stopped = search.run(how, refinements, rule, Reference(linear, regression))
     last = {"max_iterations": 0, "control": Control(cancelled=control.cancelled)} if stopped else {"control": control}
 
     def concluded() -> GreyBoxFit:

@@ -97,9 +97,13 @@ def gain(simple: Trial, rich: Trial) -> float:
 
 
 def begun_with(refine: Refinement, best: Trial, others: Sequence[DrivenPlant], record: Record) -> list[Refined]:
-    """Starts of the best plant with a refinement, and of others; none if the best cannot be refined like this."""
+    """Starts of the best plant with a refinement, and of others; none if the best cannot be refined like this.
+
+    Others have no part in it whose friction law does not have all parameters of the best.
+    """
     begun = list(refine(best.plant, best.names, record))
-    return begun + [each for plant in others if begun for each in refine(plant, best.names, record)]
+    alike = [plant for plant in others if begun and plant.handles.keys() >= set(best.names)]
+    return begun + [each for plant in alike for each in refine(plant, best.names, record)]
 
 
 def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list[Refined]:

@@ -46,10 +46,14 @@ REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
     stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, cogging_of_speed,
-    inductance, sensor_offset, *LOADED,
+    inductance, sensor_offset,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
+OF_JOINT: tuple[Refinement, ...] = (
+    coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, constant_load, *LOADED,
+)  # fmt: skip
+"""Refinements of a joint: what its gear adds, and not what only a search over speeds of a motor tells apart."""
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging, cogging_of_speed)
 """Refinements that cause large errors on other records if they are wrong: they are tested on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
@@ -89,6 +93,11 @@ WITHOUT: tuple[Mapping[str, float], ...] = (
     dict.fromkeys(SECOND, 0.0),
 )
 """The parameters of refinements, with the values at which they have no effect; without cogging any period will do."""
+
+
+def refinements_of(plant: DrivenPlant) -> tuple[Refinement, ...]:
+    """What is tried for a plant of this kind."""
+    return OF_SHAFT if plant.secondary else OF_JOINT if plant.turn else REFINEMENTS
 
 
 def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:

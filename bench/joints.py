@@ -1,0 +1,167 @@
+"""Joints in MuJoCo, identified from two records each and judged on a third: ``python bench/joints.py [0-11]``.
+
+MuJoCo is independent of this program: its own time steps, gravity, damping, armature and ``frictionloss``; in every
+third joint friction is the LuGre model (Canudas de Wit, Olsson, Åström, Lischinsky, IEEE TAC 40, 1995) as an applied
+torque. A motor with a gear of 100 turns the joint, an encoder of 4,096 counts shows its angle every 5 ms. The record
+that judges is of another kind: steps in place of sines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+import emsid
+from arguments import numbers
+from emsid.models.free_run import continued
+from targets import Target, show
+
+Array = NDArray[np.float64]
+GEAR, COUNTS, DT, FINE = 100.0, 4096, 5e-3, 50
+SAMPLES = 3000
+BEGIN = 20  # samples that give the initial state
+
+
+class Joint(NamedTuple):
+    """A joint to simulate; all values are on its side of the gear."""
+
+    inertia: float
+    damping: float
+    friction: float
+    weight: float
+    angle: float
+    bristles: bool
+
+
+def drawn(number: int) -> Joint:
+    """The joint with this number."""
+    rng = np.random.default_rng(number)
+    weight, swing = rng.uniform(0.5, 3.0), rng.uniform(5.0, 9.0)
+    return Joint(
+        weight / swing**2,
+        rng.uniform(0.3, 0.8) * weight / swing,
+        rng.uniform(0.05, 0.2) * weight,
+        weight,
+        rng.uniform(-0.5, 0.5),
+        number % 3 == 2,
+    )
+
+
+def mjcf(joint: Joint) -> str:
+    """The joint for MuJoCo: an arm of half of the inertia, the rest is armature."""
+    length = 0.5 * joint.inertia * 9.81 / joint.weight
+    mass = joint.weight / (9.81 * length)
+    place = -length * np.sin(joint.angle), -length * np.cos(joint.angle)
+    loss = 0.0 if joint.bristles else joint.friction
+    return f"""
+<mujoco><option timestep="{DT / FINE}" gravity="0 -9.81 0" integrator="implicitfast"/><compiler angle="radian"/>
+<worldbody><body><inertial pos="{place[0]} {place[1]} 0" mass="{mass}" diaginertia="1e-9 1e-9 1e-9"/>
+<joint name="j" type="hinge" axis="0 0 1" armature="{joint.inertia - mass * length**2}" damping="{joint.damping}"
+frictionloss="{loss}" solreffriction="{2 * DT / FINE} 1"
+solimpfriction="0.9999 0.9999 0.001 0.5 2"/></body></worldbody>
+<actuator><motor joint="j" gear="{GEAR}"/></actuator></mujoco>"""
+
+
+def commands(joint: Joint, kind: int) -> Array:
+    """(N,) torque of the motor in N·m: sines of rising frequency, two sines, or steps."""
+    t = DT * np.arange(SAMPLES)
+    size = 0.5 * joint.weight + joint.friction
+    if kind == 0:
+        shape = np.sin(2 * np.pi * (0.1 * t + 0.04 * t**2))
+    elif kind == 1:
+        shape = 0.6 * np.sin(2 * np.pi * 0.31 * t) + 0.4 * np.sin(2 * np.pi * 1.13 * t)
+    else:
+        shape = np.repeat(np.random.default_rng(99).uniform(-1, 1, SAMPLES // 150 + 1), 150)[:SAMPLES]
+    return size / GEAR * shape
+
+
+def simulated(joint: Joint, kind: int) -> tuple[emsid.Record, Array]:
+    """The record of a joint, and the angle without the encoder."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(mjcf(joint))
+    state = mujoco.MjData(model)
+    state.qpos[0] = joint.angle
+    bristle, stiffness = 0.0, 3e4 * joint.friction  # bristles of 3 mrad on the side of the motor
+    u = commands(joint, kind)
+    angle = np.empty(SAMPLES)
+    for k, command in enumerate(u):
+        angle[k] = state.qpos[0]
+        state.ctrl[0] = command
+        for _ in range(FINE):
+            if joint.bristles:
+                speed = float(state.qvel[0])
+                pace = stiffness * abs(speed) / joint.friction
+                state.qfrc_applied[0] = -stiffness * bristle - 0.1 * joint.friction * (speed - pace * bristle)
+                settled = np.sign(speed) * joint.friction / stiffness
+                bristle += (settled - bristle) * -np.expm1(-pace * DT / FINE)
+            mujoco.mj_step(model, state)
+    size = 2 * np.pi / COUNTS
+    record = emsid.Record(
+        u, np.round(angle / size) * size, DT, input_units="N*m", output_units="rad", name=f"{kind}"
+    )  # fmt: skip
+    return record, angle
+
+
+def true_values(joint: Joint) -> dict[str, float]:
+    """The true values, by the names of estimates; those of the motor are on its side of the gear."""
+    return {
+        "rotor_inertia": joint.inertia / GEAR**2,
+        "rotor_viscous": joint.damping / GEAR**2,
+        "rotor_friction.coulomb": joint.friction / GEAR,
+        "gravity.torque": joint.weight,
+        "gravity.angle": joint.angle,
+    }
+
+
+def judged(number: int) -> tuple[list[bool], float, dict[str, Any], float]:
+    """Whether the interval of every value contains it, the error on the third record over the noise, details and s."""
+    joint = drawn(number)
+    records = [simulated(joint, kind)[0] for kind in (0, 1)]
+    third, _ = simulated(joint, 2)
+    begun = time.process_time()
+    fit = emsid.fit(emsid.plants.joint(), records, fixed={"sensor.ratio": GEAR})
+    spent = time.process_time() - begun
+    intervals = {row.name: row.interval for row in fit.table}
+    inside, values = [], {}
+    for name, true in true_values(joint).items():
+        sides = [intervals[each] for each in (name, f"{name}.forward", f"{name}.backward") if each in intervals]
+        inside.append(bool(sides) and all(low <= true <= high for low, high in sides))
+        values[name] = (true, *[((low - true) / true, (high - true) / true) for low, high in sides])
+    model = fit.model
+    run = continued(model, model.initial(third, BEGIN), third, BEGIN)
+    error = float(np.sqrt(np.mean((run - third.output[BEGIN:]) ** 2)))
+    return inside, error / (2 * np.pi / COUNTS / np.sqrt(12)), values, spent
+
+
+def main() -> None:
+    """Print a line for every joint and the targets."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("joints", nargs="?", default="0-11", type=numbers)
+    within, errors, times = [], [], []
+    for number in parser.parse_args().joints:
+        inside, error, values, spent = judged(number)
+        within.append(all(inside))
+        errors.append(error)
+        times.append(spent)
+        kind = "LuGre" if drawn(number).bristles else "frictionloss"
+        outside = [name for name, yes in zip(values, inside, strict=True) if not yes]
+        print(f"{number:3d} {kind:12s} error/noise {error:.3f}, {spent:.1f} s, outside: {', '.join(outside) or 'none'}")
+        for name in outside:
+            print(f"      {name}: {values[name]}")
+    few = len(within) - 1
+    targets = [
+        Target("joints with every parameter within its interval", sum(within), few, least=True),
+        Target("largest error on the third record over the noise of the encoder", max(errors), 1.3),
+        Target("processor time of a fit in s, the longest", max(times), 30.0),
+    ]
+    show(targets, Console())
+
+
+if __name__ == "__main__":
+    main()

@@ -14,6 +14,7 @@ from emsid.exports import FORMATS
 from emsid.exports.verb import README, c_name
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.diagnostics import friction_curve
 from emsid.plant import Friction, Motor
 from emsid.plant.gaussian_stribeck import GaussianStribeck
 
@@ -173,6 +174,52 @@ def test_intervals_of_a_fit_are_in_the_readme(tmp_path: Path) -> None:
     assert "Input 0: voltage, in V." in text
     low, high = fit["b1"].interval
     assert f"{low:.4g} … {high:.4g}" in text
+
+
+def test_curves_of_a_fit_have_bands(tmp_path: Path) -> None:
+    """Those that the report draws; the band of the dead zone is that of its half width times the slope."""
+    rng, dt = np.random.default_rng(4), 2e-3
+    u = np.repeat(rng.uniform(-4, 4, 40), 40)
+    y = emsid.simulate(motor(0.4), u, dt=dt).output[:, 0] + 0.5 * rng.standard_normal(len(u))
+    free = ["motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_dead_zone.half_width"]
+    fit = emsid.fit(motor(0.4).plant, emsid.Record(u, y, dt, "u", "w", "V", "rad/s"), free=free)
+    found = texts(tmp_path, fit, "csv")
+    rows = np.array(
+        [[float(v) for v in line.split(",")] for line in found["rigid_motor_dead_zone.csv"].splitlines()[1:]]
+    )
+    error = fit["voltage_dead_zone.half_width"].standard_error
+    beyond = np.abs(rows[:, 0]) > 0.5
+    assert rows[beyond, 3] - rows[beyond, 2] == pytest.approx(2 * 1.96 * error, rel=1e-3)
+    assert "no bands" not in found[README]
+    rows = np.array(
+        [[float(v) for v in line.split(",")] for line in found["rigid_motor_friction.csv"].splitlines()[1:]]
+    )
+    curve = friction_curve(fit)
+    half = np.interp(rows[-1, 0], curve.x, curve.high - curve.y)
+    assert rows[-1, 3] - rows[-1, 1] == pytest.approx(half, rel=1e-3)
+
+
+def test_maps_of_a_fitted_cascade_have_bands(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    u = rng.uniform(-2, 2, 600)
+    y = np.convolve(np.tanh(u), [0.0, 0.5, 0.3])[:600] + 0.01 * rng.standard_normal(600)
+    fit = emsid.fit(emsid.hammerstein(2, static="polynomial", size=3), emsid.Record(u, y, 0.01))
+    found = next(text for name, text in texts(tmp_path, fit, "csv").items() if "map" in name)
+    assert found.splitlines()[0] == "input,output,low,high"
+    low, high = np.array([[float(v) for v in line.split(",")[2:]] for line in found.splitlines()[1:]]).T
+    assert (high >= low).all()
+    assert (high > low).any()
+
+
+def test_the_readme_says_how_the_model_fits_unseen_data(tmp_path: Path) -> None:
+    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    rng = np.random.default_rng(6)
+    u = rng.standard_normal(500)
+    y = emsid.simulate(arx, u, dt=0.1).output[:, 0] + 0.1 * rng.standard_normal(500)
+    row = emsid.compare(arx, emsid.Record(u, y, 0.1)).rows[0]
+    text = texts(tmp_path / "a", arx, "c99", unseen=emsid.Record(u, y, 0.1))[README]
+    assert f"unseen data: {row.fit_percent:.4g} %, RMSE {row.simulation_rmse:.4g}" in text
+    assert "Fit on unseen data: not known" in texts(tmp_path / "b", arx, "c99")[README]
 
 
 @pytest.mark.parametrize(("name", "found"), [("rigid-motor", "rigid_motor"), ("ARX 2", "ARX_2")])

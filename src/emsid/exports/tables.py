@@ -1,16 +1,28 @@
-"""The static curves of a model as CSV: friction over speed, dead zone, static maps."""
+"""The static curves of a model as CSV: friction over speed, dead zone, static maps; those of a fit with 95 % bands.
+
+The band is pointwise, y ± 1.96·√(g Cov gᵀ) with the derivatives g of the curve by the estimates.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
 from emsid.exports.formats import Export, Files
+from emsid.models.blocks.fitting import static_band
 
+Array = NDArray[np.float64]
 POINTS = 201
 """Points of a curve."""
+SURE = 1.959963984540054
+"""Standard errors in half a band of 95 %."""
+STEP = 1e-6
+"""Relative step of the differences that give the derivatives of a curve."""
 
 
 def csv(export: Export) -> tuple[Files, list[str]]:
@@ -27,17 +39,48 @@ def csv(export: Export) -> tuple[Files, list[str]]:
             reach = 3 * curve.edge if curve.edge > 0 else max(law.reach for law in plant.frictions.values())
             x = np.linspace(-reach, reach, POINTS)
             head = tuple(f"{name} [{unit}]" for name, unit in (curve.x, curve.y))
-            files[f"{export.name}_{what}.csv"] = _table(head, x, curve.law(x))
+
+            def law(changed: Any, x: Array = x, what: str = what) -> Array:
+                found: Array = getattr(changed, f"{what}_characteristic")().law(x)
+                return found
+
+            files[f"{export.name}_{what}.csv"] = _table(head, x, curve.law(x), _plant_errors(export.fit, plant, law))
     for k, block in enumerate([*getattr(export.model, "blocks", ()), *getattr(export.model, "maps", ())]):
         if hasattr(block, "marks") and hasattr(block, "value"):
             marks = np.abs(np.append(block.marks()[0], 1.0)).max()
             x = np.linspace(-2 * marks, 2 * marks, POINTS)
-            files[f"{export.name}_map{k + 1}.csv"] = _table(("input", "output"), x, block.value(x))
+            known = export.fit is not None and export.fit.has_bands and hasattr(export.model, "blocks")
+            error = static_band(export.fit, k, x)[:, 1] if known and export.fit is not None else None
+            files[f"{export.name}_map{k + 1}.csv"] = _table(("input", "output"), x, block.value(x), error)
     if not files:
         raise ModelError(f"{export.model.name} has no static curve to write; export it as c99")
-    return files, ["Only static curves are written; export the model as c99 to run it."]
+    notes = ["Only static curves are written; export the model as c99 to run it."]
+    if not any(",low," in str(text) for text in files.values()):
+        notes.append("The curves have no bands, as there is no covariance of these parameters.")
+    return files, notes
 
 
-def _table(head: tuple[str, ...], x: Any, y: Any) -> str:
-    rows = (f"{a!r},{b!r}" for a, b in zip(np.asarray(x).tolist(), np.asarray(y).tolist(), strict=True))
-    return "\n".join([",".join(head), *rows]) + "\n"
+def _plant_errors(fit: Fit[Any] | None, plant: Any, law: Callable[[Any], Array]) -> Array | None:
+    """(n,) the standard errors of a curve of a plant; None for a fit without intervals."""
+    if fit is None or not fit.has_bands or not set(fit.names) <= set(plant.handles):
+        return None
+    rows = []
+    for name in fit.names:
+        handle, value = plant.handles[name], plant.value(name)
+        step = STEP * max(abs(value), STEP)
+        low, high = max(value - step, handle.lower), min(value + step, handle.upper)
+        rows.append((law(plant.with_values({name: high})) - law(plant.with_values({name: low}))) / (high - low))
+    slopes = np.array(rows)
+    known = np.isfinite(np.diag(fit.covariance))
+    variance = np.einsum("in,ij,jn->n", slopes[known], fit.covariance[np.ix_(known, known)], slopes[known])
+    unknown = np.abs(slopes[~known]).sum(axis=0) > 0
+    error: Array = np.where(unknown, np.nan, np.sqrt(np.maximum(variance, 0.0)))
+    return error
+
+
+def _table(head: tuple[str, ...], x: Array, y: Array, error: Array | None) -> str:
+    """Rows of the curve; edges of its band that are not known are left empty."""
+    columns = [x, y] if error is None else [x, y, y - SURE * error, y + SURE * error]
+    names = head if error is None else (*head, "low", "high")
+    rows = (",".join("" if np.isnan(v) else repr(v) for v in row) for row in np.column_stack(columns).tolist())
+    return "\n".join([",".join(names), *rows]) + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,11 @@ import numpy as np
 from emsid.errors import FormatError, ModelError, listed
 from emsid.estimation.fit import Fit
 from emsid.exports.formats import Export, Files
+from emsid.exports.quality import quality
 from emsid.exports.registry import format_of
 from emsid.io.files import atomic_write, write_several
 from emsid.models.verbs import as_model
+from emsid.record import Record
 
 README = "README.md"
 RESERVED = frozenset(
@@ -35,6 +38,7 @@ def export(
     name: str | None = None,
     dt: float | None = None,
     force: bool = False,
+    unseen: Record | Mapping[str, float] | None = None,
     **options: Any,
 ) -> list[Path]:
     """Write a model in another format, and a README beside it.
@@ -46,6 +50,8 @@ def export(
         name: of files and functions; by default that of the model.
         dt: sample time in s, for a model that has none of its own.
         force: whether files that exist are replaced.
+        unseen: a record that the model was not fitted to, for the fit of its free run in the README, or that fit as
+            ``fit_percent``, ``simulation_rmse`` and ``samples``.
         options: of the format; ``single=True`` for C in single precision.
 
     Returns:
@@ -54,6 +60,7 @@ def export(
     Raises:
         ModelError: for a model that the format cannot carry, one that runs away, a name that C cannot hold, or an
             unknown format or option.
+        DataError: for an unseen record that the model cannot run on.
         FormatError: where files exist or cannot be written.
     """
     kind = format_of(format)
@@ -66,7 +73,7 @@ def export(
     check_stable(subject, step)
     made = Export(subject, model if isinstance(model, Fit) else None, c_name(name or subject.name), step, options)
     files, notes = kind.function(made)
-    files = {**files, README: readme(made, format, notes, files)}
+    files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
     folder = Path(path)
     there = [each for each in files if (folder / each).exists()]
     if there and not force:
@@ -123,8 +130,8 @@ def check_stable(model: Any, dt: float | None) -> None:
         raise ModelError(f"{model.name} is unstable: its free run grows without bound; identify another model")
 
 
-def readme(made: Export, format: str, notes: list[str], files: Files) -> str:
-    """What the files are, and what could not be carried."""
+def readme(made: Export, format: str, notes: list[str], files: Files, fit: str) -> str:
+    """What the files are, how good the model is, and what could not be carried."""
     from emsid.units import plain_unit
 
     lines = [f"# {made.name}", "", f"The model {made.model.name} as {format}, made by emsid.", ""]
@@ -137,7 +144,18 @@ def readme(made: Export, format: str, notes: list[str], files: Files) -> str:
                 for k, (name, unit) in enumerate(channels)
             ]
         lines.append("")
-    lines += ["Files: " + ", ".join(files) + ".", "", "## Equation", "", "```", made.model.equation(), "```", ""]
+    lines += [
+        "Files: " + ", ".join(files) + ".",
+        "",
+        "## Equation",
+        "",
+        "```",
+        made.model.equation(),
+        "```",
+        "",
+        fit,
+        "",
+    ]
     if made.fit is not None and made.fit.parameters:
         lines += ["## Parameters", "", "| parameter | value | 95 % interval | unit | status |", "|---|---|---|---|---|"]
         for row in made.fit.parameters.values():

@@ -45,6 +45,7 @@ def export(
       emsid export emsid-result/rigid-motor.json --to wpilib --out gains
     """
     from emsid.exports import export as run
+    from emsid.exports.quality import unseen_beside
     from emsid.io import load, origin
     from emsid.models.verbs import as_model
 
@@ -53,8 +54,9 @@ def export(
     if dt is None and as_model(loaded).dt is None and source is not None:
         dt = source.dt
     options = {**pairs(option, "--option", "NAME=VALUE"), **({"single": True} if single else {})}
+    known = unseen_beside(model, as_model(loaded).name)
     with INTERRUPTION.put_off():
-        written = run(loaded, to, out, name=name, dt=dt, force=force, **options)
+        written = run(loaded, to, out, name=name, dt=dt, force=force, unseen=known, **options)
     if json:
         say_json(as_json({"schema": 1, "format": to, "files": [str(path) for path in written]}))
         return

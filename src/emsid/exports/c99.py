@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
+from emsid.exports.recursive import recursive
 from emsid.models.c_form import CForm, number
 from emsid.models.c_forms import c_form_of
 
@@ -48,7 +49,8 @@ def c99(export: Export) -> tuple[Files, list[str]]:
     """The header and the source of a model.
 
     Raises:
-        ModelError: for a model without a form in C, or a sample time that is missing.
+        ModelError: for a model without a form in C, a sample time that is missing, or a recursion of a model that is no
+            regression.
     """
     if export.dt is None:
         raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
@@ -59,6 +61,8 @@ def c99(export: Export) -> tuple[Files, list[str]]:
         f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
         f"{export.name}.c": source(export.name, form, single=single),
     }
+    if export.options.get("recursive"):
+        files |= recursive(export, single=single, macros=lambda text: _macros(text, single=single), helpers=_helpers)
     late = [f"The output is {latency} samples late, as the model interpolates its input."] if latency else []
     rounding = ["Single precision: compare it with the model before use."] if single else []
     return files, [*form.notes, *late, *rounding]
@@ -104,9 +108,7 @@ void {name}_step({name}_state *state, const {name}_real u[], {name}_real y[]);
 def source(name: str, form: CForm, *, single: bool) -> str:
     """The source: constants, helpers, and two functions."""
     text = form.functions + form.step
-    suffix = "f" if single else ""
-    macros = "".join(_macro(each, suffix) for each in FUNCTIONS if f"{each.upper()}(" in text)
-    helpers = "\n".join(code for called, code in HELPERS.items() if f"{called}(" in text)
+    macros, helpers = _macros(text, single=single), _helpers(text)
     tables = "\n".join(table(array, values) for array, values in form.constants if array in text)
     initial = ", ".join(f"{{{', '.join(map(number, values.tolist()))}}}" for _, values in form.state if len(values))
     parts = [
@@ -121,6 +123,16 @@ def source(name: str, form: CForm, *, single: bool) -> str:
         f"void {name}_step({name}_state *s, const real u[], real y[])\n{{\n{form.step}}}\n",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _macros(text: str, *, single: bool) -> str:
+    """The macros of the functions of ``math.h`` that a text uses."""
+    return "".join(_macro(each, "f" if single else "") for each in FUNCTIONS if f"{each.upper()}(" in text)
+
+
+def _helpers(text: str) -> str:
+    """The functions that a text uses and that are not in ``math.h``."""
+    return "\n".join(code for called, code in HELPERS.items() if f"{called}(" in text)
 
 
 def _macro(name: str, suffix: str) -> str:

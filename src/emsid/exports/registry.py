@@ -17,7 +17,7 @@ from emsid.exports.tables import csv
 BRUSHLESS = ("winding", "pole_pairs")
 
 FORMATS: dict[str, Format] = {
-    "c99": Format("C99: one header and one source, no heap", c99, ("single",)),
+    "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),
     "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
     "modelica": Format("a plant of one mass as a Modelica model", modelica),

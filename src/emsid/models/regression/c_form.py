@@ -6,7 +6,7 @@ import numpy as np
 
 from emsid.errors import ModelError
 from emsid.models.c_form import SHIFT, CForm, number
-from emsid.models.regression.narx import Narx
+from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.regressors import Factor, Regressor
 from emsid.models.regression.stepping import RegressionStepper
 from emsid.models.regression.transforms import Transform
@@ -49,6 +49,15 @@ def c_form(stepper: RegressionStepper) -> CForm:
         "    real sum;\n" + "\n".join(lines) + "\n",
         functions=SHIFT,
     )
+
+
+def regressors_in_c(structure: Structure) -> list[str]:
+    """Every regressor as an expression of ``s->past_y`` and ``s->past_u``.
+
+    Raises:
+        ModelError: for a transform that has no form in C.
+    """
+    return [_product(regressor, 1.0, structure.memory) for regressor in structure.regressors]
 
 
 def _product(regressor: Regressor, theta: float, memory: int) -> str:

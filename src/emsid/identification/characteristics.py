@@ -79,11 +79,15 @@ class Characteristic:
 def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
     """The characteristics of the best model, and dead zone and friction of the next model that is nearly as good.
 
+    A model whose free run diverges has neither a steady gain nor a time constant.
+
     Args:
         comparison: the models on unseen data.
         record: what they were fitted to, for its units.
     """
     least = comparison.best.row.simulation_rmse
+    if not isfinite(least):
+        return ()
     near = [each.fit for each in comparison.assessments if each.row.simulation_rmse <= NEARLY * least]
     found: list[Characteristic] = []
     for fit in near:

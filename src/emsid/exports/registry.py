@@ -10,6 +10,7 @@ from emsid.exports.control import control
 from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
 from emsid.exports.fmu import fmu
 from emsid.exports.formats import Format
+from emsid.exports.matlab import matlab
 from emsid.exports.modelica import modelica
 from emsid.exports.mujoco import mujoco
 from emsid.exports.tables import csv
@@ -20,6 +21,7 @@ FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),
     "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
+    "matlab": Format("a function of a step, and the linear parts as a MAT file", matlab),
     "modelica": Format("a plant of one mass as a Modelica model", modelica),
     "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",)),
     "python-control": Format("the linear part as a script for python-control", control),

@@ -91,8 +91,8 @@ class Columns:
         damaged: the lines among the data that are no row of the table. Where such a line takes the place of a sample,
             every column has a missing value there.
         clocks: the time column of each column, for formats in which columns have times of their own.
-        cut: by column of a file that is cut off, how many samples are there and how many there should be, where the
-            format says so.
+        cut: by column of a file that is cut off, how many samples are there and how many there should be, or 0 where
+            the file ends in the middle of a sample and does not say what follows; the name '' is every column.
     """
 
     series: Mapping[str, pl.Series]

@@ -19,6 +19,7 @@ import numpy as np
 
 from emsid.errors import FormatError
 from emsid.io.columns import Columns, from_arrays
+from emsid.io.cut_off import marked, without_cut_line
 from emsid.io.nested import flat
 from emsid.io.sampling import entry_with_sample_time
 from emsid.io.table import read_table
@@ -53,15 +54,15 @@ def read_json(content: bytes) -> Columns:
     Raises:
         FormatError: for other content.
     """
-    text = _text(content)
+    is_cut = False
     try:
-        data = json.loads(text)
+        data = json.loads(_text(content))
     except (ValueError, RecursionError) as problem:
-        lines = _lines(text)
-        if lines is None:
+        content, is_cut = without_cut_line(content)
+        data = _lines(_text(content))
+        if data is None:
             raise FormatError(f"this is no JSON file, or a damaged one ({problem}); export it again") from None
-        data = lines
-    return _columns(data)
+    return marked(_columns(data), is_cut)
 
 
 def read_json_lines(content: bytes) -> Columns:
@@ -70,8 +71,9 @@ def read_json_lines(content: bytes) -> Columns:
     Raises:
         FormatError: as `emsid.io.table.read_table`.
     """
-    lines = _lines(_text(content))
-    return read_table(content) if lines is None or not _is_nested(lines) else _columns(lines)
+    whole, is_cut = without_cut_line(content)
+    lines = _lines(_text(whole))
+    return read_table(content) if lines is None or not _is_nested(lines) else marked(_columns(lines), is_cut)
 
 
 def _text(content: bytes) -> str:

@@ -5,7 +5,8 @@ are always data; they give the separator (semicolon, tab, comma, blanks) and the
 the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
 has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
 the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
-monitor shows them, are taken off (`emsid.io.serial_monitor`). What a column holds is recognised cell by cell
+monitor shows them, are taken off (`emsid.io.serial_monitor`). A last line that is cut off is left out
+(`emsid.io.cut_off`). What a column holds is recognised cell by cell
 (`emsid.io.cells`).
 """
 
@@ -21,6 +22,7 @@ from emsid.errors import FormatError
 from emsid.io.blocks import side_by_side, stacked
 from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, parse, without_units
 from emsid.io.columns import Columns, DamagedRow
+from emsid.io.cut_off import marked, without_cut_line
 from emsid.io.files import looks_like
 from emsid.io.labels import labelled
 from emsid.io.regular_table import check_lines, check_size, read_regular
@@ -58,11 +60,12 @@ def read_table(content: bytes) -> Columns:
         FormatError: for binary content, frames of a CAN bus, no data, or lines of differing numbers of values.
     """
     check_size(content)
+    content, is_cut = without_cut_line(content)
     columns = read_regular(content, _read_by_lines)
     if columns is None:
         check_lines(content)
         columns = _read_by_lines(content)
-    return columns
+    return marked(columns, is_cut)
 
 
 def _read_by_lines(content: bytes) -> Columns:

@@ -9,7 +9,7 @@ or exports takes one or several records and works segment by segment.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from math import nan
 from typing import Any
@@ -246,8 +246,7 @@ class Record(Presented, FrameMethods):
         edges = (0, *self.breaks)
         first = max(k for k, edge in enumerate(edges) if edge <= start)
         inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
-        return replace(
-            self,
+        return self._having(
             input=self.input[start:stop],
             output=self.output[start:stop],
             breaks=tuple(b - start for b, _ in inside),
@@ -257,6 +256,12 @@ class Record(Presented, FrameMethods):
             if self.before
             else (),
         )
+
+    def _having(self, **changes: Any) -> Record:
+        """The same with parts of its own values, which need no check: a search takes thousands of segments."""
+        made = object.__new__(type(self))
+        made.__dict__.update({each.name: self.__dict__[each.name] for each in fields(self)} | changes)
+        return made
 
     @typed(first=WHOLE, stop=WHOLE)
     def part(self, first: int, stop: int) -> Record:

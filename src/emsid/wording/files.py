@@ -79,8 +79,13 @@ def clock_reset(f: Finding, argument: Spelling) -> str:
 
 @words("file-cut-off", Severity.WARNING)
 def file_cut_off(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: columns (by name, the samples that are there, and those that there should be)."""
-    parts = [f"{name} has {read:,} of {whole:,} samples" for name, (read, whole) in f.data["columns"].items()]
+    """Subject: the file. Data: columns (by name, the samples that are there, and those that there should be or 0)."""
+    parts = [
+        f"{name} has {read:,} of {whole:,} samples"
+        if whole
+        else f"{name or 'it'} ends after {read:,} samples, within another one"
+        for name, (read, whole) in f.data["columns"].items()
+    ]
     return f"{f.subject} is cut off: {listed(parts)}; copy it again if there is a whole one"
 
 

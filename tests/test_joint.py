@@ -258,6 +258,22 @@ def test_an_exported_joint_moves_in_mujoco_as_its_model(tmp_path) -> None:
     assert np.sqrt(np.mean((truth - found) ** 2)) < 0.01 * np.std(truth)
 
 
+def test_an_exported_servo_moves_in_mujoco_as_its_model(tmp_path) -> None:
+    library = pytest.importorskip("mujoco")
+    model = GreyBox(servo(), POSITION)
+    emsid.export(model, "mujoco", tmp_path, dt=DT)
+    simulated = library.MjModel.from_xml_path(str(tmp_path / "joint.xml"))
+    state, found, u = library.MjData(simulated), [], targets(400, 3)
+    state.qpos[0] = 0.3
+    for command in u:
+        found.append(float(state.qpos[0]))
+        state.ctrl[0] = command
+        for _ in range(round(DT / simulated.opt.timestep)):
+            library.mj_step(simulated, state)
+    truth = model.plant.simulate(u[:, None], DT, np.array([0.0, 0.3]), POSITION)[:, 0]
+    assert np.sqrt(np.mean((truth - found) ** 2)) < 0.02 * np.std(truth)
+
+
 def test_a_joint_of_mujoco_is_identified(monkeypatch) -> None:
     pytest.importorskip("mujoco")
     from pathlib import Path
@@ -271,3 +287,50 @@ def test_a_joint_of_mujoco_is_identified(monkeypatch) -> None:
     fit = emsid.fit(emsid.plants.joint(), records, fixed={"sensor.ratio": joints.GEAR}, search=False)
     for name, true in joints.true_values(truth).items():
         assert fit[name].value == pytest.approx(true, rel=5e-3)
+
+
+# --- a servo ---------------------------------------------------------------------------------------------------------
+
+SERVO = {"servo.proportional": 8.0, "servo.derivative": 0.1, "servo.limit": 3.0}
+
+
+def servo() -> DrivenMotor:
+    record = Record([0.0, 1.0], [0.0, 1.0], DT, input_units="rad", output_units="rad")
+    plant = emsid.plants.joint().for_command(record)
+    return plant.with_values({**TRUTH, **SERVO})
+
+
+def targets(samples: int, seed: int) -> np.ndarray:
+    return 0.3 + np.repeat(np.random.default_rng(seed).uniform(-1.2, 1.2, samples // 80 + 1), 80)[:samples]
+
+
+def test_a_servo_holds_its_arm_where_friction_lets_it() -> None:
+    plant = servo()
+    run = plant.simulate(np.full((600, 1), 1.3), DT, np.array([0.0, 0.3]), POSITION)[:, 0]
+    error = 8.0 * (1.3 - run[-1]) - 1.2 * np.sin(run[-1] - 0.3)
+    assert run[-1] == run[-2]  # at rest, exactly
+    assert abs(error) <= 0.15 + 1e-12
+    assert abs(1.3 - run[-1]) > 0.05  # below its target, as gravity pulls
+
+
+def test_a_servo_is_a_torque_of_what_it_makes_in_every_step() -> None:
+    plant = replace(servo(), steps=1)
+    target, angle = targets(300, 0), np.array([0.0, 0.3])
+    run = plant.simulate(target[:, None], DT, angle, (Signal.POSITION, Signal.SPEED))
+    made = np.clip(8.0 * (target - run[:, 0]) - 0.1 * run[:, 1], -3.0, 3.0)
+    again = replace(joint(), steps=1).simulate(made[:, None], DT, angle, POSITION)
+    np.testing.assert_allclose(again, run[:, :1], atol=1e-9)
+
+
+def test_a_servo_is_identified_from_its_targets() -> None:
+    truth, records = servo(), []
+    for seed in (1, 2):
+        u, start = targets(1200, seed), np.zeros(truth.states)
+        start[1] = 0.3
+        y = truth.simulate(u[:, None], DT, start, POSITION)
+        counted = 2 * np.pi / 4096 * np.round(4096 / (2 * np.pi) * y)
+        records.append(Record(u, counted, DT, input_units="rad", output_units="rad"))
+    fit = emsid.fit(emsid.plants.joint(), records, fixed=SERVO, search=False)
+    for name, true in TRUTH.items():
+        assert fit[name].value == pytest.approx(true, rel=0.05)
+    assert GreyBox.from_data(fit.model.to_data()).plant == fit.model.plant

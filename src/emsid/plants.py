@@ -28,6 +28,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
 from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.servo import Servo
 from emsid.models.plants.state import PlantState
 from emsid.models.plants.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
@@ -78,6 +79,7 @@ __all__ = [
     "RestsOn",
     "Sampler",
     "Sensor",
+    "Servo",
     "Signal",
     "Sizes",
     "SquaredLoadFriction",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from emsid.errors import ModelError
@@ -13,6 +14,7 @@ CARRIED = (
     *("resistance", "motor_constant", "rotor_inertia", "load_inertia", "rotor_viscous", "load_viscous"),
     *("rotor_friction.coulomb", "load_friction.coulomb", "drive.gain", "mass", "viscous_friction", "friction.coulomb"),
     *(f"gravity.{name}" for name in ("torque", "angle", "mass", "length", "acceleration", "period")),
+    *("servo.proportional", "servo.derivative", "servo.limit"),
 )
 """Parameters that an export of mechanics carries; of the others, those with an effect are named."""
 NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0}
@@ -37,6 +39,8 @@ class Mechanics:
         notes: what is not carried, in sentences.
         weight: gravity torque of a joint at horizontal in N·m; zero for none.
         hangs: the angle in rad at which it hangs.
+        stiffness: torque of a servo per error of its position in N·m/rad; zero for none.
+        limit: its largest torque in N·m.
     """
 
     rotates: bool
@@ -52,6 +56,8 @@ class Mechanics:
     notes: tuple[str, ...]
     weight: float = 0.0
     hangs: float = 0.0
+    stiffness: float = 0.0
+    limit: float = inf
 
 
 def mechanics(export: Export) -> Mechanics:
@@ -76,13 +82,15 @@ def mechanics(export: Export) -> Mechanics:
         # a joint is described on the side of its arm, any other motor on its own
         ratio = 1.0 if gravity is None else value("sensor.ratio")
         command = value("drive.gain") * plant.torque_per_unit
+        servo = plant.servo if plant.follows else None
+        braking = ratio**2 * constant**2 / resistance if plant.channels.bridge else 0.0
         return Mechanics(
             True,
             ratio**2 * plant.inertia_of_all,
             ratio**2 * (value("rotor_viscous") + value("load_viscous")),
             (abs(ratio) * (rotor[0] + load[0]), abs(ratio) * (rotor[1] + load[1])),
             ratio * command,
-            ratio**2 * constant**2 / resistance if plant.channels.bridge else 0.0,
+            braking if servo is None else servo.derivative,
             resistance,
             ratio * constant,
             value("voltage_dead_zone.half_width"),
@@ -90,6 +98,8 @@ def mechanics(export: Export) -> Mechanics:
             tuple(note for note in _left_out(plant) if gravity is None or not note.startswith("sensor.ratio")),
             0.0 if gravity is None else gravity.whole,
             0.0 if gravity is None else gravity.angle,
+            0.0 if servo is None else servo.proportional,
+            inf if servo is None else servo.limit,
         )
     if "mass" in handles:
         half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))

@@ -17,7 +17,7 @@ on the inertia J, and the step must resolve their frequency √(σ₀/J). MuJoCo
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, sin, sqrt, tau
+from math import atan2, cos, hypot, isfinite, sin, sqrt, tau
 from typing import Any
 
 from emsid.errors import ModelError
@@ -99,9 +99,10 @@ def actuator(export: Export, found: Mechanics, plant: Any, kind: str, bristles: 
     """The actuator as MJCF."""
     head = f'<{kind} name="{export.name}" joint="{export.name}"'
     if kind == "general":
+        limit = f' forcerange="{-found.limit!r} {found.limit!r}"' if isfinite(found.limit) else ""
         return (
             f'{head} gaintype="fixed" gainprm="{found.gain!r}"\n'
-            f'             biastype="affine" biasprm="0 0 {-found.braking!r}"/>'
+            f'             biastype="affine" biasprm="0 {-found.stiffness!r} {-found.braking!r}"{limit}/>'
         )
     parts = [f'motorconst="{found.constant!r}" resistance="{found.resistance!r}"']
     if (inductance := float(plant.value("inductance"))) > 0:

@@ -71,6 +71,7 @@ class Feed(Enum):
     VOLTAGE = "voltage"
     CURRENT = "current"
     TORQUE = "torque"
+    POSITION = "target position"
 
 
 class Bridge(Enum):

@@ -95,6 +95,16 @@ class DrivenPlant(Plant):
         return command
 
     @property
+    def follows(self) -> bool:
+        """Whether its command is a target for its position; no."""
+        return False
+
+    def commanded(self, segment: Record, position: Array, speed: Array) -> Array:
+        """(N,) the command after codes and the knee of the drive, for regressions on positions and speeds (N,)."""
+        drive = self.drive
+        return drive.after_knee(drive.gain * drive.commands(segment.input)) / drive.gain
+
+    @property
     def turn(self) -> float:
         """The phase in rad per unit of a position with which a force on it repeats; 0 for none."""
         return 0.0

@@ -31,10 +31,10 @@ from emsid.models.plants.motor_equations import (
     of_joint,
     quantities,
     together,
-    with_motion,
 )
 from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, two_masses
+from emsid.models.plants.motor_motion import MotorMotion, check_two_masses, two_masses
+from emsid.models.plants.motor_start import at_motor, by_torque, hung, with_motion
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import (
@@ -49,6 +49,7 @@ from emsid.models.plants.plant import (
 )
 from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
 from emsid.models.plants.state import PlantState
 from emsid.plant import FrictionLaw, Measure, Motor
 
@@ -79,6 +80,7 @@ class DrivenMotor(DrivenPlant):
         quadratic_viscous: friction by the square of the speed, as of a fan, in N·m·s²/rad²; of a rigid motor.
         cogging: torque over the angle, in N·m and rad; of a rigid motor.
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
+        servo: the controller of a joint, for target positions; by default one with a gain of one.
 
     Raises:
         ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has quadratic
@@ -95,6 +97,7 @@ class DrivenMotor(DrivenPlant):
     quadratic_viscous: float = 0.0
     cogging: Cogging = Cogging()  # noqa: RUF009  (frozen)
     gravity: Gravity | None = None
+    servo: Servo | None = None
 
     def __post_init__(self) -> None:
         check_quadratic(self.name, self.quadratic_viscous)
@@ -103,6 +106,8 @@ class DrivenMotor(DrivenPlant):
             raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
         if self.gravity is not None and not self.motor.is_rigid:
             raise ModelError("a joint with gravity is simulated as one mass only; give Motor.rigid()")
+        if self.gravity is not None and self.servo is None:
+            object.__setattr__(self, "servo", Servo())
 
     @property
     def name(self) -> str:
@@ -194,9 +199,25 @@ class DrivenMotor(DrivenPlant):
         return command**2 / output if self.feed is Feed.VOLTAGE else command
 
     @property
+    def follows(self) -> bool:
+        """Whether it is fed with target positions."""
+        return self.feed is Feed.POSITION
+
+    def commanded(self, segment: Record, position: Array, speed: Array) -> Array:
+        """See `DrivenPlant.commanded`; that of a servo is its torque, per gain, where the joint is."""
+        made, servo = super().commanded(segment, position, speed), self.servo
+        return (
+            made
+            if servo is None or not self.follows
+            else servo.torque(self.drive.gain * made, position, speed) / servo.proportional
+        )
+
+    @property
     def torque_per_unit(self) -> float:
         """The torque at rest per unit of the output of the drive."""
         motor = self.motor
+        if self.servo is not None and self.follows:
+            return self.servo.proportional / self.sensor.ratio
         if self.feed is Feed.VOLTAGE:
             return motor.motor_constant / motor.resistance
         return motor.motor_constant if self.feed is Feed.CURRENT else 1.0
@@ -219,17 +240,18 @@ class DrivenMotor(DrivenPlant):
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """Electrical parameters, unless a voltage drives it; nobody questions the constants of gravity."""
-        constants = () if self.gravity is None else CONSTANTS
+        constants = () if self.gravity is None else (*CONSTANTS, *(() if self.follows else SERVO))
         if self.feed is Feed.VOLTAGE:
             return constants
-        constant = self.feed is Feed.TORQUE and Signal.CURRENT not in signals
+        constant = self.feed is not Feed.CURRENT and Signal.CURRENT not in signals
         return ("resistance", "inductance", *(("motor_constant",) if constant else ()), *constants)
 
     def for_command(self, record: Record) -> Self:
         """A rigid motor driven by a current or a torque if the command is in A or N·m; see `for_load`."""
         self = self.for_load(record)
         unit = record.input_units[0]
-        feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == MADE[each][0]), None)
+        feeds = (Feed.CURRENT, Feed.TORQUE, *((Feed.POSITION,) if self.gravity is not None else ()))
+        feed = next((each for each in feeds if unit == MADE[each][0]), None)
         if self.feed is not Feed.VOLTAGE or feed is None:
             return self
         if not self.motor.is_rigid:
@@ -237,7 +259,8 @@ class DrivenMotor(DrivenPlant):
                 f"{record.name}: {record.input_names[0]!r} is in {unit}; a motor fed with a {feed.value} is one mass "
                 "only: choose rigid-motor"
             )
-        return replace(self, feed=feed, motor=replace(self.motor, voltage_dead_zone=None))
+        steps = SERVO_STEPS if feed is Feed.POSITION else self.steps
+        return replace(self, feed=feed, motor=replace(self.motor, voltage_dead_zone=None), steps=steps)
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
         """From the torque of the largest command."""
@@ -304,9 +327,11 @@ class DrivenMotor(DrivenPlant):
         """
         if self.drive.loaded:
             return None
+        if self.follows:
+            return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not self.is_one_mass:
-            self._check_two_masses()
+            check_two_masses(self.quadratic_viscous, self.cogging.waves)
             return MotorSampler(outer, motor, self.load_torque, state)
         volts, k = self.feed is Feed.VOLTAGE, motor.motor_constant
         slope = k / motor.resistance
@@ -342,8 +367,10 @@ class DrivenMotor(DrivenPlant):
         if self.gravity is not None:
             waves = np.concatenate([self.gravity.wave(self.sensor.ratio), waves])
         viscous = motor.rotor_viscous + motor.load_viscous
-        friction = Sliding.of(law, (viscous, viscous), self.quadratic_viscous, waves, self.load_torque)
-        return OneMass(self.inertia_of_all, type(law).level, friction, torque - self.load_torque, braking)
+        servo = self.servo.numbers(self.sensor.ratio) if self.servo is not None and self.follows else NO_SERVO
+        friction = Sliding.of(law, (viscous, viscous), self.quadratic_viscous, waves, self.load_torque, servo)
+        force = torque if self.follows else torque - self.load_torque
+        return OneMass(self.inertia_of_all, type(law).level, friction, force, braking)
 
     def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """The same for a motor that one mass does not describe."""
@@ -353,23 +380,18 @@ class DrivenMotor(DrivenPlant):
                 "or leave out these samples with a mask",
                 arguments=("mask",),
             )
-        self._check_two_masses()
+        check_two_masses(self.quadratic_viscous, self.cogging.waves)
         return two_masses(self.motor, self.load_torque, on, motion)
-
-    def _check_two_masses(self) -> None:
-        if self.quadratic_viscous or len(self.cogging.waves):
-            raise ModelError(
-                "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose "
-                "rigid-motor"
-            )
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """See `linear_motor`; of a joint about the angle at which it hangs."""
         spring, n = 0.0, self.sensor.scale
         if self.gravity is not None:
             spring = self.gravity.whole / n * self.gravity.per_unit(n)
-        drive, hung = self.drive, (spring, self._weight)
-        part = linear_motor(self.motor, self.feed, drive.gain, n, signals, hung, loaded=drive.loaded)
+        motor, feed, gain = self.motor, self.feed, self.drive.gain
+        if self.servo is not None and self.follows:
+            motor, feed, gain, spring = self.servo.linear(motor, gain, spring, n)
+        part = linear_motor(motor, feed, gain, n, signals, (spring, self._weight), loaded=self.drive.loaded)
         filtered = tuple(j for j, signal in enumerate(signals) if signal is not Signal.CURRENT)
         return part.with_lag(self.sensor.lag, filtered)
 
@@ -396,11 +418,11 @@ class DrivenMotor(DrivenPlant):
         motor, torque = self.motor, self.load_torque + load
         if self.gravity is not None:
             torque += self.gravity.against(position, self.sensor.ratio)
-        if torque == 0.0:  # as in most free runs of a search
+        if torque == 0.0 and not self.follows:  # as in most free runs of a search
             return 0.0
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
-        made = torque / self.torque_per_unit
+        made = torque / self.torque_per_unit + (position / self.sensor.ratio if self.follows else 0.0)
         if self.feed is not Feed.VOLTAGE or motor.voltage_dead_zone is None:
             return made
         return float(motor.voltage_dead_zone.inverse(made))
@@ -418,34 +440,16 @@ class DrivenMotor(DrivenPlant):
         is fixed, the other one follows from the gain, and the viscous friction from the damping. For a current
         input, K_m is kept, and J and the friction follow from it.
         """
-        if self.feed is not Feed.VOLTAGE:
-            return self._with_motion_by_torque(motion)._hung(motion, fixed)
-        moved = replace(self, motor=with_motion(self.motor, self.drive.gain, motion, fixed))
-        return moved._hung(motion, fixed)
-
-    def _with_motion_by_torque(self, motion: Motion) -> Self:
-        """`with_motion` for an input of current or torque."""
-        motor = self.motor
-        per_unit = self.torque_per_unit * self.drive.gain
-        inertia = max(per_unit / motion.gain, 2 * TINY)
-        return self.with_values(
-            {
-                "rotor_inertia": max(inertia - motor.load_inertia - self._weight, TINY),
-                "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
-                self._level: inertia * max(motion.coulomb, 0.0),
-            }
-        )
-
-    def _hung(self, motion: Motion, fixed: Collection[str]) -> Self:
-        """The joint with the gravity of a motion, after its inertia is known; any other motor as it is."""
-        gravity = self.gravity
-        if gravity is None:
-            return self
-        total = self.motor.rotor_inertia + self.motor.load_inertia
-        cosine, sine = (self.inertia_of_all * each for each in motion.waves)
-        found = gravity.of_wave(cosine, sine, self.sensor.ratio)
-        found["rotor_inertia"] = max(self.motor.rotor_inertia - self._weight, 0.1 * total)
-        return self.with_values({name: value for name, value in found.items() if name not in fixed})
+        motion = at_motor(motion, self.sensor.ratio)
+        if self.feed is Feed.VOLTAGE:
+            moved = replace(self, motor=with_motion(self.motor, self.drive.gain, motion, fixed))
+        else:
+            per_unit = self.torque_per_unit * (1.0 if self.follows else self.drive.gain)
+            moved = self.with_values(by_torque(self.motor, self._level, per_unit, self._weight, motion))
+        if self.gravity is None:
+            return moved
+        known = hung(moved.motor, self.gravity, self._weight, self.sensor.ratio, motion)
+        return moved.with_values({name: value for name, value in known.items() if name not in fixed})
 
     @property
     def _weight(self) -> float:

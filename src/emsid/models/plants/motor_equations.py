@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Feed
-from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import TINY, Signal
 from emsid.models.plants.plant import Quantity
 from emsid.models.plants.visited import Needs, RestsOn
@@ -194,45 +192,3 @@ def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
         tuple(a.stribeck + b.stribeck for a, b in sides),  # type: ignore[arg-type]
         tuple((a if a.stribeck > 0 else b).stribeck_rate for a, b in sides),  # type: ignore[arg-type]
     )
-
-
-def with_motion(motor: Motor, gain: float, motion: Motion, fixed: Collection[str]) -> Motor:
-    """A motor that a voltage drives, with a motion of one mass; see `DrivenMotor.with_motion`.
-
-    Args:
-        motor: with the values of ``fixed``.
-        gain: of its drive.
-        motion: from a regression.
-        fixed: the names of its known parameters.
-    """
-    zone = motion.dead_zone * abs(gain)
-    constant, inertia, viscous = _constants_of(motor, motion, motion.gain / gain, fixed)
-    share = motor.load_inertia / (motor.rotor_inertia + motor.load_inertia)
-    load = motor.load_inertia if "load_inertia" in fixed else inertia * share
-    factor = 1.0 if motor.is_rigid else inertia / (motor.rotor_inertia + motor.load_inertia)
-    small = 0.02 * inertia * motion.damping
-    return replace(
-        motor,
-        motor_constant=constant,
-        rotor_inertia=motor.rotor_inertia if "rotor_inertia" in fixed else max(inertia - load, TINY),
-        load_inertia=load,
-        rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
-        load_viscous=min(motor.load_viscous, small),
-        rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
-        voltage_dead_zone=motor.voltage_dead_zone and replace(motor.voltage_dead_zone, b_l=-zone, b_r=zone),
-        shaft_stiffness=motor.shaft_stiffness * factor,
-        shaft_damping=motor.shaft_damping * factor,
-    )
-
-
-def _constants_of(motor: Motor, motion: Motion, gain: float, fixed: Collection[str]) -> tuple[float, float, float]:
-    """K_m, J and B_m of a motion with ``gain`` rad/s² per volt; B_m is zero where K_m and J follow from the motion."""
-    if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
-        constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
-        return constant, constant / (motor.resistance * gain), 0.0
-    constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
-    if "motor_constant" not in fixed:
-        constant = inertia * motor.resistance * gain
-    elif "rotor_inertia" not in fixed:
-        inertia = constant / (motor.resistance * gain)
-    return constant, inertia, inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous

@@ -12,6 +12,7 @@ from emsid.models.plants.drive import Bridge, Feed, outer_handles
 from emsid.models.plants.gravity import gravity_handles
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels
+from emsid.models.plants.servo import servo_handles
 from emsid.plant import FrictionLaw, Measure, Motor, Parameter
 
 RADIUS, USUAL_RADIUS = "sensor.radius", 0.05
@@ -20,6 +21,7 @@ MADE = {
     Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
     Feed.CURRENT: ("A", "amperes", Measure.OTHER),
     Feed.TORQUE: ("N*m", "newton metres", Measure.FORCE),
+    Feed.POSITION: ("rad", "radians", Measure.OTHER),
 }
 """By the output of the drive its unit, the unit in words, and what it measures."""
 ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_zone": ("torque", "N*m", Measure.FORCE)}
@@ -59,5 +61,5 @@ def motor_handles(
         square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
         found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
         found |= cogging_handles("N*m", "rad")
-    found |= gravity_handles() if hangs else {}
+    found |= gravity_handles() | servo_handles() if hangs else {}
     return found | outer_handles(*MADE[feed], "m/s" if wheel else "rad/s", Measure.SPEED)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.models.plants.drive import Acting
 from emsid.plant import Motor, State, Taylor, simulate
 
@@ -62,6 +63,18 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
         ends = np.column_stack([np.array(rows)[:, every], motion])
     current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
     return MotorMotion(lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
+
+
+def check_two_masses(quadratic: float, waves: Array) -> None:
+    """Refuse what only one mass is simulated with.
+
+    Raises:
+        ModelError: for quadratic friction or cogging.
+    """
+    if quadratic or len(waves):
+        raise ModelError(
+            "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose rigid-motor"
+        )
 
 
 def is_stiff(motor: Motor, dt: float) -> bool:

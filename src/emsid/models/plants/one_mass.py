@@ -38,6 +38,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compiled import njit
 from emsid.errors import ModelError
+from emsid.models.plants.servo import NO_SERVO
 from emsid.models.plants.state import NO_LOAD
 from emsid.plant.friction import FrictionLaw, Level, sees_load
 from emsid.plant.friction import coulomb_stribeck as level
@@ -81,6 +82,7 @@ class Sliding(NamedTuple):
         quadratic: friction by the square of the speed, in N·s²/m² or N·m·s²/rad².
         waves: (n, 3) 2π over the period, cosine and sine of every harmonic of the cogging.
         load: the constant force from outside that F has, against the positive direction.
+        servo: (4,) the controller of a servo, see `Servo.numbers`, whose targets stand for F; (0,) without one.
     """
 
     numbers: Array
@@ -90,6 +92,7 @@ class Sliding(NamedTuple):
     quadratic: Any
     waves: Array
     load: Any = 0.0
+    servo: Array = NO_SERVO
 
     @classmethod
     def of(
@@ -99,20 +102,21 @@ class Sliding(NamedTuple):
         quadratic: float = 0.0,
         waves: Array = NO_WAVES,
         load: float = 0.0,
+        servo: Array = NO_SERVO,
     ) -> Sliding:
-        """A friction law, viscous friction (forward, backward), quadratic friction, cogging and a constant load."""
+        """A law, viscous friction (forward, backward), quadratic friction, cogging, a constant load and a servo."""
         varies = law.varies | bool(quadratic > 0 or len(waves))
         numbers = law.numbers, np.array(law.breakaway), varies, np.array(viscous)
-        return cls(*numbers, float(quadratic), waves, float(load))
+        return cls(*numbers, float(quadratic), waves, float(load), servo)
 
     @classmethod
     def of_all(cls, plants: Sequence[Sliding]) -> Sliding:
         """That of several plants; harmonics that one of them does not have are zero."""
-        numbers, breakaway, varies, viscous, quadratic, waves, load = zip(*plants, strict=True)
+        numbers, breakaway, varies, viscous, quadratic, waves, load, servo = zip(*plants, strict=True)
         most = max(map(len, waves))
         padded = [np.concatenate([each, np.zeros((most - len(each), 3))]) if most else each for each in waves]
         both = np.array(breakaway), np.array(varies), np.array(viscous)
-        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded), np.array(load))
+        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded), np.array(load), np.array(servo))
 
 
 class OneMass(NamedTuple):
@@ -170,9 +174,9 @@ def move(
             if whole <= 0.0:
                 continue
             more = load[k] if len(load) > 0 else 0.0
-            drive, drag, weight = force[k + part] - more, damping[k + part], friction.load + more
+            drag, weight = damping[k + part], friction.load + more
             for _ in range(steps):
-                left = whole / steps
+                drive, left = _driven(force[k + part], more, friction, v, x), whole / steps
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
                     side = 0 if v > 0.0 or (v == 0.0 and net > 0.0) else 1
@@ -246,8 +250,9 @@ def move_each(
             friction.quadratic[p],
             friction.waves[p],
             friction.load[p],
+            friction.servo[p],
         )
-        most = steps if varies[0] or varies[1] else 1
+        most = steps if varies[0] or varies[1] or friction.servo.shape[1] > 0 else 1
         for s in range(len(dt)):
             a, b = ends[s], ends[s + 1]
             v, x = begin[p, s, 0], begin[p, s, 1]
@@ -296,6 +301,7 @@ def _move_with(law: Level) -> Any:
             replaced["_holds"] = _compiled_with(law, _holds_load, {name: law})
         return _compiled_with(law, move, replaced)
     plain = {"_phi": _in_python(_phi), "_ripple": _in_python(_ripple), "_holds": _in_python(_holds)}
+    plain["_driven"] = _in_python(_driven)
     if seen:
         plain["_holds"] = _with(law, _holds_load, {name: law})
     return _with(law, move, {**plain, "_resists": _with(law, resists, {name: law})})
@@ -313,6 +319,16 @@ def _compiled_with(law: Level, loop: Any, names: Mapping[str, Any]) -> Callable[
     ours = law.__module__.startswith("emsid.")
     compiled: Callable[..., Any] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
     return compiled
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _driven(force: float, more: float, friction: Sliding, v: float, x: float) -> float:
+    """The force on the mass, less a load; of a servo from its target, where the mass is."""
+    if len(friction.servo) == 0:
+        return float(force - more)
+    gain, damping, limit, turns = friction.servo[0], friction.servo[1], friction.servo[2], friction.servo[3]
+    torque = gain * (force - turns * x) - damping * turns * v
+    return float(turns * min(max(torque, -limit), limit) - friction.load - more)
 
 
 @njit(nogil=True, error_model="numpy", inline="always")

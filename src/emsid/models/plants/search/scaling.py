@@ -58,6 +58,7 @@ class Scaling:
         known = all(_exponents(name, handle) for name, handle in plant.handles.items())
         command = float(np.max(np.abs(plant.drive.commands(record.input))))
         output = float(np.max(np.abs(record.output[:, 0])))
+        command = output if plant.follows else command
         if not (known and command > 0 and output > 0):
             return cls()
         return cls(command, output, plant.force_scale(command, output))

@@ -101,12 +101,26 @@ def motions(
                         yield Motion(rate * gain, rate, rate * coulomb, rate * drop, width)
 
 
-def after_drive(drive: Drive, segments: Sequence[Record]) -> list[Record]:
-    """Segments whose only input is the effective command: zero for codes, and after the knee of the drive."""
+def after_drive(
+    plant: DrivenPlant, segments: Sequence[Record], channel: int = 0, is_position: bool = False
+) -> list[Record]:
+    """Segments whose only input is the effective command: zero for codes, after the knee, and the torque of a servo.
+
+    Args:
+        plant: with its drive.
+        segments: of which a motion is measured.
+        channel, is_position: see `motions`.
+    """
+
+    def commanded(segment: Record) -> Array:
+        y = segment.output[:, channel]
+        position = y if is_position else np.cumsum(y) * segment.dt
+        return plant.commanded(segment, position, speed_of(y, segment.dt, is_position))
+
     return [
         replace(
             segment,
-            input=drive.after_knee(drive.gain * drive.commands(segment.input))[:, None] / drive.gain,
+            input=commanded(segment)[:, None],
             input_names=segment.input_names[:1],
             input_units=segment.input_units[:1],
         )
@@ -171,7 +185,7 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
         return [(cost_of(first), plant)]
     zone = any("dead_zone" in name for name in asked)
     kept = plant.handles.keys() - asked
-    commanded = after_drive(drive, first.segments)
+    commanded = after_drive(plant, first.segments, channel, is_position)
 
     def tried(motion: Motion, start: DrivenPlant) -> tuple[float, float, Plant]:
         if task.control.ending is not None:  # the best so far is searched from, and that search ends at once
@@ -292,7 +306,7 @@ def started(
     """The plant with the motions from regressions on the records, and with plausible ones."""
     found, known = [], {name: plant.value(name) for name in fixed}
     is_position = signals[0] is Signal.POSITION
-    commanded = after_drive(plant.drive, segments)
+    commanded = after_drive(plant, segments, 0, is_position)
     zone = not plant.turn  # the friction of a joint hides one
     likely = list(motions(commanded, 0, is_position, zone, plant.drive.offset, plant.turn))
     if not is_position:

@@ -84,7 +84,7 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
 
     None if no wave stands out in the residual of a regression without one.
     """
-    segments = after_drive(plant.drive, [segment for segment in record.segments if len(segment) > 12])
+    segments = after_drive(plant, [segment for segment in record.segments if len(segment) > 12])
     zone = next((plant.value(name) for name in plant.handles if name.endswith(".half_width")), 0.0)
     width = zone / abs(plant.drive.gain)
     is_position = signals_of(plant, record)[0] is Signal.POSITION

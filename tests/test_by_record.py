@@ -210,7 +210,9 @@ def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys
     out = tmp_path / "out"
     asked = ["--models", "rigid-motor", "--free", ",".join(FREE), "--fix", "R=1", "--fix", "rotor_viscous=0"]
     channels = ["-u", "u", "-y", "w", "--time", "t", "--unit", "u=V", "--unit", "w=rad/s"]
-    assert command("identify", *files, *channels, *asked, "--per-record", "rotor_inertia", "--out", out) == 0
+    assert (
+        command("identify", *files, *channels, *asked, "--per-record", "rotor_inertia", "--details", "--out", out) == 0
+    )
     assert "by record" in capsys.readouterr().out
     content = checked(json.loads((out / "result.json").read_text()))
     rows = {row.record: row for row in content.fits[0].parameters if row.record}

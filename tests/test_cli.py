@@ -106,7 +106,7 @@ def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_the
     motor_log, tmp_path, command, monkeypatch, no_refinements
 ):
     known = ("--fix", "resistance=2", "--free", "motor_constant,rotor_inertia,rotor_friction.coulomb")
-    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", *known, "--out", "out")
+    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", *known, "--details", "--out", "out")
     units = {"resistance": ("ohm", "Ω"), "rotor_inertia": ("kg*m^2", "kg·m²"), "rotor_friction.coulomb": ("N*m", "N·m")}
     for k, coding in enumerate(("ascii", "utf-8")):
         printed = io.TextIOWrapper(io.BytesIO(), encoding=coding)
@@ -116,7 +116,7 @@ def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_the
             assert command(*words) == 0
         printed.flush()
         lines = printed.buffer.getvalue().decode(coding).splitlines()
-        rows = {name: next(line for line in lines if line.startswith(f"{name} ")) for name in units}
+        rows = {name: next(line for line in reversed(lines) if line.startswith(f"{name} ")) for name in units}
         places = {row.index(f" {units[name][k]} ") for name, row in rows.items()}
         assert len(places) == 1  # the columns stand
 

@@ -10,11 +10,14 @@ import pytest
 
 import emsid
 from command_line import FIRST_ORDER, IDENTIFY, MOTOR, table
+from emsid.cli.options import option
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Stopped
+from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.parameters import Signal
+from emsid.wording import sentence
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_heard", "figures_undrawn")
 
@@ -22,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("ctrl_c_heard", "figures_undrawn")
 def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
     other = table(tmp_path / "other.csv", seed=1)
     words = ("identify", log, *IDENTIFY, "--validate", other, "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1")
-    status, out, _ = run(*words, "--out", tmp_path / "out")
+    status, out, _ = run(*words, "--details", "--out", tmp_path / "out")
     assert status == 0
     assert "y(t) = 0.9*y(t-1) + 0.3*u(t-1) + e(t)" in out
     assert not (tmp_path / "out" / "friction-narx.json").exists()
@@ -34,7 +37,7 @@ SHEETS = {"motor": "[motor]\nresistance = '2 ohm'\n", "axis": "[linear-axis]\nma
 def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, no_refinements):
     wanted = "motor_constant,drive.delay"
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--fix", "resistance=2", "--profile", wanted)
-    status, out, _ = run(*words, "--out", tmp_path / "out")
+    status, out, _ = run(*words, "--details", "--out", tmp_path / "out")
     assert status == 0
     data = json.loads((tmp_path / "out" / "result.json").read_text())
     (profile,) = data["profiles"]
@@ -58,7 +61,7 @@ def test_a_datasheet_of_another_plant_is_reported_as_unused(run, motor_log, tmp_
     sheet = tmp_path / "sheet.toml"
     sheet.write_text(SHEETS["motor"])
     words = ("identify", motor_log, *MOTOR, "--models", "arx,linear-axis,rigid-motor", "--datasheet", sheet)
-    status, out, _ = run(*words, "--out", tmp_path / "out")
+    status, out, _ = run(*words, "--details", "--out", tmp_path / "out")
     assert status == 0
     said = "linear-axis: the datasheet has no parameter of this model, so it is not used."
     assert out.count(said) == 1
@@ -90,20 +93,51 @@ def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
     assert not out.exists()
 
 
-def test_the_first_lines_are_the_recommendation_its_error_and_the_next_experiment(run, motor_log, tmp_path):
-    out = tmp_path / "out"
-    status, printed, _ = run("identify", motor_log, *MOTOR, "--models", "arx,polynomial-narx", "--out", out)
-    first, second, third, *rest = printed.splitlines()
+def test_the_first_screen_answers_five_questions_in_order_in_25_lines(run, motor_log, tmp_path, no_refinements):
+    known = ("--fix", "resistance=2", "--models", "arx,polynomial-narx,friction-narx,output-error,rigid-motor")
+    status, printed, _ = run("identify", motor_log, *MOTOR, *known, "--out", tmp_path / "out")
+    lines = printed.splitlines()
     assert status == 0
-    assert first.startswith("Recommended: ")
-    best = first.removeprefix("Recommended: ").partition(".")[0]
+    assert len(lines) <= 25
+    starts = (
+        "Recommended: rigid-motor, ",
+        "rigid-motor: on unseen data, the free run has a fit of ",
+        "on unseen data (",
+        "known, with 95 % intervals",
+        "not known",
+        "Next experiment: ",
+        "--details prints ",
+        "written to ",
+    )
+    places = [[line.startswith(start) for line in lines].index(True) for start in starts]
+    assert places == sorted(places)
+    assert places[:2] == [0, 1]
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    (fit,) = [each for each in result["fits"] if each["model"] == "rigid-motor"]
+    values = {row["name"]: row for row in fit["parameters"]}
+    rows = {line.split()[0]: line.split() for line in lines[places[3] + 1 : places[4]] if line}
+    for name in ("motor_constant", "rotor_inertia"):
+        assert float(rows[name][1]) == pytest.approx(values[name]["value"], rel=1e-3)
+        assert float(rows[name][2]) == pytest.approx(1.96 * values[name]["standard_error"], rel=0.05)
+        assert ("given" in rows[name]) == bool(values[name]["given"])
+
+
+def test_the_details_lose_no_finding_about_the_recommended_model(run, motor_log, tmp_path):
+    out = tmp_path / "out"
+    words = ("identify", motor_log, *MOTOR, "--models", "arx,polynomial-narx", "--details", "--out", out)
+    status, printed, _ = run(*words)
+    first, second, *rest = printed.splitlines()
+    assert status == 0
+    best = first.removeprefix("Recommended: ").partition(",")[0]
     assert second.startswith(f"{best}: on unseen data, the free run has a fit of ")
-    assert third.startswith("Next experiment: ")
-    (line,) = [line for line in rest if "recommended; " in line]
-    assert line.split()[0] == best
+    assert len([line for line in rest if "recommended; " in line and line.split()[0] == best]) == 2
     (other,) = {"arx", "polynomial-narx"} - {best}
     assert not any(line.startswith(f"- {other}: ") for line in rest)  # findings about it are in the report
     assert other in printed
+    found = [Finding(**each) for each in json.loads((out / "result.json").read_text())["findings"]]
+    for finding in found:
+        if finding.model in (None, "", best):
+            assert sentence(finding, option) in printed
 
 
 def test_where_no_model_can_be_used_none_is_called_recommended(run, tmp_path):
@@ -209,7 +243,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):
     speed = plant.simulate(command[:, None], 0.01, np.zeros(2), (Signal.SPEED,))[:, 0]
     path = table(tmp_path / "log.csv", len(command), u=command, y=speed + rng.normal(0, 0.1, len(command)))
     words = ("identify", path, *IDENTIFY, "--models", "rigid-motor,arx", "--unit", "y=rad/s", "--out", tmp_path / "out")
-    status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2")
+    status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2", "--details")
     assert (status, err) == (0, "")
     assert "rigid-motor: u has no unit and is read as volts" in out
     found = json.loads((tmp_path / "out" / "result.json").read_text())["findings"]

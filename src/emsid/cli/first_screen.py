@@ -1,6 +1,8 @@
-"""The first screen of ``emsid identify``: the recommended model, its error and the next experiment, then details.
+"""The first screen of ``emsid identify``, and the details below it.
 
-The report has everything. The screen has the details of the recommended model, and of physical ones among few models.
+The screen has at most `LINES` lines in this order: which model, how good it is on what, what is known with which
+uncertainty, what is not known, what to do next. The details are all models, all values and all findings about the
+recommended model, and those of physical models among few. The report has everything.
 """
 
 from __future__ import annotations
@@ -12,14 +14,18 @@ from emsid.cli.options import option
 from emsid.cli.terminal import (
     FREE_RUN_EXPLAINED,
     characteristics_table,
+    half_width,
     physical_table,
+    plain_table,
     say,
     show,
     text_table,
 )
+from emsid.estimation.estimates import Status
 from emsid.report.document import Table
-from emsid.units import in_unit
+from emsid.units import in_unit, plain_unit
 from emsid.wording import Severity, sentence, severity
+from emsid.wording.first_screen import NOTHING_KNOWN, NOTHING_UNKNOWN, further, more, not_determined, other_reasons
 from emsid.wording.lists import listed
 
 if TYPE_CHECKING:
@@ -30,14 +36,24 @@ if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.validation.comparison import OutputErrors, Row
 
+LINES = 25
+"""A terminal without scrolling, with the line that says where the files are."""
+ROWS, VALUES, UNKNOWN = 3, 5, 3
+"""Lines for models, for known values and for what is not known, which together fill the screen."""
 LONGEST = 400
 """A longer line of an equation, such as one with all knots of a spline, is cut."""
 IN_FULL = 3
 """Of more models than this, the screen has details of the recommended one only."""
 FIRST = "free-run-error"
 """The finding that follows the recommendation."""
-NAMED = 2
-"""The recommendation names as many reasons against a model; with more, the screen has its verdict too."""
+BEFORE = "unstable-in-loop"
+"""The finding before the recommendation: what models and errors mean depends on it."""
+AS_NAMES = frozenset({"not-identifiable", "weakly-identified", "intervals-include-zero"})
+"""Findings whose parameters are on the screen by name."""
+OF_THE_LOOP = frozenset(
+    {"free-run-diverged", "diverges-beyond-range", "diverges-on-constant-input", "diverges-on-steps"}
+)
+"""What every right model of a plant does that is unstable without its controller."""
 VERDICTS = {
     "model-supported": "supported by these data",
     "model-limited": "usable with limits",
@@ -47,27 +63,135 @@ VERDICTS = {
 """The verdict on a model in the table of models."""
 
 
-def first_screen(result: Identification) -> None:
-    """Print the recommendation and what to do next, the models, what is known about the drive, and the findings."""
+def first_screen(result: Identification, details: bool = False) -> None:
+    """Print the first screen.
+
+    Args:
+        result: the identification.
+        details: whether all models, values and findings follow.
+    """
     why, *then = result.recommendation
-    say(*(sentence(each, option) for each in (why, *_first(result), *then, *result.next_steps)), "")
+    said = [each for each in result.findings if each.code == BEFORE]
+    say(*(sentence(each, option) for each in (*said, why, *_first(result))))
+    show(text_table(models_table(result, ROWS)))
+    _known(result)
+    _not_known(result)
+    steps = [*then, *result.next_steps] if result.is_recommended else [*result.next_steps, *then]
+    most = 2 - len(said)
+    say(*(sentence(each, option) for each in steps[:most]))
+    if details:
+        _everything(result, steps[most:])
+    else:
+        say(more(option))
+
+
+def _everything(result: Identification, steps: Sequence[Finding]) -> None:
+    """All models, values, equations and findings, and the steps that are not on the screen."""
+    say("")
     show(text_table(models_table(result)))
     say(FREE_RUN_EXPLAINED, "")
     if result.characteristics:
         show(characteristics_table(result.characteristics))
     _details(result)
     shown = _shown(result)
-    say(*(f"- {sentence(finding, option)}" for finding in shown))
+    say(*(f"- {sentence(finding, option)}" for finding in (*shown, *steps)))
     say(f"- in the report: {_left_out(result, shown)}")
 
 
-def models_table(result: Identification) -> Table:
-    """Every model with its number of parameters, its error on unseen data and the verdict on it."""
+def _known(result: Identification) -> None:
+    """Print values with their intervals, those of the plant first."""
+    rows = _values(result)
+    if not rows:
+        say(NOTHING_KNOWN)
+        return
+    left = further(len(rows) - VALUES, option)
+    headings: dict[str, Any] = {"quantity": "left", "value": "right", "±": "right", "unit": "left", "model": "left"}
+    show(plain_table(f"known, with 95 % intervals{left}", headings, rows[:VALUES]))
+
+
+def _values(result: Identification) -> list[tuple[str, str, str, str, str]]:
+    """Name, value, half of the interval, unit and source of every value that the data determine.
+
+    A model that cannot be used says nothing about the drive.
+    """
+    if not result.is_recommended:
+        return []
+    name = result.chosen.model.name
+    of_sensor = ("sensor.", "drive.")
+    plant = [
+        (row.name, f"{row.value:.4g}", half_width(row), plain_unit(row.unit), _source(name, row.given))
+        for row in sorted(_determined(result.chosen), key=lambda row: row.name.startswith(of_sensor))
+    ]
+    inside = [each for each in plant if not each[0].startswith(of_sensor)]
+    of_drive = [
+        (
+            each.name,
+            f"{each.value:.4g}",
+            f"{each.half_width:.2g}",
+            plain_unit(each.unit),
+            _source(each.model, each.given),
+        )
+        for each in result.characteristics
+        if each.shown and each.significant and each.half_width is not None and isfinite(each.half_width)
+    ]
+    return [*inside, *of_drive, *plant[len(inside) :]]
+
+
+def _determined(fit: Fit[Any]) -> list[Any]:
+    """The rows of parameters of a physical model whose interval does not include zero."""
+    from emsid.models.plants.search.result import GreyBoxFit
+
+    if not isinstance(fit, GreyBoxFit):
+        return []
+    sure = [row for row in fit.shared if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and half_width(row)]
+    return [row for row in sure if row.standard_error is None or 1.96 * row.standard_error < abs(row.value)]
+
+
+def _source(model: str, given: Sequence[str]) -> str:
+    return f"{model}, given {listed(given)}" if given else model
+
+
+def _not_known(result: Identification) -> None:
+    """Print what these data do not show: values by name, and what limits the result."""
+    names = not_determined(_open(result))
+    warned = [each for each in _shown(result) if severity(each) is not Severity.INFO]
+    looped = any(each.code == BEFORE for each in result.findings)
+    said = (
+        *AS_NAMES,
+        BEFORE,
+        *(OF_THE_LOOP if looped else ()),
+        *(each["code"] for each in result.model_verdicts[0].data["reasons"]),
+    )
+    found = [sentence(each, option) for each in warned if each.code not in said and each not in result.model_verdicts]
+    lines = [*([names] if names else []), *other_reasons(result.model_verdicts[0]), *found]
+    if lines:
+        say(f"not known{further(len(lines) - UNKNOWN, option)}", *(f"- {line}" for line in lines[:UNKNOWN]))
+    else:
+        say(NOTHING_UNKNOWN)
+
+
+def _open(result: Identification) -> list[str]:
+    """Names of the values that the chosen model has and the data do not determine."""
+    known = {row.name for row in _determined(result.chosen)}
+    table = getattr(result.chosen, "shared", ())
+    of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN)
+    names = [row.name for row in table if row.name not in known and row.status not in of_search]
+    return [*names, *(each.name for each in result.characteristics if not (each.shown and each.significant))]
+
+
+def models_table(result: Identification, most: int | None = None) -> Table:
+    """Models with their number of parameters, their error on unseen data and the verdict on them.
+
+    Args:
+        result: the identification.
+        most: of more lines than this, those of the first models and of the chosen one; by default all.
+    """
     several = any(row.outputs for row in result.rows)
     rmse = in_unit("free-run RMSE", "" if several else result.unseen.output_units[0])
     verdicts = {each.model: VERDICTS[each.code] for each in result.model_verdicts}
+    rows = _few(result, most) if most else result.rows
     lines = []
-    for row in result.rows:
+    for row in rows:
         preferred = result.is_recommended and row.model == result.chosen.model.name
         verdict = f"{'recommended; ' * preferred}{verdicts[row.model]}"
         names = [in_unit(each.output, each.unit) for each in row.outputs]
@@ -76,13 +200,23 @@ def models_table(result: Identification) -> Table:
             fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
             shown = f"{errors.simulation_rmse:.4g}" if isfinite(errors.simulation_rmse) else "diverges"
             lines.append((row.model, *names[k : k + 1], str(row.parameters), shown, fit, verdict))
+    left = further(len(result.rows) - len(rows), option)
     return Table(
         ("model", *("output",) * several, "parameters", rmse, "fit %", "verdict"),
         tuple(lines),
-        f"on {result.ranked_on} ({result.unseen.name}), the smallest error first",
+        f"on {result.ranked_on} ({result.unseen.name}), the smallest error first{left}",
         text_columns=1 + several,
         ends_in_text=True,
     )
+
+
+def _few(result: Identification, most: int) -> tuple[Row, ...]:
+    """The rows of the models with the smallest errors, with the chosen one among them, as far as they fit in lines."""
+    outputs = max(len(result.rows[0].outputs), 1)
+    count = max(most // outputs, 1)
+    (chosen,) = [row for row in result.rows if row.model == result.chosen.model.name]
+    first = result.rows[:count]
+    return first if chosen in first else (*first[: count - 1], chosen)
 
 
 def _details(result: Identification) -> None:
@@ -122,7 +256,7 @@ def _shown(result: Identification) -> list[Finding]:
     """Findings about the data and the models in detail, warnings first."""
     less = {fit.model.name for fit in result.fits} - {fit.model.name for fit in _in_detail(result)}
     noticed = [each for each in result.findings if each.code != FIRST and each.model not in less]
-    verdict = [each for each in result.model_verdicts[:1] if len(each.data["reasons"]) > NAMED]
+    verdict = [each for each in result.model_verdicts[:1] if len(each.data["reasons"]) > 1]
     found = (*noticed, *verdict, *result.verdicts)
     return sorted(found, key=lambda each: severity(each) is Severity.INFO)
 

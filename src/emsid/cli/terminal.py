@@ -170,7 +170,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
     from emsid.models.plants.search.result import Status
 
     rows: list[tuple[str, str, float | None, str, str, str]]
-    rows = [(row.name, row.symbol, row.value, _width(row), row.unit, row.how) for row in fit.shared]
+    rows = [(row.name, row.symbol, row.value, half_width(row), row.unit, row.how) for row in fit.shared]
     if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
         rows += [
             (each.name, each.formula, each.value, _half(error), each.unit, together.how)
@@ -189,7 +189,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
     return plain_table(f"{fit.model.name}, with 95 % intervals", headings, lines)
 
 
-def _width(row: Estimate) -> str:
+def half_width(row: Estimate) -> str:
     """Half the interval of a parameter, or the interval itself where it is not symmetric."""
     if row.standard_error is None and row.interval is not None:
         return f"{row.interval[0]:.3g} to {row.interval[1]:.3g}"

@@ -141,7 +141,12 @@ class Identification(Presented):
 
     @cached_property
     def characteristics(self) -> tuple[Characteristic, ...]:
-        """Gain, time constant, dead zone and friction, as far as the models have them, with their intervals."""
+        """Gain, time constant, dead zone and friction, as far as the models have them, with their intervals.
+
+        A plant that is unstable without its controller never settles, so it has none of them.
+        """
+        if any(finding.code == "unstable-in-loop" for finding in self.findings):
+            return ()
         return characteristics(self.on_unseen, self.record)
 
     @cached_property

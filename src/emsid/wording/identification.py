@@ -162,9 +162,8 @@ def unstable_in_loop(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: pole (per sample), time (in s, in which an error grows by e), horizon (samples)."""
     d = f.data
     return (
-        f"the plant is unstable without its controller (a pole of {d['pole']:.3g} per sample), so a free run cannot "
-        f"rank models; they are ranked by predictions {d['horizon']} samples ahead. Use a closed-loop method: "
-        "two-stage, instrumental variables or Box–Jenkins"
+        f"the plant is unstable without its controller (a pole of {d['pole']:.3g} per sample), so models are ranked by "
+        f"predictions {d['horizon']} samples ahead, not by free runs"
     )
 
 

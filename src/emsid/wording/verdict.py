@@ -68,8 +68,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
         f"it is stable, and the plant is not without its controller (a pole of {d['pole']:.3g} per sample)"
     ),
     "only-in-loop": lambda d: (
-        f"it predicts some samples ahead only, as the plant is unstable without its controller (a pole of "
-        f"{d['pole']:.3g} per sample)"
+        f"only its predictions some samples ahead are tested, of a plant with a pole of {d['pole']:.3g} per sample"
     ),
     "response-uncertain": lambda d: "its response to the input may be zero",
     "few-levels": lambda d: f"the input has {d['levels']} levels, which cannot show a nonlinearity",
@@ -147,13 +146,13 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         own, other = d["parameters"]
         against = [f"needs {other} parameters instead of {own}"] if other > own else []
         if d["because"] is not None:
-            against.append(f"is implausible ({reason_in_words(d['because'])})")
+            against.append("is implausible")
         if d["unfinished"]:
             against.append("ended its search before a minimum")
         percent = f"{100 * (d['ratio'] - 1):.2g} %{_SAME_IN[d['same_in']]}"
         why = (
-            f"{d['instead_of']} has a smaller error on {where} by {percent}"
-            f"{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{_in_brackets(fit)}"
+            f"preferred{_in_brackets(fit)} to {d['instead_of']}, whose error is smaller by {percent}"
+            f"{f', and which {listed(against)}' if against else ''}"
         )
     elif d["models"] > 1:
         about = _in_brackets([*fit, *_others(d["others"])])
@@ -165,9 +164,9 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
             else f"{among} on {where}{by}{about}"
         )
     else:
-        why = f"it is the only model{_in_brackets(fit)}"
+        why = f"the only model{_in_brackets(fit)}"
     verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
-    return f"Recommended: {f.subject}. Reasons: {why}; {verdict}{_first_reasons(d['reasons'])}"
+    return f"Recommended: {f.subject}, {why}; {verdict}{_first_reasons(d['reasons'])}"
 
 
 def _others(count: int) -> list[str]:
@@ -181,31 +180,29 @@ def _in_brackets(texts: list[str]) -> str:
 
 
 _SAME_IN = {
-    "noise": ", which is within noise",
-    "practice": ", which is more than noise but hardly matters",
+    "noise": " (within noise)",
+    "practice": " (hardly matters)",
     None: "",
 }
 _LEVELS = {
-    "model-limited": "use it with its limits in mind: ",
-    "model-implausible": "no plausible model is as good, but be careful: ",
+    "model-limited": "its limits: ",
+    "model-implausible": "no plausible model is as good: ",
 }
 
 
 def _first_reasons(reasons: list[Reason]) -> str:
-    shown = "; ".join(reason_in_words(each) for each in reasons[:2])
-    more = len(reasons) - 2
-    return f"{shown}; and {more} more, see its verdict" if more > 0 else shown
+    """The first reason against a model, and the number of the others."""
+    shown = "".join(reason_in_words(each) for each in reasons[:1])
+    more = len(reasons) - 1
+    return f"{shown}, and {more} more limit{'s' * (more > 1)}" if more > 0 else shown
 
 
 @words("no-model-recommended", Severity.PROBLEM)
 def no_model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model with the smallest error. Data: as of model-recommended."""
     folds = f.data["folds"]
-    where = f" over {folds} parts of the data" if folds > 1 else ""
-    return (
-        f"No model describes these data: that with the smallest error{where} is {f.subject}, and "
-        f"{_first_reasons(f.data['reasons'])}"
-    )
+    where = f" in {folds}-fold cross-validation" if folds > 1 else ""
+    return f"No model describes these data: the best{where} is {f.subject}, and {_first_reasons(f.data['reasons'])}"
 
 
 def _fill_range(d: Reason) -> str:
@@ -230,7 +227,8 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
         "few to show dead zone, friction and saturation"
     ),
     "test-signal": lambda d: (
-        "add a test signal to the reference of the controller and record it too: without it the plant is unstable"
+        "add a test signal to the reference of the controller and record it too, for a closed-loop method: two-stage, "
+        "instrumental variables or Box–Jenkins"
     ),
     "larger-input": lambda d: "record with larger inputs: much of this record is inside the dead zone, or at rest",
     "faster-sampling": lambda d: f"sample at least five times faster than every {duration(d['dt'])}",
@@ -246,8 +244,7 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
         "and what stays is missing in the model"
     ),
     "other-input": lambda d: (
-        "the models were fitted to and ranked on parts of one experiment, so record a second one, with an input like "
-        "those in later use, and rank on it"
+        "record a second experiment, with an input like those in later use, and rank the models on it"
     ),
     "in-use": lambda d: "record the drive in its later use, and run the recommended model on that record",
 }

@@ -143,6 +143,7 @@ Profile = Annotated[
 Bootstrap = Annotated[
     int, typer.Option(metavar="N", help="Intervals and bands from N fits to drawn pieces of the data.", min=0)
 ]
+Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the drawn pieces.", min=0)]
 
 
@@ -181,6 +182,7 @@ def identify(
     bootstrap: Bootstrap = 0,
     seed: Seed = 1,
     out: Out = Path("emsid-result"),
+    details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
 ) -> None:
@@ -191,6 +193,9 @@ def identify(
     The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for every
     model, and the figures as SVG. The recommended model is also in recommended.json, fitted again to all data if they
     are few.
+
+    It prints at most 25 lines: which model, its error, what is known, what is not, what to do next; --details prints
+    the rest.
 
     \b
     Examples:
@@ -214,9 +219,8 @@ def identify(
         options = Options(
             na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
             orders=counts(orders, "--orders"), static=_family(static), period=period, ridge=ridge, recent=recent,
-            hold=hold, datasheet=_sheet(datasheet),
+            hold=hold, datasheet=_sheet(datasheet), codes=_codes(brake, coast),
             fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], plants),
-            codes=_codes(brake, coast),
             free=physical_names(free, "--free", plants),
             per_record=physical_names(per_record, "--per-record", plants),
             profile=physical_names(profile, "--profile", plants),
@@ -224,8 +228,8 @@ def identify(
         check_folder(out)
         search = partial(workflow.identify, *_checked(*read(), unseen), models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
-        search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
-    _run(search, reader, out, json, pdf, second)
+    search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
+    _run(search, reader, out, json, pdf, second, details)
 
 
 def _reading(
@@ -279,6 +283,7 @@ def _run(
     json: bool,
     pdf: bool,
     second: SecondProcess | None,
+    details: bool,
 ) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.cli.first_screen import first_screen
@@ -306,7 +311,7 @@ def _run(
                 if json:
                     say_json(as_json(data))
                 else:
-                    first_screen(result)
+                    first_screen(result, details)
         if unwritten is not None:
             raise unwritten
         drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid import Record
+from emsid import ModelError, Record
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.one_mass import Sliding
@@ -334,3 +334,35 @@ def test_a_servo_is_identified_from_its_targets() -> None:
     for name, true in TRUTH.items():
         assert fit[name].value == pytest.approx(true, rel=0.05)
     assert GreyBox.from_data(fit.model.to_data()).plant == fit.model.plant
+
+
+# --- several records -------------------------------------------------------------------------------------------------
+
+
+def loaded_records() -> list[Record]:
+    """Two records with weights that are known, driven by a voltage."""
+    records = []
+    for name, mass in (("light", 0.1), ("heavy", 0.5)):
+        plant = joint(Feed.VOLTAGE, **{"resistance": 2.0, "motor_constant": 1.0, "gravity.torque": 0.4})
+        plant = plant.with_values({"gravity.mass": mass, "gravity.length": 0.3})
+        record = recorded(plant, 4.0 * torque(1200, 1), name=name)
+        records.append(replace(record, input_units=("V",)))
+    return records
+
+
+def test_known_weights_separate_what_one_load_does_not() -> None:
+    known = {"gravity.mass[light]": 0.1, "gravity.mass[heavy]": "500 g", "gravity.length": 0.3}
+    plant = emsid.plants.joint()
+    fit = emsid.fit(plant, loaded_records(), fixed=known)
+    true = {"gravity.torque": 0.4, "rotor_inertia": 0.02, "motor_constant": 1.0, "resistance": 2.0}
+    for name, value in true.items():
+        assert fit[name].value == pytest.approx(value, rel=0.05), name
+    alone = emsid.fit(plant, loaded_records()[0], fixed={"gravity.mass": 0.1, "gravity.length": 0.3}, search=False)
+    assert len(alone.names) < len(fit.names)  # one load leaves the scale of all torques open
+
+
+def test_a_weight_of_no_record_is_refused() -> None:
+    with pytest.raises(ModelError, match="there is no record medium; the records are light and heavy"):
+        emsid.fit(emsid.plants.joint(), loaded_records(), fixed={"gravity.mass[medium]": 0.1})
+    with pytest.raises(ModelError, match="it is missing for heavy"):
+        emsid.fit(emsid.plants.joint(), loaded_records(), fixed={"gravity.mass[light]": 0.1})

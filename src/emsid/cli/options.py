@@ -136,7 +136,9 @@ def physical_values(texts: Iterable[str], plants: Sequence[Any]) -> dict[str, fl
     found: dict[str, float | str] = {}
     typed, tolerances = without_tolerances(pairs(texts, "--fix", "NAME=VALUE"))
     for key, value in typed.items():
-        parameter, handle = _known(key, plants)
+        name, bracket, record = key.partition("[")
+        parameter, handle = _known(name, plants)
+        parameter += bracket + record
         number = read_number(f"--fix {parameter}", value, handle.parameter.unit)
         if not isfinite(number):
             raise DataError(f"--fix {key}={value}: give a finite number")

@@ -175,7 +175,8 @@ class Physical:
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
-        if options.free or not isinstance(plant, DrivenPlant):
+        by_record = any("[" in name for name in options.fixed)  # refinements are for one value in all records
+        if options.free or by_record or not isinstance(plant, DrivenPlant):
             return simulation_error(
                 neutral(plant) if isinstance(plant, DrivenPlant) else plant,
                 record,

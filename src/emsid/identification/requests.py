@@ -68,12 +68,14 @@ def understood(options: Options, models: Sequence[str]) -> Options:
         raise problems[0]
 
     def full(name: str) -> str:
+        base, bracket, record = name.partition("[")  # of one record
         try:
-            return of_some(lambda plant: full_name(plant, name))
+            return of_some(lambda plant: full_name(plant, base)) + bracket + record
         except ModelError:  # `check_physics` refuses it
             return name
 
     def value(name: str, typed: float | str) -> float:
+        name = name.partition("[")[0]
         if not any(full(name) in plant.handles for plant in plants.values()):
             return np.nan  # likewise
         return of_some(
@@ -159,6 +161,7 @@ def _owners(plants: Mapping[str, Plant], name: str) -> list[Plant]:
     Raises:
         ModelError: where none has it.
     """
+    name = name.partition("[")[0]
     owners = [plant for plant in plants.values() if name in plant.handles]
     if not owners:
         find_handle(next(iter(plants.values())), name)  # raises an error that lists the known names

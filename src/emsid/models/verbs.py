@@ -166,7 +166,7 @@ def fit_plant(
         ModelError, DataError: as `simulation_error` does; for a search of a plant without a drive.
     """
     exact = free is not None or bounds is not None or signals is not None or threads is not None
-    exact = exact or not find_start or max_iterations != 60
+    exact = exact or not find_start or max_iterations != 60 or any("[" in name for name in fixed or ())
     if search and (exact or not isinstance(plant, DrivenPlant)):
         raise ModelError(
             f"{plant.name}: additions are searched for a plant with a drive, without free, bounds and signals"

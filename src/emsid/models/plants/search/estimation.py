@@ -37,7 +37,14 @@ from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import BEGINNING, Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import as_hold, is_open, straight_if_better
-from emsid.models.plants.search.by_record import asked_together, experiments, own_names, separated
+from emsid.models.plants.search.by_record import (
+    asked_together,
+    experiments,
+    known_by_record,
+    own_names,
+    separated,
+    typical_values,
+)
 from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import LOOK, Reached, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit
@@ -80,7 +87,7 @@ def simulation_error(
         free: the parameters to estimate, by name or symbol; by default those that are usually unknown for this kind.
         fixed: values that are known, by name or symbol, in SI units or as texts with a unit; they are not estimated.
             Intervals include the tolerance of ``"2 ohm ± 5 %"``; without one they hold only if the value is right, and
-            say so where it matters.
+            say so where it matters. ``NAME[RECORD]`` is the value in one record, by its name, and needs one in all.
         bounds: (lower, upper) by name, in addition to what is physical.
         datasheet: what is known beforehand, by name or symbol: a value is the start, and a tolerance bounds it. Each is
             a number in SI units, a text with a unit (``"2 ohm"``), ``{"value": "2 ohm", "tolerance": "10 %"}``,
@@ -104,7 +111,7 @@ def simulation_error(
         DataError: for records without motion, with other channels, in other units, or with an output of the wrong sign.
     """
     plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
-    if per_record:
+    if per_record or any("[" in name for name in fixed or ()):
         return _by_record(
             plant, records, per_record, free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,
             weighting=weighting, hold=hold, find_start=find_start, max_iterations=max_iterations, threads=threads,
@@ -169,7 +176,9 @@ def _by_record(
 ) -> GreyBoxFit:
     """The fit with some parameters for every record, begun at the one with the same for all; of one record the same."""
     segments = experiments(records)
-    own = own_names(plant, per_record, options["fixed"])
+    fixed, known = known_by_record(plant, options["fixed"])
+    options["fixed"] = {**fixed, **typical_values(plant, known, segments)}
+    own = own_names(plant, per_record, fixed, known)
     free = asked_together(plant, free, own, options["fixed"])
     own = tuple(side for name in own for side in (name in (free or own) and [name]) or parts(plant, name))
     hold = options.pop("hold")  # decided where the records have their own values
@@ -177,8 +186,10 @@ def _by_record(
     if len({segment.experiments[0] for segment in segments}) == 1:
         alone = Finding("single-record", segments[0].name, {"parameters": list(own)})
         return replace(together, findings=(alone, *together.findings))
+    options["fixed"] = fixed
     kept = ("fixed", "bounds", "datasheet", "max_iterations", "threads", "control")
-    return separated(together, segments, own, hold_given=hold is not None, **{name: options[name] for name in kept})
+    given = {"hold_given": hold is not None, **{name: options[name] for name in kept}}
+    return separated(together, segments, (*own, *known), known, **given)
 
 
 def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: int) -> tuple[Task, Reached]:

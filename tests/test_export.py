@@ -248,7 +248,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         (motor(), "vesc", {}, "winding"),
         (motor(), "vesc", {"winding": "delta", "pole_pairs": 7}, "phase"),
         (motor(), "vesc", {"winding": "line", "pole_pairs": "many"}, "whole number"),
-        (shaft, "c99", {"dt": 0.01}, "no form in C"),
+        (shaft, "wpilib", {"dt": 0.01}, "inertia"),
         (arx, "csv", {}, "static curve"),
         (motor(), "mujoco", {"actuator": "servo"}, "general or dcmotor"),
         (LinearAxis(), "mujoco", {"actuator": "dcmotor"}, "no motor constant"),

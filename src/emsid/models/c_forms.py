@@ -15,7 +15,7 @@ from emsid.models.feedback import c_form as of_feedback
 from emsid.models.feedback.stepping import FeedbackStepper
 from emsid.models.linear import c_form as of_linear
 from emsid.models.linear.stepping import LinearStepper
-from emsid.models.plants import c_form as of_plants
+from emsid.models.plants import motor_c_form as of_plants
 from emsid.models.plants.stepping import PlantStepper
 from emsid.models.regression import c_form as of_regression
 from emsid.models.regression.stepping import RegressionStepper

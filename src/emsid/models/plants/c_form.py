@@ -162,14 +162,13 @@ def c_form(stepper: PlantStepper) -> CForm:
     """The form in C of a plant of one mass, from where its stepper is.
 
     Raises:
-        ModelError: for a plant with a shaft or an inductance, codes among its commands, or a friction law that has no
-            form in C.
+        ModelError: for equations of a user, codes among its commands, or a friction law that has no form in C.
     """
     sampler, name = stepper.sampler, stepper.model.name
     if not isinstance(sampler, OneMassSampler):
         raise ModelError(
-            f"{name} has a shaft, an inductance or equations of a user, which have no form in C; identify rigid-motor "
-            "without inductance, or a regression or feedback model"
+            f"{name} has equations of a user, which have no form in C; identify another plant, or a regression or "
+            "feedback model"
         )
     outer, inside, friction, steps, law = sampler.numbers
     if len(outer.codes):

@@ -25,7 +25,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD, PlantState
 from emsid.plant import DeadZoneLaw, Motor
-from emsid.plant.constants import constants, flattened, from_flat
+from emsid.plant.constants import Constants, constants, flattened, from_flat
 from emsid.plant.friction import Level
 from emsid.plant.taylor import SPARE_STEPS, run
 
@@ -189,7 +189,7 @@ class OneMassSampler:
 class MotorSampler:
     """A motor with a shaft or an inductance between two samples."""
 
-    __slots__ = ("_constants", "_count", "_motion", "_outer", "_rows", "_sensed")
+    __slots__ = ("_constants", "_count", "_motion", "_motor", "_outer", "_rows", "_sensed")
 
     def __init__(
         self,
@@ -211,7 +211,8 @@ class MotorSampler:
         budget = float(SPARE_STEPS + how.most_steps * pieces)
         method = [load, float(how.order), how.tolerance, how.longest_step, budget, float(stiff)]
         zone = Inside.numbers_of(motor.voltage_dead_zone)
-        self._outer, self._constants = outer, np.concatenate([flattened(constants(motor)), zone, method])
+        self._outer, self._motor = outer, constants(motor)
+        self._constants = np.concatenate([flattened(self._motor), zone, method])
         self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
         self._rows, self._count = _rows(state), np.array([_begun(state)])
 
@@ -236,6 +237,16 @@ class MotorSampler:
                 "the motor cannot be simulated over this sample: its bridge coasts, or its time constants are out of "
                 "all proportion to the sample time"
             )
+
+    @property
+    def numbers(self) -> tuple[Outer, Constants, Array]:
+        """Drive and sensor, the motor, and what `_move_motor` takes beside it."""
+        return self._outer, self._motor, self._constants[39:]
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Integers]:
+        """The state: delayed rows, motion, the state of the sensor, whether a sample was simulated."""
+        return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
 
     @property
     def state(self) -> PlantState:

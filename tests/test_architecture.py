@@ -36,6 +36,7 @@ LAYERS = (
     {"validation"},
     {"io", "live"},
     {"exports"},
+    {"compensation", "experiment_design"},  # what is done with a model
     {"first_look"},  # what a file holds, before anything is identified
     {"identification"},
     {"study"},

@@ -11,6 +11,9 @@ from . import plant as plant
 from . import plants as plants
 from . import regression as regression
 from . import validation as validation
+from .compensation import Compensation as Compensation
+from .compensation import MapInverse as MapInverse
+from .compensation import compensate as compensate
 from .errors import DataError as DataError
 from .errors import EmsidError as EmsidError
 from .errors import FormatError as FormatError
@@ -27,6 +30,8 @@ from .estimation.linear.recursive_state import RecursiveState as RecursiveState
 from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
+from .experiment_design import Design as Design
+from .experiment_design import design as design
 from .exports import export as export
 from .first_look import FirstLook as FirstLook
 from .first_look import advice as advice

@@ -1,7 +1,7 @@
 """An example of every finding, in each of its forms; `test_wording.py` pins the sentences that they make."""
 
 from emsid.findings import Finding
-from finding_examples import fleets, models, records, results, study, verdicts
+from finding_examples import designs, fleets, models, records, results, study, verdicts
 
 EXAMPLES: tuple[Finding, ...] = (
     *models.EXAMPLES,
@@ -10,4 +10,5 @@ EXAMPLES: tuple[Finding, ...] = (
     *records.EXAMPLES,
     *study.EXAMPLES,
     *fleets.EXAMPLES,
+    *designs.EXAMPLES,
 )

@@ -14,6 +14,7 @@ from emsid.wording import agreement as agreement
 from emsid.wording import blocks as blocks
 from emsid.wording import conclusions as conclusions
 from emsid.wording import data as data
+from emsid.wording import designs as designs
 from emsid.wording import files as files
 from emsid.wording import fleets as fleets
 from emsid.wording import identification as identification

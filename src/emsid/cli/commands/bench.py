@@ -87,6 +87,9 @@ def run(
     excitation: Annotated[
         str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")
     ] = "multisine",
+    signal: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A file with the signal, as `emsid design` writes it.")
+    ] = None,
     amplitude: Annotated[
         float | None,
         typer.Option(metavar="V", parser=quantity("V"), help="Its largest voltage.  [default: the limit]"),
@@ -134,12 +137,12 @@ def run(
         raise DataError(f"a duration of {duration:g} s; give a positive one", arguments=("duration",))
     check_folder(out.parent)
 
-    def signal(dt: float) -> Any:
+    def made(dt: float) -> Any:
         import numpy as np
 
         return SIGNALS[excitation](max(round(duration / dt), 1), dt, size, np.random.default_rng(seed))
 
-    result, record = _driven(source, signal, limits, header, baud, out)
+    result, record = _driven(source, made if signal is None else _in_file(signal, limit), limits, header, baud, out)
     files: list[str] = []
     unwritten = attempted(lambda: files.extend(_write(record, out)))
     _say(result, source, files, record, json)
@@ -147,6 +150,40 @@ def run(
         raise unwritten
     if result.at_zero is not True or result.reason not in ("done", "interrupted"):
         raise typer.Exit(1)
+
+
+def _in_file(path: Path, limit: float) -> "Callable[[float], Any]":
+    """The signal in a file, held over the samples of a board.
+
+    Raises:
+        DataError: for a signal beyond the limit.
+    """
+    import numpy as np
+
+    from emsid.io import read, read_columns
+
+    columns = read_columns(path)
+    names = list(columns.series)
+    if len(names) != 2:
+        raise DataError(
+            f"{path}: {len(names)} columns; a signal has a time and a command, as `emsid design` writes them",
+            arguments=("signal",),
+        )
+    time, name = names
+    record = read(path, input=name, output=(), time=time)
+    command = record.input[:, 0]
+    if np.max(np.abs(command)) > limit:
+        raise DataError(
+            f"{path}: its largest voltage {np.max(np.abs(command)):g} V is above the limit of {limit:g} V; raise the "
+            "limit, or design it again",
+            arguments=("signal",),
+        )
+
+    def held(dt: float) -> Any:
+        at = np.arange(max(round(len(command) * record.dt / dt), 1)) * dt / record.dt
+        return command[np.minimum(np.floor(at + 1e-9).astype(int), len(command) - 1)]
+
+    return held
 
 
 def _driven(

@@ -1,0 +1,102 @@
+"""``emsid design``."""
+
+from math import inf, isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, names, option, quantity, sample_time
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json, check_folder
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.experiment_design import Design
+
+
+@app.command()
+def design(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")],
+    limit: Annotated[float, typer.Option(metavar="V", parser=quantity("V"), help="The largest voltage (command).")],
+    duration: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the signal.")],
+    limit_slew: Annotated[
+        float, typer.Option(metavar="X", parser=quantity("V/s"), help="Its fastest change, in V/s.")
+    ] = inf,
+    limit_speed: Annotated[
+        float, typer.Option(metavar="X", parser=quantity("rad/s"), help="The largest speed, in rad/s (m/s: a number).")
+    ] = inf,
+    limit_travel: Annotated[
+        float, typer.Option(metavar="X", parser=quantity("rad"), help="The largest travel, in rad (m: a number).")
+    ] = inf,
+    wanted: Annotated[
+        list[str], typer.Option("--for", metavar="NAMES", help="Parameters to determine.  [default: all estimated]")
+    ] = [],  # noqa: B006
+    criterion: Annotated[str, typer.Option(metavar="NAME", help="a: mean variance; d: volume of the region.")] = "a",
+    dt: Annotated[
+        float | None, typer.Option(metavar="S", parser=sample_time, help="Sample time.  [default: of the record]")
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option(metavar="X", help="Deviation of the output's error.  [default: of the fit]")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the search.", min=0)] = 1,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet, .npz.")] = Path(
+        "design.csv"
+    ),
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    json: Json = False,
+) -> None:
+    """Design the next experiment: a test signal for small intervals.
+
+    The signal stays within the limits on the model, and makes the 95 % intervals of the wanted parameters small: its
+    Fisher information is that of the model's own free run. They are printed beside those of standard signals within the
+    same limits, with what no signal separates. `emsid bench run --signal` sends the file to a board.
+
+    \b
+    Examples:
+      emsid design emsid-result/rigid-motor.json --limit 12V --duration 20
+      emsid design emsid-result/rigid-motor.json --limit 12V --limit-speed 300 --duration 20 \\
+          --for friction.coulomb,dead_zone.half_width --out next.csv
+      emsid bench run --source socket://localhost:7000 --limit 12V --signal next.csv
+    """
+    from emsid.experiment_design import design as run
+    from emsid.exports.verb import check_stable
+    from emsid.io import load, origin, write_record
+    from emsid.models.verbs import as_model
+
+    check_folder(out.parent)
+    if out.exists() and not force:
+        raise DataError(f"{out} exists; name another file, or replace it", arguments=("out", "force"))
+    loaded, source = load(model), origin(model)
+    if dt is None and as_model(loaded).dt is None and source is not None:
+        dt = source.dt
+    check_stable(as_model(loaded), dt)
+    found = run(
+        loaded, limit=limit, duration=duration, dt=dt, limit_slew=limit_slew, limit_speed=limit_speed,
+        limit_travel=limit_travel, wanted=names(wanted, "--for"), criterion=criterion, noise=noise, seed=seed,
+    )  # fmt: skip
+    with INTERRUPTION.put_off():
+        write_record(found.record, out)
+    if json:
+        say_json(as_json({"schema": 1, "file": str(out), "samples": len(found.record), **found.to_data()}))
+        return
+    _say(found, out)
+
+
+def _say(found: "Design", out: Path) -> None:
+    """Print the predicted intervals beside those of the standard signals."""
+    from emsid.wording import sentence
+
+    columns = {"present": found.present, "design": found.best.half_widths}
+    columns |= {name: each.half_widths for name, each in found.standard.items()}
+    width = max(map(len, found.values)) + 2
+    say("predicted 95 % intervals, ±", f"  {'':{width}}{'value':>12}" + "".join(f"{name:>12}" for name in columns))
+    for name, value in found.values.items():
+        mark = "*" if name in found.wanted else " "
+        cells = (f"{half:.3g}" if isfinite(half := each[name]) else "–" for each in columns.values())
+        say(f"{mark} {name:{width}}{value:>12.5g}" + "".join(f"{cell:>12}" for cell in cells))
+    say(f"* wanted: {found.gain:.2f} times narrower than with the best standard signal")
+    say(*(f"- {sentence(each, option)}" for each in found.findings))
+    say(f"written to {out}: {len(found.record):,} samples")

@@ -1,0 +1,182 @@
+"""A compensation as C99, beside the form of the model: ``NAME_compensation.h`` and ``NAME_compensation.c``.
+
+The functions have no state. They are the same expressions as `Compensation`; in double precision they give its numbers.
+The inverse of a static map is a table, interpolated linearly, whose error at the middles of its intervals is stated.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from emsid.compensation.inverse import SERIES, Compensation
+from emsid.compensation.map_inverse import MapInverse
+from emsid.errors import ModelError
+from emsid.exports.c99 import FUNCTIONS, HELPERS, table
+from emsid.models.c_form import number
+from emsid.models.plants.c_form import LEVELS
+
+POINTS = 513
+"""Points of the table of an inverse map: 4 kB in single precision times two."""
+
+
+def sources(found: Compensation | MapInverse, name: str, *, single: bool = False) -> tuple[dict[str, str], list[str]]:
+    """The header and the source, and what to know about them.
+
+    Raises:
+        ModelError: for a friction law without a form in C, or a map that has no inverse over its range.
+    """
+    body, declared, notes = _of_map(found, name) if isinstance(found, MapInverse) else _of_plant(found, name)
+    real = f"{name}_compensation_real"
+    head = (
+        f"/* Made by emsid. */\n#ifndef {name.upper()}_COMPENSATION_H\n#define {name.upper()}_COMPENSATION_H\n\n"
+        f'#ifdef __cplusplus\nextern "C" {{\n#endif\n\ntypedef {"float" if single else "double"} {real};\n\n'
+        f"{declared.replace('real ', f'{real} ')}\n#ifdef __cplusplus\n}}\n#endif\n\n#endif\n"
+    )
+    suffix = "f" if single else ""
+    macros = "".join(f"#define {each.upper()} {each}{suffix}\n" for each in FUNCTIONS if f"{each.upper()}(" in body)
+    helpers = "\n".join(code for called, code in HELPERS.items() if f"{called}(" in body)
+    code = (
+        f'/* Made by emsid. */\n#include <math.h>\n\n#include "{name}_compensation.h"\n\ntypedef {real} real;\n\n'
+        f"#define K(x) {'x##f' if single else 'x'}\n{macros}\n{helpers}{body}"
+    )
+    return {f"{name}_compensation.h": head, f"{name}_compensation.c": code}, notes
+
+
+PLANT = """\
+/* The value before the dead zone for the value wanted after it. */
+real NAME_dead_zone_inverse(real wanted);
+
+/* The dry friction against a reference that has this speed and the next one a sample later. */
+real NAME_friction(real speed, real following);
+
+/* The voltage (force) behind the dead zone that leads from one speed to the next within a sample. */
+real NAME_wanted(real speed, real following, real position);
+
+/* The command for a voltage (force) wanted behind the dead zone: feed-forward plus that of the controller. */
+real NAME_command(real wanted);
+
+/* The command that leads from one reference speed to the next; position matters with cogging or gravity only. */
+real NAME_feedforward(real speed, real following, real position);
+"""
+
+CODE = """\
+static real direction(real middle)
+{
+    DIRECTION
+}
+
+static real level(real speed, int side)
+{
+    const real *n = law + WIDTH_OF_LAW * side;
+    return LEVEL;
+}
+
+real NAME_dead_zone_inverse(real wanted)
+{
+    JUMP
+    if (wanted > K(0.0)) {
+        return wanted / ZONE_RIGHT + jump * ZONE_END;
+    }
+    return wanted < K(0.0) ? wanted / ZONE_LEFT - jump * ZONE_BEGIN : K(0.0);
+}
+
+real NAME_friction(real speed, real following)
+{
+    const real middle = K(0.5) * (speed + following);
+    const real size = (speed > K(0.0) || speed < K(0.0)) ? FABS(middle) : K(0.0);
+    return FACTOR * direction(middle) * (level(size, middle < K(0.0)) + QUADRATIC * size * size);
+}
+
+real NAME_wanted(real speed, real following, real position)
+{
+    const real middle = K(0.5) * (speed + following);
+    const real r = (BRAKING + FACTOR * (VISCOUS + (middle >= K(0.0) ? FORWARD : BACKWARD))) / MASS;
+    const real phi = r * DT < SMALL ? DT : -EXPM1(-r * DT) / r;
+    real force = MASS * ((following - speed) / phi + r * speed) + NAME_friction(speed, following) + LOAD;
+WAVES    return force / PER_VOLT;
+}
+
+real NAME_command(real wanted)
+{
+    real volts = NAME_dead_zone_inverse(wanted) / LEFT;
+KNEE    return volts / GAIN - OFFSET;
+}
+
+real NAME_feedforward(real speed, real following, real position)
+{
+    return NAME_command(NAME_wanted(speed, following, position));
+}
+"""
+
+
+def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
+    if found.law not in LEVELS:
+        raise ModelError(f"the friction law of {found.name} has no form in C; identify it with Coulomb and Stribeck")
+    inside, zone, friction = found.inside, found.zone, found.friction
+    gain, offset, knee, beyond, supply, loss, *_ = found.outer.drive.tolist()
+    forward, backward = friction.viscous.tolist()
+    values = {
+        "DT": found.dt, "MASS": inside.mass, "BRAKING": inside.braking, "VISCOUS": inside.viscous,
+        "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": inside.load,
+        "PER_VOLT": inside.after * inside.before, "ZONE_BEGIN": zone.b_l, "ZONE_END": zone.b_r, "ZONE_LEFT": zone.m_l,
+        "ZONE_RIGHT": zone.m_r, "FACTOR": found.friction_factor, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
+        "SMALL": SERIES,
+    }  # fmt: skip
+    defines = "".join(f"#define {key} {number(value)}\n" for key, value in values.items())
+    waves = "".join(
+        f"    force += {number(c)} * COS({number(k)} * at) + {number(s)} * SIN({number(k)} * at);\n"
+        for k, c, s in friction.waves.tolist()
+    )
+    at = "    const real at = position + K(0.5) * middle * DT;\n" if waves else "    (void)position;\n"
+    inner = f"(volts > {number(knee)} ? {number(knee)} : (volts < {number(-knee)} ? {number(-knee)} : volts))"
+    bent = f"    volts = {inner} + (volts - {inner}) / {number(beyond)};\n" if isfinite(knee) else ""
+    code = CODE.replace("DIRECTION", _jump("middle", found.speed_width, "return {};"))
+    code = code.replace("JUMP", _jump("wanted", found.zone_width, "const real jump = {};"))
+    code = code.replace("WIDTH_OF_LAW", str(friction.numbers.shape[1])).replace("LEVEL", LEVELS[found.law])
+    # C99 wants declarations before the statements that use them; the position enters the force after it is known.
+    code = code.replace("    real force =", f"{at if waves else ''}    real force =").replace("WAVES", waves or at)
+    code = code.replace("KNEE", bent).replace("NAME", name)
+    limit = [f"The drive gives at most {supply:.6g}; the command is not limited here."] if isfinite(supply) else []
+    rule = "At standstill friction has the direction of the next reference speed; a reference that stays has none."
+    law = table("law", friction.numbers.ravel())
+    return f"{defines}\n{law}\n{code}", PLANT.replace("NAME", name), [rule, *limit]
+
+
+def _jump(x: str, width: float, statement: str) -> str:
+    if width == 0:
+        return statement.format(f"sign_of({x})")
+    inside = f"{x} / {number(width)}"
+    return statement.format(f"{inside} > K(1.0) ? K(1.0) : ({inside} < -K(1.0) ? -K(1.0) : {inside})")
+
+
+MAP = """\
+real NAME_map_inverse(real wanted)
+{
+    int low = 0;
+    int high = POINTS_OF_MAP - 1;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (outputs[middle] <= wanted) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    if (!(outputs[high] > outputs[low])) {
+        return inputs[low];
+    }
+    return inputs[low] + (inputs[high] - inputs[low]) * (wanted - outputs[low]) / (outputs[high] - outputs[low]);
+}
+"""
+
+
+def _of_map(found: MapInverse, name: str) -> tuple[str, str, list[str]]:
+    outputs, inputs, error = found.table(POINTS)
+    defines = f"#define POINTS_OF_MAP {len(outputs)}\n\n"
+    tables = f"{table('outputs', outputs)}\n{table('inputs', inputs)}\n"
+    declared = f"/* The input of the static map for its wanted output. */\nreal {name}_map_inverse(real wanted);\n"
+    notes = [
+        f"The inverse of the map is a table from {outputs[0]:.6g} to {outputs[-1]:.6g}, interpolated linearly with an "
+        f"error of at most {error:.2g} of its input between the points, and continued by its end pieces."
+    ]
+    return f"{defines}{tables}\n{MAP.replace('NAME', name)}", declared, notes

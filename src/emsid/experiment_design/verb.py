@@ -1,0 +1,272 @@
+"""`emsid.design`: the next experiment for a fitted model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, ModelError, listed
+from emsid.estimation.fit import Fit
+from emsid.excitation import SIGNALS
+from emsid.experiment_design.information import Sensitivities, relative_errors
+from emsid.experiment_design.limits import Limits
+from emsid.experiment_design.search import CRITERIA, searched
+from emsid.experiment_design.separation import Inseparable, inseparable
+from emsid.findings import Finding
+from emsid.models.verbs import as_model
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+STANDARD = ("multisine", "prbs", "ramp", "staircase")
+"""The signals that a design is compared with, of `emsid.excitation.SIGNALS`."""
+Z = 1.959963984540054
+"""Half a 95 % interval in standard errors."""
+FEWEST = 200
+"""The fewest samples of a design: 25 in each of its sections."""
+MOST = 1_000_000
+"""The most samples: an hour at 3.6 ms."""
+GAINED = 1.05
+"""A design is worth another signal if its intervals are narrower by this factor; less is below the precision of M."""
+MOVES = 1e-9
+"""Less information than this about every parameter: nothing moves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A signal with the intervals that it leads to.
+
+    Attributes:
+        name: of the signal.
+        command: (N,) the signal.
+        half_widths: of the 95 % interval of every parameter, in its unit; infinite where not determined.
+        size: root of the criterion: the typical relative standard error of the wanted parameters.
+    """
+
+    name: str
+    command: Array
+    half_widths: dict[str, float]
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The next experiment.
+
+    Attributes:
+        record: the command as a record without outputs.
+        wanted: the parameters whose intervals are made small.
+        values: of all parameters.
+        best: what the command leads to.
+        standard: the same of the standard signals within the same limits, by name.
+        present: half widths of the present intervals.
+        gain: how many times narrower the intervals of the wanted parameters are than with the best standard signal.
+        findings: what is not separated, and whether anything is gained.
+    """
+
+    record: Record
+    wanted: tuple[str, ...]
+    values: dict[str, float]
+    best: Prediction
+    standard: dict[str, Prediction]
+    present: dict[str, float]
+    gain: float
+    findings: tuple[Finding, ...]
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything but the signals, in built-in types; None for an interval that is not determined."""
+
+        def finite(widths: Mapping[str, float]) -> dict[str, float | None]:
+            return {name: value if isfinite(value) else None for name, value in widths.items()}
+
+        return {
+            "wanted": list(self.wanted),
+            "values": self.values,
+            "signal": self.best.name,
+            "gain": self.gain,
+            "half_widths": {"present": finite(self.present), "design": finite(self.best.half_widths)}
+            | {name: finite(each.half_widths) for name, each in self.standard.items()},
+            "findings": [each.to_data() for each in self.findings],
+        }
+
+
+def design(
+    fit: Any,
+    *,
+    limit: float,
+    duration: float,
+    dt: float | None = None,
+    limit_slew: float = inf,
+    limit_speed: float = inf,
+    limit_travel: float = inf,
+    wanted: Sequence[str] = (),
+    criterion: str = "a",
+    noise: float | None = None,
+    seed: int = 1,
+) -> Design:
+    """A test signal that makes the intervals of some parameters small.
+
+    Args:
+        fit: a fitted model, for its parameters and its noise; a plant, a cascade or another model with parameters.
+        limit: the largest command either way, in its unit.
+        duration: in s.
+        dt: sample time in s, for a model that has none of its own.
+        limit_slew: the fastest change of the command per second.
+        limit_speed: the largest speed in rad/s (m/s).
+        limit_travel: the largest distance between two positions in rad (m).
+        wanted: the parameters to determine, by name or its end: ``friction.coulomb``; by default all estimated ones.
+        criterion: ``a`` for the mean square of the relative standard errors, ``d`` for the volume of their region.
+        noise: standard deviation of the error of the output; by default that of the fit.
+        seed: of the search and of the standard signals.
+
+    Returns:
+        The signal with its predicted intervals, beside those of standard signals within the same limits.
+
+    Raises:
+        ModelError: for a model without estimates or noise, an unknown parameter or criterion.
+        DataError: for limits that no signal meets, or a duration that is too short.
+    """
+    if not isinstance(fit, Fit) or not len(fit.names):
+        raise ModelError(f"{as_model(fit).name} has no estimates; give a fit, as `emsid identify` saves it")
+    if criterion not in CRITERIA:
+        raise ModelError(f"no criterion {criterion!r}; there are {', '.join(CRITERIA)}", arguments=("criterion",))
+    limits = Limits(limit, limit_slew, limit_speed, limit_travel)
+    step, samples = _sampling(fit, dt, duration)
+    sensitivities = Sensitivities.of(fit.model, fit.names, fit.standard_error, step, _noise(fit, noise))
+    names = tuple(dict.fromkeys(_named(fit, each) for each in wanted)) or fit.names
+    indices = np.array([fit.names.index(each) for each in names])
+    rng = np.random.default_rng(seed)
+    standard = _standard(sensitivities, limits, samples, indices, criterion, seed)
+    _check_moves(sensitivities, limits, standard)
+    found = searched(sensitivities, limits, samples, _least(fit.model, limit), indices, CRITERIA[criterion], rng)
+    best = None if found is None else limits.scaled(fit.model, found, step)
+    if best is not None:
+        predicted = _predicted("design", sensitivities, best, indices, criterion)
+    rival = min(standard.values(), key=lambda each: each.size, default=None)
+    if best is None or (rival is not None and rival.size <= predicted.size * GAINED):
+        if rival is None:
+            raise _nothing(fit.model.name, limits)
+        predicted = rival
+    gain = 1.0 if predicted is rival else (inf if rival is None else rival.size / predicted.size)
+    apart = inseparable(fit, sensitivities, [predicted.command, *(each.command for each in standard.values())])
+    return Design(
+        _record(fit, predicted.command, step),
+        names,
+        dict(zip(fit.names, fit.estimate.tolist(), strict=True)),
+        predicted,
+        standard,
+        dict(zip(fit.names, (Z * fit.standard_error).tolist(), strict=True)),
+        gain,
+        _findings(fit, predicted, gain, apart),
+    )
+
+
+def _sampling(fit: Fit[Any], dt: float | None, duration: float) -> tuple[float, int]:
+    step = fit.model.dt if fit.model.dt is not None else dt
+    if step is None:
+        raise ModelError(f"{fit.model_name} has no sample time of its own; give one", arguments=("dt",))
+    if not (isfinite(step) and step > 0):
+        raise DataError(f"a sample time of {step!r} s; give a positive number", arguments=("dt",))
+    if not (isfinite(duration) and FEWEST <= duration / step <= MOST):
+        raise DataError(
+            f"a duration of {duration:g} s at a sample time of {step:g} s; give {FEWEST} to {MOST:,} samples, "
+            f"{FEWEST * step:g} to {MOST * step:g} s",
+            arguments=("duration",),
+        )
+    return step, round(duration / step)
+
+
+def _noise(fit: Fit[Any], noise: float | None) -> Array:
+    outputs = len(getattr(fit.model, "signals", (0,)))
+    if noise is None and outputs > 1:
+        raise ModelError(f"{fit.model_name} has {outputs} outputs; give the standard deviation", arguments=("noise",))
+    found = sqrt(fit.noise_variance) if noise is None else noise
+    if not (isfinite(found) and found > 0):
+        raise ModelError(
+            f"noise with a standard deviation of {found:g}; give a positive one, in the unit of the output",
+            arguments=("noise",),
+        )
+    return np.full(outputs, found)
+
+
+def _named(fit: Fit[Any], asked: str) -> str:
+    """The full name of an estimated parameter, by its name, its end or its symbol."""
+    if asked in fit.names:
+        return asked
+    ends = [name for name in fit.names if name.endswith((f"_{asked}", f".{asked}"))]
+    symbols = [row.name for row in fit.parameters.values() if row.symbol == asked and row.name in fit.names]
+    for some in (ends, symbols):
+        if len(some) == 1:
+            return some[0]
+    if asked in fit.parameters:
+        raise ModelError(f"{asked} is {fit.parameters[asked].how}, not estimated; name estimated parameters")
+    which = f"several parameters {asked!r}" if ends else f"no estimated parameter {asked!r}"
+    raise ModelError(f"{fit.model_name} has {which}; it has {listed(list(ends or fit.names))}", arguments=("for",))
+
+
+def _least(model: Any, limit: float) -> float:
+    """A size of the command at which a plant hardly moves: half its dead zone and break-away, or 2 % of the limit."""
+    plant = getattr(model, "plant", None)
+    zone = None if plant is None else plant.dead_zone_characteristic()
+    return max(0.02 * limit, 0.0 if zone is None else 0.5 * zone.edge)
+
+
+def _predicted(name: str, of: Sensitivities, u: Array, wanted: Array, criterion: str) -> Prediction:
+    information = of.information(u)
+    errors = relative_errors(information)
+    unknown = errors > 10.0  # ten times the value: not determined
+    half = np.where(unknown, inf, Z * errors * of.scale)
+    size = float(np.sqrt(CRITERIA[criterion](information, wanted)))
+    return Prediction(name, u, dict(zip(of.names, half.tolist(), strict=True)), size)
+
+
+def _standard(
+    of: Sensitivities, limits: Limits, samples: int, wanted: Array, criterion: str, seed: int
+) -> dict[str, Prediction]:
+    """The standard signals as large as the limits allow."""
+    found = {}
+    for name in STANDARD:
+        signal = SIGNALS[name](samples, of.dt, limits.command, np.random.default_rng(seed))
+        fitting = limits.scaled(of.model, signal, of.dt)
+        if fitting is not None:
+            found[name] = _predicted(name, of, fitting, wanted, criterion)
+    return found
+
+
+def _check_moves(of: Sensitivities, limits: Limits, standard: Mapping[str, Prediction]) -> None:
+    """Refuse limits within which nothing moves.
+
+    Raises:
+        DataError: for such limits.
+    """
+    if not standard or all(not of.information(each.command).max() > MOVES for each in standard.values()):
+        raise _nothing(of.model.name, limits)
+
+
+def _nothing(name: str, limits: Limits) -> DataError:
+    given = {"command": limits.command, "slew rate": limits.slew, "speed": limits.speed, "travel": limits.travel}
+    shown = ", ".join(f"{what} {value:g}" for what, value in given.items() if isfinite(value))
+    return DataError(
+        f"no signal within these limits ({shown}) moves {name}; raise the limit that holds it",
+        arguments=("limit", *(("limit_speed",) if isfinite(limits.speed) else ())),
+    )
+
+
+def _record(fit: Fit[Any], command: Array, dt: float) -> Record:
+    name, unit = fit.channels.inputs[0] if fit.channels is not None and fit.channels.inputs else ("voltage", "V")
+    return Record(command, dt=dt, input_names=(name,), input_units=(unit,), name="designed experiment")
+
+
+def _findings(fit: Fit[Any], best: Prediction, gain: float, apart: Inseparable | None) -> tuple[Finding, ...]:
+    found = []
+    if gain == 1.0:
+        found.append(Finding("design-gains-nothing", fit.model_name, {"signal": best.name}))
+    if apart is not None:
+        data = {"names": list(apart.names), "directions": apart.directions, "remedies": list(apart.remedies)}
+        found.append(Finding("not-separable", fit.model_name, data))
+    return tuple(found)

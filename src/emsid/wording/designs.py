@@ -1,0 +1,28 @@
+"""Words for designed experiments."""
+
+from __future__ import annotations
+
+from emsid.errors import listed
+from emsid.findings import Finding
+from emsid.wording.catalogue import Severity, Spelling, words
+
+REMEDIES = {"current": "the current", "inertia": "a second inertia that is known"}
+
+
+@words("not-separable", Severity.WARNING)
+def not_separable(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: names, directions, remedies (of ``current`` and ``inertia``)."""
+    count = f.data["directions"]
+    remedies = " or ".join(REMEDIES[each] for each in f.data["remedies"])
+    advice = f"record {remedies}" if remedies else f"fix {count} of them ({argument('fixed')})"
+    combinations = "a combination" if count == 1 else f"{count} combinations"
+    return (
+        f"{listed(f.data['names'])} cannot be separated by any signal of the input at one load: {combinations} of them "
+        f"cannot be seen; {advice}"
+    )
+
+
+@words("design-gains-nothing")
+def design_gains_nothing(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: signal."""
+    return f"nothing is gained by a design of its own: {f.data['signal']} is as good within these limits"

@@ -1,0 +1,179 @@
+"""The inverse of a model: exact where it exists, in Python and in C, and on the virtual bench."""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.compensation.bench import setting, try_out
+from emsid.compensation.files import write
+from emsid.models.blocks.filters import Rational
+from emsid.models.verbs import as_model
+
+DT = 2e-3
+FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow"]
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+FRICTION = {"rotor_friction.coulomb": 0.02, "voltage_dead_zone.half_width": 0.5}
+STRIBECK = {**FRICTION, "rotor_friction.stribeck": 0.01, "rotor_friction.stribeck_rate": 0.5}
+
+
+def motor(**values):
+    return as_model(emsid.plants.rigid_motor().with_values(values or FRICTION))
+
+
+def tracked(model, reference):
+    commands = emsid.compensate(model, dt=DT).feedforward(reference)
+    return model.run(model.at_rest(0.0, DT), commands[:, None])[0][:, 0]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        FRICTION,
+        {**FRICTION, "rotor_viscous": 1e-4, "rotor_friction.coulomb.backward": 0.03, "voltage_dead_zone.b_l": -0.9},
+        {**FRICTION, "voltage_dead_zone.m_r": 1.3, "load_torque": 0.004},
+        {**FRICTION, "drive.gain": 0.1, "drive.offset": 0.3},
+    ],
+)
+def test_the_feedforward_leads_the_plant_exactly_along_a_reference_in_one_direction(values):
+    time = DT * np.arange(1500)
+    for way in (1.0, -1.0):
+        reference = way * (8.0 + 5.0 * np.sin(3 * time)) * np.minimum(time / 0.2, 1.0)
+        assert np.abs(tracked(motor(**values), reference) - reference).max() < 1e-10
+
+
+def test_through_a_reversal_the_feedforward_misses_by_part_of_one_sample():
+    reference = 10.0 * np.sin(2 * DT * np.arange(3000))
+    assert np.abs(tracked(motor(), reference) - reference).max() < 0.02  # a sample's change of the reference is 0.04
+
+
+def test_at_standstill_friction_has_the_direction_of_the_next_speed_at_the_break_away_level():
+    inverse = emsid.compensate(motor(**STRIBECK), dt=DT)
+    found = inverse.friction_force([0.0, 0.0, 0.0, 5.0, -5.0], [0.0, 1e-6, -1e-6, 5.0, -5.0])
+    sliding = 0.02 + 0.01 * np.exp(-0.5 * 5.0)
+    assert found == pytest.approx([0.0, 0.03, -0.03, sliding, -sliding], abs=1e-15)
+
+
+def test_the_inverse_of_the_dead_zone_is_exact_and_smoothed_on_request():
+    z = np.array([-2.0, -0.05, 0.0, 0.05, 2.0])
+    exact = emsid.compensate(motor(), dt=DT)
+    assert exact.zone(exact.dead_zone_inverse(z)) == pytest.approx(z, abs=1e-15)
+    smooth = emsid.compensate(motor(), dt=DT, zone_width=0.1)
+    near = smooth.dead_zone_inverse(np.linspace(-0.2, 0.2, 2001))
+    assert np.abs(np.diff(near)).max() < 0.4 / 2000 * (1 + 0.5 / 0.1) + 1e-12  # no jump
+    assert smooth.dead_zone_inverse(z)[[0, 2, 4]] == pytest.approx(exact.dead_zone_inverse(z)[[0, 2, 4]])
+
+
+def test_knee_and_offset_of_the_drive_are_inverted():
+    model = motor(**{**FRICTION, "drive.gain": 0.5, "drive.knee": 2.0, "drive.beyond": 1.2})
+    inverse = emsid.compensate(model, dt=DT)
+    commands = inverse.command(np.array([-3.0, -0.3, 0.4, 3.0]))
+    volts = model.plant.drive.applied(commands[:, None])[0]
+    assert inverse.zone(volts) == pytest.approx([-3.0, -0.3, 0.4, 3.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("values", [FRICTION, STRIBECK])
+def test_on_the_bench_the_error_through_the_reversal_is_five_times_lower_and_never_higher(values):
+    model = motor(**values)
+    for widths in ({}, {"zone_width": 0.05, "speed_width": 0.2}):
+        inverse = emsid.compensate(model, dt=DT, **widths)
+        trial = try_out(model, inverse, setting(inverse))
+        assert trial.gain("sine") > 5.0
+        assert len(trial.wrong) == 8
+        for name, before in trial.before.items():
+            assert before.stuck > 0.1
+            assert trial.after[name].stuck < 0.2 * before.stuck
+            assert all(runs[name].rmse < before.rmse for runs in trial.wrong.values())
+
+
+def test_a_map_of_a_cascade_is_inverted():
+    zone = emsid.blocks.DeadZone(-0.4, 0.6, 1.0, 2.0)
+    cascade = emsid.Cascade((zone, Rational([0.2], [-0.8])))
+    inverse = emsid.compensate(cascade)
+    wanted = np.array([-3.0, -0.1, 0.1, 2.0])
+    assert zone.value(inverse(wanted)) == pytest.approx(wanted, abs=1e-14)
+    outputs, inputs, error = inverse.table(513)
+    apart = np.abs(outputs) > 1e-6
+    assert np.interp(wanted, outputs[apart], inputs[apart]) == pytest.approx(inverse(wanted), abs=0.02)
+    assert error < 1e-9  # a dead zone is straight beside its jump
+
+
+MAIN = """\
+#include <stdio.h>
+#include "m_compensation.h"
+
+int main(void)
+{
+    double v, w, x;
+    while (scanf("%lf %lf %lf", &v, &w, &x) == 3) {
+        m_compensation_real a = (m_compensation_real)v, b = (m_compensation_real)w, c = (m_compensation_real)x;
+        printf("%.17g %.17g %.17g\\n", (double)m_dead_zone_inverse(a), (double)m_friction(a, b),
+               (double)m_feedforward(a, b, c));
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize(("widths", "single"), [({}, False), ({"zone_width": 0.1, "speed_width": 0.5}, True)])
+def test_c_gives_the_numbers_of_the_compensation(widths, single, tmp_path):
+    model = motor(**STRIBECK, **{"rotor_viscous": 1e-5, "load_torque": 0.001, "drive.gain": 0.5, "drive.knee": 2.0})
+    inverse = emsid.compensate(model, dt=DT, **widths)
+    files = write(model, inverse, tmp_path, name="m", dt=DT, single=single)
+    assert {"m.c", "m.h", "m_compensation.c", "m_compensation.h", "README.md"} <= {path.name for path in files}
+    (tmp_path / "main.c").write_text(MAIN)
+    sources = [tmp_path / "main.c", tmp_path / "m_compensation.c"]
+    subprocess.run(["gcc", *FLAGS, "-o", tmp_path / "main", *sources, "-lm"], check=True)
+    rng = np.random.default_rng(1)
+    v = np.concatenate([[0.0, 0.0, 0.0], rng.normal(0, 3, 200)])
+    w = np.concatenate([[0.0, 1e-3, -1e-3], v[3:] + rng.normal(0, 0.1, 200)])
+    text = "\n".join(f"{a!r} {b!r} 0.0" for a, b in zip(v.tolist(), w.tolist(), strict=True))
+    done = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True)
+    found = np.array([[float(each) for each in line.split()] for line in done.stdout.splitlines()])
+    expected = [inverse.dead_zone_inverse(v), inverse.friction_force(v, w), inverse.command(inverse.wanted(v, w))]
+    assert found == pytest.approx(np.column_stack(expected), abs=1e-4 if single else 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (emsid.plants.rigid_motor().with_values({"inductance": 1e-3}), "plant of one mass"),
+        (emsid.plants.rigid_motor().with_values({"drive.supply": 12.0, "drive.freewheel": 1.0}), "coasts"),
+        (emsid.Cascade((Rational([0.2], [-0.8]),)), "0 static maps"),
+        (emsid.Cascade((emsid.blocks.Polynomial([0.0, 0.0, 1.0], -1.0, 1.0),)), "monotone"),
+    ],
+)
+def test_what_has_no_inverse_says_so(model, message):
+    with pytest.raises(emsid.ModelError, match=message):
+        emsid.compensate(as_model(model), dt=DT)
+
+
+def test_bad_arguments_are_refused():
+    with pytest.raises(emsid.ModelError, match="smoothing width"):
+        emsid.compensate(motor(), dt=DT, zone_width=-1.0)
+    with pytest.raises(emsid.ModelError, match="sample time"):
+        emsid.compensate(motor())
+    with pytest.raises(emsid.DataError, match="reference of shape"):
+        emsid.compensate(motor(), dt=DT).feedforward([[1.0]])
+    frictionless = as_model(emsid.plants.rigid_motor().with_values(dict.fromkeys(FRICTION, 0.0)))
+    with pytest.raises(emsid.ModelError, match="nothing to compensate"):
+        setting(emsid.compensate(frictionless, dt=DT))
+
+
+def test_the_command_writes_c_and_a_figure_and_overwrites_nothing(tmp_path, run):
+    model, inverse = tmp_path / "motor.json", tmp_path / "inverse"
+    emsid.save(motor(), model)
+    status, out, err = run("compensate", model, "--out", inverse, "--dt", "2ms", "--json")
+    assert status == 0, err
+    found = json.loads(out)["trial"]["sine"]
+    assert found["before"]["rmse"] > 5 * found["after"]["rmse"]
+    assert (inverse / "compensation.svg").read_text().startswith("<?xml")
+    status, _, err = run("compensate", model, "--out", inverse, "--dt", "2ms")
+    assert (status, "exists" in err) == (2, True)
+    status, _, err = run("compensate", model, "--out", tmp_path / "other", "--dt", "2ms", "--limit", "0.5V")
+    assert (status, err.count("\n"), "limit of 0.5" in err) == (2, 1, True)
+    assert not (tmp_path / "other").exists()

@@ -12,6 +12,14 @@ from emsid.experiment_design.limits import motion
 from emsid.plant import Tachometer
 
 DT, NOISE = 5e-3, 0.2
+FREE = (
+    "motor_constant",
+    "rotor_inertia",
+    "rotor_friction.coulomb",
+    "rotor_friction.stribeck",
+    "rotor_friction.stribeck_rate",
+    "voltage_dead_zone.half_width",
+)
 FRICTION = ("friction.coulomb", "dead_zone.half_width")
 
 
@@ -23,16 +31,21 @@ def bench(motor, voltage, seed):
 def fit():
     """A rigid motor of known resistance, fitted to a sum of sines."""
     plant = emsid.plants.rigid_motor().with_values(
-        {"rotor_friction.coulomb": 0.02, "voltage_dead_zone.half_width": 0.5, "rotor_inertia": 5e-5}
+        {
+            "rotor_friction.coulomb": 0.02,
+            "rotor_friction.stribeck": 0.008,
+            "rotor_friction.stribeck_rate": 0.5,
+            "voltage_dead_zone.half_width": 0.5,
+            "rotor_inertia": 5e-5,
+        }
     )
     record = bench(plant.motor, SIGNALS["sines"](1200, DT, 8.0, np.random.default_rng(1)), 1)
-    free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_dead_zone.half_width")
-    return emsid.fit(plant, record, free=free)
+    return emsid.fit(plant, record, free=FREE)
 
 
 @pytest.fixture(scope="module")
 def designed(fit):
-    return emsid.design(fit, limit=12.0, duration=6.0, dt=DT, wanted=FRICTION)
+    return emsid.design(fit, limit=12.0, limit_speed=300.0, duration=20.0, dt=DT, wanted=FRICTION)
 
 
 def test_the_wanted_intervals_are_at_least_half_those_of_the_best_standard_signal(designed):

@@ -1,6 +1,8 @@
 from . import blocks as blocks
+from . import compensation as compensation
 from . import estimation as estimation
 from . import excitation as excitation
+from . import experiment_design as experiment_design
 from . import exports as exports
 from . import findings as findings
 from . import first_look as first_look

@@ -1,5 +1,5 @@
 """Compensation: the inverses of what a model knows, to be put before the plant."""
 
-from emsid.compensation.inverse import Compensation as Compensation
-from emsid.compensation.inverse import compensate as compensate
-from emsid.compensation.map_inverse import MapInverse as MapInverse
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import DataError, ModelError
-from emsid.models.plants.one_mass import Sliding
 from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
 from emsid.models.starting import start
 from emsid.models.verbs import as_model
@@ -60,9 +59,9 @@ class Compensation:
     name: str
     dt: float
     zone: DeadZoneLaw
-    inside: Inside
-    outer: Outer
-    friction: Sliding
+    inside: Any  # the numbers of the compiled plant, see `emsid.models.plants.sampling`
+    outer: Any
+    friction: Any
     law: Level
     friction_factor: float = 1.0
     zone_width: float = 0.0

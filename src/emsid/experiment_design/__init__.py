@@ -1,5 +1,5 @@
 """The next experiment: a test signal within limits that determines the wanted parameters best."""
 
-from emsid.experiment_design.verb import Design as Design
-from emsid.experiment_design.verb import Prediction as Prediction
-from emsid.experiment_design.verb import design as design
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

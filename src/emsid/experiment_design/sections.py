@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-PAUSE = 0.1
+PAUSE = 0.05
 """The part of a section at its end at zero."""
 SIZES = 10
 """Sizes of the library, from the break-away level to the limit, in equal ratios."""

@@ -13,6 +13,7 @@ from emsid.cli.writing import as_json, check_folder
 
 if TYPE_CHECKING:
     from emsid.compensation.bench import Trial
+    from emsid.io import Origin
 
 
 @app.command()
@@ -75,13 +76,10 @@ def compensate(
         dt = source.dt
     found = invert(loaded, dt=dt, zone_width=smooth, speed_width=smooth_speed)
     check_stable(as_model(loaded), dt)
-    trial, more, units = None, {}, ("", "")
+    trial, more = None, {}
     if isinstance(found, Compensation):
-        if source is not None:
-            units = (source.outputs[0][1], source.inputs[0][1])
         trial = try_out(loaded, found, setting(found, limit=limit, delay=delay, amplitude=amplitude))
-        axis = units[0].startswith("m")
-        more["compensation.svg"] = svg(compensation_figure(trial, "m/s" if axis else "rad/s", units[1] or "V"))
+        more["compensation.svg"] = svg(compensation_figure(trial, *_units(source)))
     with INTERRUPTION.put_off():
         written = write(loaded, found, out, name=name, dt=dt, single=single, force=force, more=more)
     if json:
@@ -91,6 +89,12 @@ def compensate(
     if trial is not None:
         _say(trial)
     say(f"written to {out}: {', '.join(path.name for path in written)}")
+
+
+def _units(source: "Origin | None") -> tuple[str, str]:
+    """The units of a speed and of the command of the record that a model is from."""
+    outputs, inputs = ("", "") if source is None else (source.outputs[0][1], source.inputs[0][1])
+    return "m/s" if outputs.startswith("m") else "rad/s", inputs or "V"
 
 
 def _say(trial: "Trial") -> None:

@@ -1,0 +1,3 @@
+from .inverse import Compensation as Compensation
+from .inverse import compensate as compensate
+from .map_inverse import MapInverse as MapInverse

@@ -1,7 +1,8 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
 from emsid.cli.commands import demo, describe, identify, validate, simulate  # noqa: I001
-from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, design, parameters, names
+from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, design, motors
+from emsid.cli.commands import parameters, names
 
 __all__ = [
     "bench",
@@ -12,6 +13,7 @@ __all__ = [
     "export",
     "fleet",
     "identify",
+    "motors",
     "names",
     "orders",
     "parameters",

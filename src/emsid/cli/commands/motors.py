@@ -1,0 +1,114 @@
+"""``emsid motors``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.options import Json, names, pairs
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.io.motor_library import Actuator
+
+Add = Annotated[list[str], typer.Option("--add", metavar="NAME=MODEL", help="Add a model file under this name.")]
+Records = Annotated[
+    list[Path], typer.Option("--record", metavar="FILE", help="A file that it was identified from; may be repeated.")
+]
+Command = Annotated[str, typer.Option("--command", metavar="TEXT", help="The command line that identified it.")]
+Compare = Annotated[
+    list[str], typer.Option("--compare", metavar="NAME,NAME,...", help="Show these side by side, with intervals.")
+]
+
+
+@app.command()
+def motors(
+    library: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the library.")],
+    add: Add = [],  # noqa: B006
+    record: Records = [],  # noqa: B006
+    command: Command = "",
+    compare: Compare = [],  # noqa: B006
+    json: Json = False,
+) -> None:
+    """Keep identified actuators as data: list, add, compare.
+
+    Of every actuator the library has its model file, the checksums of its records and the command line that identified
+    it, so that a published value can be found again.
+
+    \b
+    Examples:
+      emsid motors servos
+      emsid motors servos --add mx64=result/joint.json --record lift.csv --record swing.csv --command "emsid identify …"
+      emsid motors servos --compare mx64,mx106
+    """
+    from emsid.io.motor_library import actuators, add_actuator
+
+    if add:
+        added = pairs(add, "--add", "NAME=MODEL")
+        if len(added) > 1:
+            raise DataError("--add takes one model at a time, as each has its own records")
+        if not command:
+            raise DataError("--add needs --command, the command line that identified the model")
+        for name, model in added.items():
+            add_actuator(library, name, model, record, command)
+    known = actuators(library)
+    shown = {name: _values(library, name) for name in (names(compare, "--compare") or known)}
+    if json:
+        data = {name: {**_about(known[name]), "parameters": rows} for name, rows in shown.items()}
+        say_json(as_json({"schema": 1, "motors": data}))
+        return
+    if compare:
+        _side_by_side(shown)
+        return
+    for name, entry in known.items():
+        say(f"{name}: {', '.join(each.file for each in entry.records)}")
+        say(f"  {entry.command}")
+        for parameter, (value, low, high, unit) in shown[name].items():
+            say(f"  {parameter:<34}{_text(value, low, high)} {unit}".rstrip())
+    if not known:
+        say(f"{library} has no actuators")
+
+
+def _about(entry: "Actuator") -> dict[str, Any]:
+    records = [{"file": each.file, "sha256": each.sha256} for each in entry.records]
+    return {"model_sha256": entry.model_sha256, "records": records, "command": entry.command}
+
+
+def _values(library: Path, name: str) -> dict[str, tuple[float, float, float, str]]:
+    """Value, interval and unit of every estimated parameter of an actuator; NaN where there is no interval."""
+    from emsid.estimation.fit import Fit
+    from emsid.io import load
+    from emsid.io.motor_library import model_of
+    from emsid.units import plain_unit
+
+    fit: Any = load(model_of(library, name))
+    rows = fit.table if isinstance(fit, Fit) else ()
+    found = {}
+    for row in rows:
+        low, high = row.interval or (float("nan"), float("nan"))
+        found[row.name] = (float(row.value), float(low), float(high), plain_unit(row.unit))
+    return found
+
+
+def _text(value: float, low: float, high: float) -> str:
+    return f"{value:.5g}" + (f"  [{low:.5g}, {high:.5g}]" if low == low else "")
+
+
+def _side_by_side(shown: dict[str, dict[str, tuple[float, float, float, str]]]) -> None:
+    """A row for every parameter, and whether its intervals have a value in common."""
+    every = dict.fromkeys(parameter for rows in shown.values() for parameter in rows)
+    table = [["", *shown, "intervals"]]
+    for parameter in every:
+        cells = [rows.get(parameter) for rows in shown.values()]
+        there = [cell for cell in cells if cell is not None and cell[1] == cell[1]]
+        verdict = ""
+        if len(there) == len(shown):
+            verdict = "overlap" if max(c[1] for c in there) <= min(c[2] for c in there) else "differ"
+        texts = ["" if cell is None else f"{_text(*cell[:3])} {cell[3]}".rstrip() for cell in cells]
+        table.append([parameter, *texts, verdict])
+    widths = [2 + max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        say("".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip())

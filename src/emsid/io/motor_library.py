@@ -1,0 +1,133 @@
+"""A library of identified actuators: a folder with a model file of each, and what makes it reproducible beside it.
+
+Of the actuator NAME there are ``NAME.json``, a model file, and ``NAME.motor.json``::
+
+    {"format": "emsid motor", "schema": 1, "model_sha256": "…", "records": [{"file": "lift.csv", "sha256": "…"}],
+     "command": "emsid identify lift.csv …"}
+
+============  =========================================================================================================
+format        ``emsid motor``
+schema        version of this layout, a whole number
+model_sha256  checksum of the model file, byte by byte
+records       names and checksums of the files that it was identified from, byte by byte
+command       the command line that made it, to be run beside these records
+============  =========================================================================================================
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from emsid.errors import DataError, FormatError, listed
+from emsid.io.files import atomic_write, read_bytes
+from emsid.io.model_file import load_model
+
+FORMAT, SCHEMA = "emsid motor", 1
+ENDING = ".motor.json"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
+
+
+class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file that an actuator was identified from.
+
+    Attributes:
+        file: its name.
+        sha256: its checksum.
+    """
+
+    file: str
+    sha256: str
+
+
+class Actuator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What makes an actuator of a library reproducible; see the layout above."""
+
+    format: str
+    schema: int
+    model_sha256: str
+    records: tuple[Recorded, ...]
+    command: str
+
+
+def add_actuator(
+    folder: str | os.PathLike[str],
+    name: str,
+    model: str | os.PathLike[str],
+    records: Sequence[str | os.PathLike[str]],
+    command: str,
+) -> None:
+    """Add an actuator to a library.
+
+    Args:
+        folder: of the library; it is made if it is not there.
+        name: of the actuator: letters, digits, dots, plus and minus.
+        model: its model file.
+        records: the files that it was identified from.
+        command: the command line that made it.
+
+    Raises:
+        DataError: for an impossible name, one that the library has, or without a record.
+        FormatError: for a file that cannot be read or is no model file.
+    """
+    if not _NAME.fullmatch(name) or name.endswith((".motor", ".json")):
+        raise DataError(f"{name!r} is no name of an actuator; use letters, digits, dots, plus and minus")
+    if not records:
+        raise DataError(f"{name}: name the records that it was identified from, so that it can be identified again")
+    home = Path(folder)
+    if (home / f"{name}{ENDING}").exists():
+        raise DataError(f"{home} has an actuator {name} already; give this one another name")
+    load_model(model)
+    content = read_bytes(model)
+    known = tuple(Recorded(Path(each).name, _sha256(read_bytes(each))) for each in records)
+    entry = Actuator(FORMAT, SCHEMA, _sha256(content), known, command)
+    home.mkdir(parents=True, exist_ok=True)
+    atomic_write(home / f"{name}.json", content)
+    atomic_write(home / f"{name}{ENDING}", msgspec.json.format(msgspec.json.encode(entry), indent=2) + b"\n")
+
+
+def actuators(folder: str | os.PathLike[str]) -> dict[str, Actuator]:
+    """The actuators of a library by name, in alphabetical order.
+
+    Raises:
+        FormatError: for a folder that is not there, an entry that is none, or a model file that was altered.
+    """
+    home = Path(folder)
+    if not home.is_dir():
+        raise FormatError(f"{home}: there is no such folder; add an actuator to make it")
+    return {path.name.removesuffix(ENDING): _read(path) for path in sorted(home.glob(f"*{ENDING}"))}
+
+
+def model_of(folder: str | os.PathLike[str], name: str) -> Path:
+    """The model file of an actuator.
+
+    Raises:
+        DataError: for an actuator that the library does not have.
+        FormatError: as `actuators` does.
+    """
+    known = actuators(folder)
+    if name not in known:
+        raise DataError(f"{folder} has no actuator {name}; it has {listed(list(known)) or 'none'}")
+    return Path(folder) / f"{name}.json"
+
+
+def _read(path: Path) -> Actuator:
+    try:
+        entry = msgspec.json.decode(read_bytes(path), type=Actuator)
+    except (msgspec.MsgspecError, RecursionError, ValueError):
+        raise FormatError(f"{path}: this is no actuator of a library; add it again") from None
+    if entry.format != FORMAT or entry.schema != SCHEMA:
+        raise FormatError(f"{path}: this is {entry.format!r} of schema {entry.schema}, not {FORMAT!r} of {SCHEMA}")
+    model = path.with_name(path.name.removesuffix(ENDING) + ".json")
+    if _sha256(read_bytes(model)) != entry.model_sha256:
+        raise FormatError(f"{model}: the model has been altered since it was added; restore the file, or add it again")
+    return entry
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,79 @@
+"""A library of identified actuators."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid import DataError, FormatError, Record
+from emsid.io.motor_library import actuators, add_actuator, model_of
+
+
+@pytest.fixture
+def identified(tmp_path):
+    """A model file of an axis, and the record that it was fitted to."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-5, 5, 30), 20)
+    plant = emsid.LinearAxis(mass=2.0, viscous_friction=4.0)
+    y = plant.simulate(u[:, None], 0.01, np.zeros(2), (emsid.plants.Signal.SPEED,)) + 0.01 * rng.standard_normal(
+        (600, 1)
+    )
+    record = Record(u, y, 0.01, input_units="N", output_units="m/s")
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([u, y]), delimiter=",")
+    fit = emsid.fit(emsid.plants.linear_axis(), record, free=["mass", "viscous_friction"])
+    emsid.save(fit, tmp_path / "axis.json", record)
+    return tmp_path
+
+
+def test_an_actuator_is_kept_with_what_reproduces_it(identified) -> None:
+    home = identified / "library"
+    add_actuator(home, "axis-1", identified / "axis.json", [identified / "log.csv"], "emsid identify log.csv")
+    entry = actuators(home)["axis-1"]
+    assert entry.command == "emsid identify log.csv"
+    assert entry.records[0].file == "log.csv"
+    assert entry.records[0].sha256 == hashlib.sha256((identified / "log.csv").read_bytes()).hexdigest()
+    kept, known = emsid.load(model_of(home, "axis-1")), emsid.load(identified / "axis.json")
+    assert kept["mass"].interval == known["mass"].interval
+
+
+def test_an_altered_model_and_other_mistakes_are_refused(identified) -> None:
+    home, log = identified / "library", identified / "log.csv"
+    add_actuator(home, "axis", identified / "axis.json", [log], "a command")
+    with pytest.raises(DataError, match="has an actuator axis already"):
+        add_actuator(home, "axis", identified / "axis.json", [log], "a command")
+    with pytest.raises(DataError, match="no name of an actuator"):
+        add_actuator(home, "../axis", identified / "axis.json", [log], "a command")
+    with pytest.raises(DataError, match="name the records"):
+        add_actuator(home, "other", identified / "axis.json", [], "a command")
+    with pytest.raises(FormatError, match="not a model file"):
+        add_actuator(home, "other", log, [log], "a command")
+    with pytest.raises(DataError, match="has no actuator other; it has axis"):
+        model_of(home, "other")
+    with pytest.raises(FormatError, match="no such folder"):
+        actuators(identified / "nowhere")
+    path = home / "axis.json"
+    path.write_text(path.read_text().replace("2", "3", 1))
+    with pytest.raises(FormatError, match="altered since it was added"):
+        actuators(home)
+
+
+def test_the_command_lists_adds_and_compares(identified, run) -> None:
+    home, model, log = (str(identified / name) for name in ("library", "axis.json", "log.csv"))
+    for name in ("one", "two"):
+        status, out, err = run(
+            "motors", home, "--add", f"{name}={model}", "--record", log, "--command", "emsid identify"
+        )
+        assert (status, err) == (0, "")
+        assert f"{name}: log.csv" in out
+    status, out, _ = run("motors", home, "--compare", "one,two")
+    assert status == 0
+    assert [line.split()[-1] for line in out.splitlines()] == ["intervals", "overlap", "overlap"]
+    data = json.loads(run("motors", home, "--json")[1])
+    assert list(data["motors"]) == ["one", "two"]
+    assert data["motors"]["one"]["parameters"]["mass"][0] == pytest.approx(2.0, rel=0.05)
+    assert run("motors", home, "--add", f"three={model}", "--record", log)[0] == 2

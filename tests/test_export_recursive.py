@@ -81,4 +81,9 @@ def test_a_heavy_start_stays_and_single_precision_is_enough(tmp_path: Path) -> N
 def test_other_models_have_no_recursion(tmp_path: Path) -> None:
     with pytest.raises(emsid.ModelError, match="no regression"):
         emsid.export(emsid.LinearAxis(), "c99", tmp_path / "x", dt=0.01, recursive=True)
+    model = emsid.Narx(STRUCTURE, THETA, dt=0.1)
+    with pytest.raises(emsid.ModelError, match="yes or no"):
+        emsid.export(model, "c99", tmp_path / "x", recursive="maybe")
     assert not (tmp_path / "x").exists()
+    emsid.export(model, "c99", tmp_path / "x", name="model", recursive="no")
+    assert not (tmp_path / "x" / "model_rls.c").exists()

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.exports.formats import Export, Files
+from emsid.exports.formats import Export, Files, switched
 from emsid.exports.recursive import recursive
 from emsid.models.c_form import CForm, number
 from emsid.models.c_forms import c_form_of
@@ -49,19 +49,19 @@ def c99(export: Export) -> tuple[Files, list[str]]:
     """The header and the source of a model.
 
     Raises:
-        ModelError: for a model without a form in C, a sample time that is missing, or a recursion of a model that is no
-            regression.
+        ModelError: for a model without a form in C, a sample time that is missing, an option that is neither yes nor
+            no, or a recursion of a model that is no regression.
     """
     if export.dt is None:
         raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
     form = c_form_of(export.model, dt=export.dt)
-    single = bool(export.options.get("single"))
+    single = switched(export, "single")
     latency = int(export.model.latency)
     files: Files = {
         f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
         f"{export.name}.c": source(export.name, form, single=single),
     }
-    if export.options.get("recursive"):
+    if switched(export, "recursive"):
         files |= recursive(export, single=single, macros=lambda text: _macros(text, single=single), helpers=_helpers)
     late = [f"The output is {latency} samples late, as the model interpolates its input."] if latency else []
     rounding = ["Single precision: compare it with the model before use."] if single else []

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model
 
@@ -34,6 +35,22 @@ class Export:
     name: str
     dt: float | None
     options: Mapping[str, Any] = field(default_factory=dict)
+
+
+SWITCH = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
+"""What switches an option on or off."""
+
+
+def switched(export: Export, name: str) -> bool:
+    """Whether an option is on; one that is not given is off.
+
+    Raises:
+        ModelError: for another value than yes or no.
+    """
+    value = str(export.options.get(name, "no")).lower()
+    if value not in SWITCH:
+        raise ModelError(f"{name} is {value!r}; give yes or no", arguments=("option",))
+    return SWITCH[value]
 
 
 class Format(NamedTuple):

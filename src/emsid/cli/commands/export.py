@@ -33,7 +33,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
     json: Json = False,
 ) -> None:
-    """Write a model as C, for MuJoCo, a firmware or a table.
+    """Write a model as C or an FMU, for a simulator, a firmware or a table.
 
     Beside the files a README has the equation, the parameters with their intervals, and what could not be carried.
 
@@ -41,6 +41,7 @@ def export(
     Examples:
       emsid export emsid-result/rigid-motor.json --to c99 --out motor-c --dt 1ms
       emsid export emsid-result/arx.json --to c99 --out plant --name plant --float
+      emsid export emsid-result/rigid-motor.json --to fmu --out fmu --option version=2.0
       emsid export emsid-result/rigid-motor.json --to mujoco --out joint
       emsid export emsid-result/rigid-motor.json --to wpilib --out gains
     """
@@ -60,4 +61,4 @@ def export(
     if json:
         say_json(as_json({"schema": 1, "format": to, "files": [str(path) for path in written]}))
         return
-    say(f"written to {out}: {', '.join(path.name for path in written)}")
+    say(f"written to {out}: {', '.join(path.relative_to(out).as_posix() for path in written)}")

@@ -33,7 +33,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
     json: Json = False,
 ) -> None:
-    """Write a model as C or an FMU, for a simulator, a firmware or a table.
+    """Write a model as C, an FMU, for a simulator or a firmware.
 
     Beside the files a README has the equation, the parameters with their intervals, and what could not be carried.
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid import ModelError, Record
+from emsid import DataError, ModelError, Record
+from emsid.identification.candidates import usual_for
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.one_mass import Sliding
@@ -366,3 +367,47 @@ def test_a_weight_of_no_record_is_refused() -> None:
         emsid.fit(emsid.plants.joint(), loaded_records(), fixed={"gravity.mass[medium]": 0.1})
     with pytest.raises(ModelError, match="it is missing for heavy"):
         emsid.fit(emsid.plants.joint(), loaded_records(), fixed={"gravity.mass[light]": 0.1})
+
+
+# --- by default ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_is_tried_by_default_where_an_angle_hangs(seed: int) -> None:
+    record = recorded(joint(), torque(1500, seed))
+    assert "joint" in usual_for(record)
+    free = recorded(joint(**{"gravity.torque": 0.0}), torque(1500, seed) - np.mean(torque(1500, seed)))
+    assert "joint" not in usual_for(free)
+    assert "rigid-motor" in usual_for(free)
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+def test_an_arm_that_never_moves_against_gravity_is_refused() -> None:
+    still = Record(0.1 * np.sin(np.arange(500)), np.full(500, 0.3), DT, input_units="N*m", output_units="rad")
+    with pytest.raises(DataError, match="nothing moves"):
+        emsid.fit(emsid.plants.joint(), still)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"servo.proportional": -8.0}, "servo with gains -8 and 0"),
+        ({"servo.limit": -1.0}, "servo with a torque limit of -1"),
+        ({"gravity.torque": -1.0}, "gravity with torque -1"),
+        ({"gravity.period": 0.0}, "gravity with period 0"),
+    ],
+)
+def test_impossible_joints_are_refused(values: dict[str, float], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        joint().with_values(values)
+
+
+def test_an_angle_in_ticks_shows_a_turn_of_its_encoder() -> None:
+    record = recorded(joint(), torque(1500, 1))
+    ticks = replace(record, output=record.output * 4096 / (2 * np.pi))
+    free = ["rotor_viscous", "rotor_inertia", "rotor_friction.coulomb", "gravity.torque", "gravity.angle"]
+    start = emsid.plants.joint().with_values({"gravity.period": 4000.0, "gravity.angle": 0.3 * 4000 / 2 / np.pi})
+    fit = emsid.fit(start, ticks, free=[*free, "gravity.period"])
+    assert fit["gravity.period"].value == pytest.approx(4096, rel=0.01)

@@ -53,6 +53,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import OF_JOINT, OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.starts import hangs
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
@@ -342,6 +343,8 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     force and a position those of an axis; without a unit, the name of the output does, and the input has the unit that
     its name implies. A channel without a unit that is named as one of a process, such as a level, is of neither.
 
+    An angle that hangs, as gravity shows in it, is that of a joint.
+
     The speed of a wheel in m/s is that of a motor where the radius of the wheel is among the ``known`` parameters.
 
     A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input
@@ -357,7 +360,18 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     plants = [name for name, start in starts.items() if _may_be_of(start, record, known)]
     wanted = Signal.POSITION if position else Signal.SPEED
     plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
-    return (*usual, *folded, *plants[:1])
+    joints = [name for name, kind in PLANTS.items() if one_each and position and _is_joint(kind.start, record, known)]
+    return (*usual, *folded, *(joints or plants)[:1])
+
+
+def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:
+    """Whether a record is of this joint: an angle in rad that hangs, and not one that follows targets of a servo."""
+    if not isinstance(plant, DrivenPlant) or not plant.turn or record.output_units[0] != "rad":
+        return False
+    if not _may_be_of(plant, record, known):
+        return False
+    driven = plant.for_command(with_unit_of_name(record))
+    return not driven.follows and hangs(driven, record)
 
 
 def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:

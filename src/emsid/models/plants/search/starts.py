@@ -50,6 +50,9 @@ PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 """Time constants in samples that are always tried."""
 SLIDING, OFFSET = 2, 3
 """Columns of the regression: the direction of motion, and ones."""
+HANGING, FEWEST, EXPLAINED = 8.0, 200, 0.5
+"""An angle hangs where, of at least this many samples in motion, filtered with this time constant in samples, the waves
+of gravity leave less than half of the acceleration that a motor without them leaves, and less than half of all."""
 RATE = 20.0
 """A rate of Stribeck friction to begin with, times the top speed."""
 LEVELS = (0.02, 0.1)
@@ -298,6 +301,26 @@ def _joined_rows(
     position = y if is_position else np.cumsum(y) * segment.dt
     waves = -smoothed(np.array([np.cos(turn * position), np.sin(turn * position)]), samples)[:, kept]
     return np.column_stack([table[:, :-1], *waves, table[:, -1]])
+
+
+def hangs(plant: DrivenPlant, record: Record) -> bool:
+    """Whether an angle shows gravity: whether waves of one period per turn explain much of its acceleration.
+
+    Args:
+        plant: a joint, as the command of the record drives it.
+        record: of an angle in rad.
+    """
+    segments = [segment for segment in after_drive(plant, record.segments, 0, True) if len(segment) > 12]
+    if not segments or not plant.turn:
+        return False
+    table = np.concatenate([_joined_rows(each, 0, True, HANGING, 0.0, 0.0, plant.turn) for each in segments])
+    if len(table) < FEWEST:
+        return False
+    right, left = table[:, -1], table[:, :-1]
+    with_waves, without = (
+        float(np.sum((right - columns @ np.array(solved(columns, right))) ** 2)) for columns in (left, left[:, :-2])
+    )
+    return with_waves < EXPLAINED * min(without, float(np.sum(right**2)))
 
 
 def started(

@@ -119,7 +119,7 @@ def test_validate_says_what_makes_an_error_large(result, run, tmp_path):
     other.write_text("\n".join([header, *turned]))
     status, said, _ = run("validate", result / "arx.json", other, "--out", out)
     assert status == 0
-    for code in ("name of the file gives a sample time of 2 ms", "does not describe this record"):
+    for code in ("name of the file says 2 ms between rows", "free run is no better than the mean of the output"):
         assert code in said
         assert code in (out / "report.html").read_text()
     (found,) = json.loads((out / "validation.json").read_text())["records"]

@@ -225,6 +225,7 @@ def test_an_error_in_one_stretch_is_named():
     stretch = next(each for each in verdict.data["reasons"] if each["code"] == "error-in-one-stretch")
     assert stretch["first"] <= 640
     assert stretch["last"] >= 600
+    assert (stretch["from"], stretch["to"]) == (unseen.time[stretch["first"]], unseen.time[stretch["last"]])
     assert stretch["share"] > 0.5
 
 

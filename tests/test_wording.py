@@ -58,6 +58,29 @@ def test_a_sentence_is_one_line_with_one_full_stop_at_its_end(finding: Finding) 
     assert json.loads(json.dumps(finding.to_data(), allow_nan=False)) == finding.to_data()
 
 
+MOST_WORDS = 28
+"""About 25 words: numbers and units count too."""
+LISTS = {"model-limited", "model-implausible"}
+"""Findings that are a list, with one reason after the other."""
+LONG = {
+    "study-even-terms",
+    "study-excitation",
+    "study-largest-ratio",
+    "study-load-friction",
+    "study-many-inputs",
+    "study-paper-ratios",
+    "study-recursive-and-batch",
+    "study-two-masses",
+    "study-what-decides",
+}
+"""Findings of the study that compare it with the paper and are still longer; this list only shrinks."""
+
+
+def test_a_finding_has_at_most_about_25_words() -> None:
+    long = {each.code for each in EXAMPLES if len(sentence(each).split()) > MOST_WORDS}
+    assert long - LISTS == LONG
+
+
 # Riddles and private vocabulary; the table of plain words is longer.
 @pytest.mark.parametrize(
     "word",

@@ -23,7 +23,7 @@ LIMITS = [
     {"code": "few-levels", "levels": 2},
     {"code": "stable-model-of-unstable", "pole": 1.13, "horizon": 9},
     {"code": "only-in-loop", "pole": 1.13, "horizon": 9},
-    {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
+    {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200, "from": 30.0, "to": 32.0},
     {"code": "search-not-finished", "ending": "stalled"},
 ]
 RECOMMENDED = {

@@ -315,7 +315,8 @@ def _concentrated(unseen: Assessment) -> list[Reason]:
     if share < CONCENTRATED:
         return []
     first, last = counted[stretches[worst][[0, -1]]]
-    return [{"code": "error-in-one-stretch", "share": share, "first": int(first), "last": int(last)}]
+    place = {"first": int(first), "last": int(last), "from": float(record.time[first]), "to": float(record.time[last])}
+    return [{"code": "error-in-one-stretch", "share": share, **place}]
 
 
 def _shares(assessments: Sequence[Assessment]) -> list[list[float]]:

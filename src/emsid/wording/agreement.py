@@ -8,9 +8,9 @@ from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.durations import duration, sample_time
 
 CAUSES = {
-    "delay": "log input and output with one clock, or identify the records one by one",
-    "gain": "load or supply may have changed, or the model lacks a nonlinearity",
-    "level": "the offset of a sensor or a constant load may have changed, or the model lacks a nonlinearity",
+    "delay": "log with one clock",
+    "gain": "check load and supply",
+    "level": "check sensor and load",
 }
 
 
@@ -31,8 +31,8 @@ def records_differ(f: Finding, argument: Spelling) -> str:
     extremes = sorted((values.index(min(values)), values.index(max(values))))  # the two records furthest apart
     first, second = (f"{records[k]['name']} {_differs(kind, values[k], f.data['unit'])}" for k in extremes)
     return (
-        f"the records differ in the {kind} of {f.subject}: compared with the model, {first} and {second}. This makes "
-        f"{100 * f.data['share']:.0f} % of the squared error; {CAUSES[kind]}"
+        f"the {kind} of {f.subject} differs between records ({100 * f.data['share']:.0f} % of the squared error): "
+        f"{first}, {second}; {CAUSES[kind]}"
     )
 
 
@@ -41,11 +41,9 @@ def record_shifted(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: output, delay (s), samples, rmse, shifted (the RMSE after a shift), unit."""
     d, way = f.data, "late" if f.data["samples"] > 0 else "early"
     before, after = f"{d['rmse']:.3g}", with_unit(f"{d['shifted']:.3g}", d["unit"])
-    written = f", and in which row a command is written ({argument('shift')})" if d["samples"] < 0 else ""
     return (
-        f"{f.subject} is {way} by {duration(abs(d['delay']))} ({abs(d['samples']):.2g} samples) against the model: "
-        f"shifted by that, the RMSE of {d['output']} falls from {before} to {after}. Check the time stamps of input "
-        f"and output{written}; if they are right, the delay or a lag differs from that of the model"
+        f"{f.subject} is {way} by {duration(abs(d['delay']))}: shifted by that, the RMSE of {d['output']} falls from "
+        f"{before} to {after}; check the time stamps ({argument('shift')})"
     )
 
 

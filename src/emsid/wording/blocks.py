@@ -17,8 +17,7 @@ def other_number_of_maps(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: maps (that it has), asked (for)."""
     asked, maps = (f"{n} static map{'s' * (n != 1)}" for n in (f.data["asked"], f.data["maps"]))
     return (
-        f"the search found no {f.subject} model with {asked} whose free run does not diverge, so this one has {maps}; "
-        "record longer, or give another order or number of maps"
+        f"every {f.subject} model with {asked} diverges, so this one has {maps}; record longer, or give another order"
     )
 
 
@@ -33,8 +32,8 @@ def zero_cancels_pole(f: Finding, argument: Spelling) -> str:
 def dead_zone_side_unseen(f: Finding, argument: Spelling) -> str:
     names, share = listed(f.data["parameters"]), 100 * f.data["share"]
     return (
-        f"{_block(f)}: the signal leaves the dead zone on the {f.data['side']} in {share:.2g} % of the samples only, "
-        f"so {names} are not known; record a larger input"
+        f"{_block(f)}: only {share:.2g} % of the samples leave the dead zone on the {f.data['side']}, so {names} are "
+        "not known; record a larger input"
     )
 
 
@@ -66,8 +65,8 @@ def knots_without_data(f: Finding, argument: Spelling) -> str:
 def too_few_knots(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, saved (part of the error)."""
     return (
-        f"{_block(f)}: the error depends on the input of the static map, which has too few knots; with more of them "
-        f"the error would fall by about {100 * f.data['saved']:.2g} %"
+        f"{_block(f)}: the static map has too few knots; more of them would lower the error by about "
+        f"{100 * f.data['saved']:.2g} %"
     )
 
 
@@ -84,24 +83,18 @@ def periods_averaged(f: Finding, argument: Spelling) -> str:
     if f.data["noise"] is None:
         return f"the input is periodic: the model is fitted in steady state to {parts}"
     return (
-        f"the input repeats: the model is fitted to the means over {count} periods, {parts}; the standard deviation of "
-        f"the noise over periods is {f.data['noise']:.3g}"
+        f"the model is fitted to means over {count} periods, {parts}; the noise has a deviation of "
+        f"{f.data['noise']:.3g}"
     )
 
 
 @words("process-noise", Severity.INFO)
 def process_noise(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, spread (input of the map), share of the signal, standard_errors, corrected."""
-    share = f"{f.data['spread']:.3g}, {100 * f.data['share']:.2g} % of the signal there"
+    share = f"{f.data['spread']:.3g}, {100 * f.data['share']:.2g} % of the signal"
     if f.data["corrected"]:
-        return (
-            f"{_block(f)}: the error varies with the slope of the map, as noise before the map makes it; its standard "
-            f"deviation is {share}, and the model is corrected for it"
-        )
-    return (
-        f"{_block(f)}: the error varies with the slope of the map: noise before the map (then with a standard "
-        f"deviation of {share}; it smooths the estimated map), or a system that is not such a cascade"
-    )
+        return f"{_block(f)}: noise before the map (deviation {share}), for which the model is corrected"
+    return f"{_block(f)}: noise before the map (deviation {share}), or a system that is not such a cascade"
 
 
 @words("parameters-without-interval", Severity.WARNING)
@@ -122,8 +115,8 @@ def _in_block(f: Finding) -> str:
 def map_turns_without_data(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, at (input of the map)."""
     return (
-        f"{_block(f)}: the static map turns back at {f.data['at']:.4g}, where there are hardly any data; use fewer "
-        "knots or another map, or record there"
+        f"{_block(f)}: the static map turns back at {f.data['at']:.4g}, nearly without data; use fewer "
+        "knots, or record there"
     )
 
 
@@ -132,9 +125,8 @@ def map_leaves_range(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, at (input of the map), value (output at rest), low, high (measured)."""
     d = f.data
     return (
-        f"{_block(f)}: at {d['at']:.4g}, where there are hardly any data, the static map would give an output of "
-        f"{d['value']:.4g}; measured are {d['low']:.4g} to {d['high']:.4g}. Use fewer knots or another map, or record "
-        "there"
+        f"{_block(f)}: at {d['at']:.4g}, without data, the static map gives {d['value']:.4g} (measured {d['low']:.4g} "
+        f"to {d['high']:.4g}); use fewer knots, or record there"
     )
 
 
@@ -142,8 +134,8 @@ def map_leaves_range(f: Finding, argument: Spelling) -> str:
 def faster_than_sampling(f: Finding, argument: Spelling) -> str:
     """Data: pole, samples (its time constant)."""
     return (
-        f"the pole at {f.data['pole']:.3g} has a time constant of {f.data['samples']:.2g} samples, which these data do "
-        "not resolve; try a lower order, or sample faster"
+        f"the pole at {f.data['pole']:.3g} has a time constant of {f.data['samples']:.2g} samples; try a lower order, "
+        "or sample faster"
     )
 
 
@@ -152,8 +144,8 @@ def delay_longer_than_rise(f: Finding, argument: Spelling) -> str:
     """Data: delay, rise (s), samples (of delay)."""
     d = f.data
     return (
-        f"its delay of {d['delay']:.3g} s ({d['samples']} samples) is longer than the whole response of the record, "
-        f"{d['rise']:.3g} s, so it imitates something else; check signs and columns, or give {argument('nk')}"
+        f"its delay of {d['delay']:.3g} s is longer than the whole response of the record, {d['rise']:.3g} s; check "
+        f"signs and columns, or give {argument('nk')}"
     )
 
 
@@ -169,8 +161,8 @@ def dead_time_at_input(f: Finding, argument: Spelling) -> str:
 def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: factor (of the input)."""
     return (
-        f"its free run diverges on an input {f.data['factor']:.3g} times as large as that of the record, so it is not "
-        "chosen; record a larger input, or give a smaller order or degree"
+        f"its free run diverges on an input {f.data['factor']:.3g} times as large as the record's; record a larger "
+        "input, or give a smaller order or degree"
     )
 
 
@@ -178,16 +170,12 @@ def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
 def diverges_on_constant_input(f: Finding, argument: Spelling) -> str:
     """Subject: the model."""
     return (
-        "its free run diverges while the input stays at its largest or smallest value in the record, so it is "
-        "chosen only if its error is half that of every other model; record an input that stays there for a while, or "
-        "give a smaller order or degree"
+        "its free run diverges while the input stays at an extreme value; record an input that stays there, or give a "
+        "smaller order or degree"
     )
 
 
 @words("diverges-on-steps", Severity.WARNING)
 def diverges_on_steps(f: Finding, argument: Spelling) -> str:
     """Subject: the model."""
-    return (
-        "its free run diverges where the input steps between values that it has in the record; record steps too, or "
-        "give a smaller order or degree"
-    )
+    return "its free run diverges where the input steps; record steps too, or give a smaller order or degree"

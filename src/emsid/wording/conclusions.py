@@ -19,8 +19,8 @@ def residual_depends(f: Finding, argument: Spelling) -> str:
 def residual_independent(f: Finding, argument: Spelling) -> str:
     """Data: output, share (of the variance of the residual)."""
     return (
-        f"the input predicts at most {max(1.0, 100 * f.data['share']):.0f} % of the variance of the residual of "
-        f"{f.data['output']}: the rest is noise, a disturbance or a change of the drive"
+        f"the input predicts at most {max(1.0, 100 * f.data['share']):.0f} % of the residual of {f.data['output']}: "
+        "the rest is noise or a disturbance"
     )
 
 
@@ -29,13 +29,10 @@ def residual_not_tested(f: Finding, argument: Spelling) -> str:
     """Data: output, independent (values of the residual, where these are too few)."""
     if "independent" in f.data:
         return (
-            f"the residual of {f.data['output']} could not be tested against the input: both change so slowly that "
-            f"these data have only {f.data['independent']:.0f} independent values; record longer"
+            f"the residual of {f.data['output']} could not be tested: only {f.data['independent']:.0f} independent "
+            "values; record longer"
         )
-    return (
-        f"the residual of {f.data['output']} could not be tested against the input: one of them is constant, or there "
-        "are too few samples"
-    )
+    return f"the residual of {f.data['output']} could not be tested: a constant signal, or too few samples"
 
 
 @words("residual-white")
@@ -68,8 +65,8 @@ def residual_depends_on_term(f: Finding, argument: Spelling) -> str:
 def next_check_data(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: fit_percent."""
     return (
-        "No model describes these data well. Check units, sample time and the choice of columns, leave out samples "
-        f"that are not normal operation ({argument('mask')}), and see in the plot where the model is wrong"
+        "No model describes these data well; check units, sample time and columns, and leave out samples that are not "
+        f"normal operation ({argument('mask')})"
     )
 
 
@@ -77,9 +74,8 @@ def next_check_data(f: Finding, argument: Spelling) -> str:
 def next_reduce_noise(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: fit_percent."""
     return (
-        f"The residual does not depend on the input, so noise or a disturbance, such as cogging, probably limits the "
-        f"fit to {f.data['fit_percent']:.0f} %, and a larger model will hardly help. Measure the output with less "
-        "noise, use a larger input, or record the disturbance as another input"
+        f"Noise or a disturbance probably limits the fit to {f.data['fit_percent']:.0f} %; use a larger input, a "
+        "better sensor, or record the disturbance as another input"
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
@@ -39,9 +38,8 @@ def step_from_first_sample(f: Finding, argument: Spelling) -> str:
     d = f.data
     per = f" {d['unit'] or '1'}/{d['input_unit'] or '1'}" if d["unit"] or d["input_unit"] else ""
     return (
-        f"{d['input']} is {_in_unit(d['level'], d['input_unit'])} from the first sample on, and {f.subject} settles: "
-        f"this step has a gain of {d['gain']:.3g}{per} and a time constant of {d['time_constant']:.3g} s; it shows "
-        "nothing else, so also record other levels and the other direction"
+        f"one step of {d['input']}: gain {d['gain']:.3g}{per}, time constant {d['time_constant']:.3g} s, and nothing "
+        "else; also record other levels and the other direction"
     )
 
 
@@ -60,8 +58,7 @@ def output_constant(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"{f.subject} stays at {_in_unit(d['level'], d['unit'])} while {d['input']} goes from {d['low']:.4g} to "
-        f"{_in_unit(d['high'], d['input_unit'])}: a dead zone, static friction or a dead sensor. Nothing can be "
-        "identified; record with a larger input"
+        f"{_in_unit(d['high'], d['input_unit'])}; record with a larger input, and check the sensor"
     )
 
 
@@ -103,8 +100,8 @@ def excitation_sufficient(f: Finding, argument: Spelling) -> str:
 def few_input_levels(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: levels."""
     return (
-        f"{f.subject} has only {f.data['levels']} levels, so these data cannot show dead zone, saturation or the shape "
-        "of friction; record with levels over the whole range, both directions included"
+        f"{f.subject} has only {f.data['levels']} levels, which cannot show dead zone, saturation or friction; record "
+        "more levels in both directions"
     )
 
 
@@ -142,8 +139,8 @@ def no_response(f: Finding, argument: Spelling) -> str:
 def output_noise_only(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input."""
     return (
-        f"{f.subject} is white noise that does not depend on {f.data['input']}: the drive stands still, or the sensor "
-        "is not connected. Nothing can be identified; record with a larger input"
+        f"{f.subject} is white noise that does not depend on {f.data['input']}: check drive and sensor, or record with "
+        "a larger input"
     )
 
 
@@ -177,8 +174,8 @@ def response_negative(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""
     d = f.data
     return (
-        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, {_after(d)}: the "
-        f"leads or the sensor are reversed; turn the sign with {argument('scale')} {assigned(d['input'], '-1')}"
+        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, {_after(d)}: leads "
+        f"or sensor are reversed ({argument('scale')} {assigned(d['input'], '-1')})"
     )
 
 
@@ -188,7 +185,7 @@ def records_of_opposite_sign(f: Finding, argument: Spelling) -> str:
     odd = f.data["records"]
     return (
         f"the output answers with the opposite sign in {shortened(odd)} ({len(odd)} of {f.data['of']} records); "
-        f"identify these apart, with a gain of -1 for the input ({argument('scale')})"
+        f"identify these apart ({argument('scale')})"
     )
 
 
@@ -198,9 +195,8 @@ def files_of_another_system(f: Finding, argument: Spelling) -> str:
     headers has), ratio."""
     files, others = shortened(f.data["files"]), shortened(f.data["others"])
     return (
-        f"{files} probably {'is' if len(f.data['files']) == 1 else 'are'} of another system than {others}: only one of "
-        f"the headers has {listed(f.data['words'])}, and the response differs {f.data['ratio']:.2g} times as much as "
-        "between halves of one record; identify them separately"
+        f"{files} probably {'is' if len(f.data['files']) == 1 else 'are'} of another system than {others} (other "
+        f"header, {f.data['ratio']:.2g} times the usual difference of responses); identify them separately"
     )
 
 
@@ -208,9 +204,8 @@ def files_of_another_system(f: Finding, argument: Spelling) -> str:
 def feedback_likely(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: output, correlation, confidence."""
     return (
-        f"{f.subject} {how_sure(f.data['confidence'])} depends on {f.data['output']} (feedback): what is new in it "
-        f"correlates by {f.data['correlation']:.2g} with earlier disturbances of the output. Rank models by the free "
-        "run on unseen data, or record without a controller"
+        f"{f.subject} {how_sure(f.data['confidence'])} depends on {f.data['output']} (feedback, correlation "
+        f"{f.data['correlation']:.2g}); rank models by the free run, or record without a controller"
     )
 
 
@@ -227,8 +222,8 @@ def all_standstill(f: Finding, argument: Spelling) -> str:
 def much_standstill(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share, reversals."""
     return (
-        f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples; these samples give information on the "
-        "dead zone only, so record with larger inputs for the rest"
+        f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples, which show the dead zone only; record "
+        "with larger inputs"
     )
 
 
@@ -247,8 +242,8 @@ def dead_zone_likely(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: dead_zone, amplitude, inside, unit, confidence."""
     d = f.data
     return (
-        f"inputs of up to ±{_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output "
-        f"(dead zone or static friction); {f.subject} is below this in {100 * d['inside']:.0f} % of the samples"
+        f"inputs of up to ±{_in_unit(d['dead_zone'], d['unit'])} ({100 * d['inside']:.0f} % of the samples) "
+        f"{how_sure(d['confidence'])} do not move the output: dead zone or static friction"
     )
 
 
@@ -258,8 +253,7 @@ def amplitude_near_dead_zone(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"inputs of up to ±{_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output, "
-        f"and {f.subject} is above {_in_unit(d['amplitude'], d['unit'])} in at most 10 % of the samples; record "
-        "with at least three times this dead zone"
+        f"and {f.subject} is rarely above {_in_unit(d['amplitude'], d['unit'])}; record with larger inputs"
     )
 
 
@@ -270,10 +264,8 @@ def amplitude_near_dead_zone(f: Finding, argument: Spelling) -> str:
 def coarse_values(f: Finding, argument: Spelling) -> str:
     """Subject: the channel. Data: step, unit, levels (standard deviation in steps)."""
     return (
-        f"{f.subject} has steps of {_in_unit(f.data['step'], f.data['unit'])}, and its standard deviation is "
-        f"{f.data['levels']:.2g} of them; "
-        "one-step errors then show the rounding, so compare free runs, or measure over a longer time or with a finer "
-        "sensor"
+        f"{f.subject} has steps of {_in_unit(f.data['step'], f.data['unit'])} and a deviation of "
+        f"{f.data['levels']:.2g} steps; compare free runs, or measure with a finer sensor"
     )
 
 
@@ -284,8 +276,8 @@ def values_cut_off(f: Finding, argument: Spelling) -> str:
     condition = f" {d['mask']!r}" if d.get("mask") else ""
     return (
         f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
-        f"{100 * d['share']:.2g} % of the samples; if the sensor is saturated there, leave these samples out with "
-        f"{argument('mask')}{condition}; keep them if the system itself stops there, as at an end stop or an overflow"
+        f"{100 * d['share']:.2g} % of the samples; if the sensor saturates, leave them out with "
+        f"{argument('mask')}{condition}"
     )
 
 
@@ -344,9 +336,8 @@ def aliasing_possible(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share, frequency (Hz), confidence."""
     d = f.data
     return (
-        f"{100 * d['share']:.0f} % of the power of {f.subject} is above {d['frequency']:.3g} Hz, close to half the "
-        f"sampling frequency: {how_sure(d['confidence'])} noise, or faster motion that sampling folds down (aliasing). "
-        "Sample faster, or filter before sampling"
+        f"{100 * d['share']:.0f} % of the power of {f.subject} is above {d['frequency']:.3g} Hz: "
+        f"{how_sure(d['confidence'])} noise or aliasing; sample faster, or filter before sampling"
     )
 
 
@@ -354,9 +345,8 @@ def aliasing_possible(f: Finding, argument: Spelling) -> str:
 def output_integrates(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input."""
     return (
-        f"{f.subject} goes on as long as {f.data['input']} lasts, as a position does that integrates a speed; if it is "
-        f"one, give its unit ({argument('units')} {assigned(f.subject, 'deg')}), or take its derivative as the output, "
-        f"d({f.subject})"
+        f"{f.subject} goes on as long as {f.data['input']} lasts, like a position; give its unit ({argument('units')} "
+        f"{assigned(f.subject, 'deg')}) or take d({f.subject}) as output"
     )
 
 
@@ -377,8 +367,7 @@ def sampling_too_fast(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"the response of {f.subject} takes about {d['samples']:.0f} samples ({duration(d['time_constant'])}), "
-        f"{how_sure(d['confidence'])} more than a model needs; {argument('decimate')} {d['factor']} makes the search "
-        "faster and the estimates less sensitive to noise"
+        f"{how_sure(d['confidence'])} more than a model needs; use {argument('decimate')} {d['factor']}"
     )
 
 
@@ -387,9 +376,8 @@ def output_drifts(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: change, unit, confidence."""
     d = f.data
     return (
-        f"{f.subject} {how_sure(d['confidence'])} drifts by {_in_unit(d['change'], d['unit'])} over the record, which "
-        "the input does not explain; let the drive warm up before recording, or subtract a line with "
-        f"{argument('detrend')} 1"
+        f"{f.subject} {how_sure(d['confidence'])} drifts by {_in_unit(d['change'], d['unit'])}, which the input does "
+        f"not explain; warm the drive up first, or subtract a line ({argument('detrend')} 1)"
     )
 
 
@@ -405,11 +393,10 @@ def distortion_levels(f: Finding, argument: Spelling) -> str:
     elif d["least"] <= HIDDEN_DISTORTION:
         then = "a linear model is enough at this amplitude"
     else:
-        then = f"noise hides distortion of up to {100 * d['least']:.2g} %, so record more periods or a larger input"
+        then = f"noise hides distortion up to {100 * d['least']:.2g} %, record more periods"
     return (
         f"over {d['periods']} periods of {duration(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
-        f"{100 * d['even']:.2g} % even distortion (unsymmetric) and {100 * d['odd']:.2g} % odd distortion (dead zone, "
-        f"friction, saturation): {then}"
+        f"{100 * d['even']:.2g} % even and {100 * d['odd']:.2g} % odd distortion: {then}"
     )
 
 
@@ -418,9 +405,8 @@ def nonlinear_likely(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence."""
     d = f.data
     return (
-        f"the relation to {f.subject} is {how_sure(d['confidence'])} nonlinear: simple nonlinear functions explain "
-        f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
-        f"coherence {d['coherence']:.2g}). Fit friction and cascade models as well"
+        f"{f.subject} is {how_sure(d['confidence'])} nonlinear in the input: a nonlinear model should leave about "
+        f"{100 * (1 - d['of_residual']):.2g} % of a linear model's squared error"
     )
 
 
@@ -429,9 +415,8 @@ def unexplained_output(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, input."""
     d = f.data
     return (
-        f"neither a linear model (free-run fit {d['fit_percent']:.0f} %) nor simple nonlinear functions of "
-        f"{d['input']} explain {f.subject}: it depends on something else, such as a load, noise or another input, or "
-        f"on {d['input']} in another way. Check the columns, and compare models by the free run"
+        f"neither a linear model (fit {d['fit_percent']:.0f} %) nor simple nonlinear functions of {d['input']} explain "
+        f"{f.subject}; check the columns, or record the load"
     )
 
 
@@ -442,11 +427,10 @@ def nearly_linear(f: Finding, argument: Spelling) -> str:
     d = f.data
     then = {
         "little": "",
-        "small-error": "; this error is so small that they gain little",
+        "small-error": ", which is small",
         "noise": ", which noise alone may do",
     }[d["because"]]
     return (
-        f"no clear nonlinearity of {f.subject} is seen: simple nonlinear functions explain "
-        f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
-        f"coherence {d['coherence']:.2g}){then}. Compare other models with a linear one"
+        f"no clear nonlinearity of {f.subject}: a nonlinear model would save {100 * d['of_residual']:.2g} % of a "
+        f"linear model's squared error{then}"
     )

@@ -20,7 +20,7 @@ def sample_time_implausible(f: Finding, argument: Spelling) -> str:
     if dt < 1:
         return f"{f.subject}: a sample time of {dt:g} s is very short for a drive; check the unit of {argument('dt')}"
     return (
-        f"{f.subject}: a sample time of {dt:g} s is very long for a drive; if this number was meant in ms, give "
+        f"{f.subject}: a sample time of {dt:g} s is very long for a drive; if it is in ms, give "
         f"{argument('dt')} or {argument('time_unit')} in ms"
     )
 
@@ -31,8 +31,8 @@ def sample_time_contradicted(f: Finding, argument: Spelling) -> str:
     d = f.data
     where = {"preamble": "the header", "file name": "the name"}.get(d["source"], f"the entry {d['source']}")
     return (
-        f"{f.subject}: {where} of the file gives a sample time of {duration(d['said'])}, and {duration(d['dt'])} is "
-        f"used; if the file is right, give {argument('dt')} {d['said']:g}"
+        f"{f.subject}: {where} of the file says {duration(d['said'])} between rows, and {duration(d['dt'])} is used; "
+        f"check {argument('dt')}"
     )
 
 
@@ -62,8 +62,8 @@ def rows_skipped(f: Finding, argument: Spelling) -> str:
 def rows_of_messages(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: rows (of the file), columns (input and output)."""
     return (
-        f"{f.subject}: each of the {f.data['rows']:,} rows has values in some columns only, as messages of a bus have; "
-        "the input keeps its value until the times of the output"
+        f"{f.subject}: the {f.data['rows']:,} rows have values in some columns only, as messages do; the input keeps "
+        "its value until the next output"
     )
 
 
@@ -104,8 +104,8 @@ def data_detrended(f: Finding, argument: Spelling) -> str:
     order = f.data["order"]
     what = {0: "the mean", 1: "a line in time"}.get(order, f"a polynomial in time of order {order}")
     return (
-        f"{f.subject}: {what} of every channel was subtracted, so 0 is no longer rest; unless the output drifts, "
-        f"models with friction, dead zone or other static maps need the data without {argument('detrend')}"
+        f"{f.subject}: {what} of every channel was subtracted, so 0 is no longer rest; models with friction need the "
+        f"data without {argument('detrend')}"
     )
 
 
@@ -121,10 +121,10 @@ def files_equal(f: Finding, argument: Spelling) -> str:
 def clocks_of_files(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: columns (inputs and outputs), share (of the time, in which all have samples)."""
     share = f.data["share"]
-    rest = ", and the rest is left out" if share < 0.9995 else ""
+    rest = ", the rest is left out" if share < 0.9995 else ""
     return (
-        f"{f.subject}: the times of {listed(f.data['columns'])} come from different files and are taken as those of "
-        f"one clock. They overlap for {100 * share:.3g} % of the time{rest}; check that both clocks began together"
+        f"{f.subject}: the times of {listed(f.data['columns'])} come from different files, with {100 * share:.3g} % in "
+        f"common{rest}; check that both clocks began together"
     )
 
 
@@ -173,11 +173,8 @@ def values_missing(f: Finding, argument: Spelling) -> str:
 def several_experiments(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: chosen, pairs (of input and output)."""
     pairs = shortened([" and ".join(pair) for pair in f.data["pairs"]], between="; ")
-    return (
-        f"{f.subject}: the columns look like several inputs and outputs or several experiments; "
-        f"{' and '.join(f.data['chosen'])} are taken, other pairs are {pairs}. A model that is saved of one pair "
-        f"can be run on another, with its {argument('input')} and {argument('output')}"
-    )
+    taken = " and ".join(f.data["chosen"])
+    return f"{f.subject}: of several pairs of input and output, {taken} are taken; others are {pairs}"
 
 
 @words("sample-time-unknown", Severity.WARNING)
@@ -194,13 +191,12 @@ def sample_time_unknown(f: Finding, argument: Spelling) -> str:
 @words("time-unit-assumed", Severity.WARNING)
 def time_unit_assumed(f: Finding, argument: Spelling) -> str:
     """Subject: the time column or the file. Data: unit, dt (s), confidence, source."""
-    what = {"preamble": "of the sample time above the header of", "file name": "of the sample time in the name"}
+    what = {"preamble": "above the header of", "file name": "in the name"}
     of_column = f.data["source"] == "column"
-    which = "of" if of_column else what.get(f.data["source"], f"of the entry {f.data['source']} of")
+    which = "" if of_column else f"{what.get(f.data['source'], 'in the entry ' + f.data['source'] + ' of')} "
     return (
-        f"the unit {which} {f.subject} is not given; it is {how_sure(f.data['confidence'])} "
-        f"{f.data['unit']}, which makes the sample time {sample_time(f.data['dt'])}. Check "
-        f"{argument('time_unit' if of_column else 'dt')}"
+        f"the unit of the time {which}{f.subject} is {how_sure(f.data['confidence'])} {f.data['unit']} (sample time "
+        f"{sample_time(f.data['dt'])}); check {argument('time_unit' if of_column else 'dt')}"
     )
 
 
@@ -221,8 +217,8 @@ def clock_irregular(f: Finding, argument: Spelling) -> str:
     parts = [f"{d['gaps']} gap{many} {duration(d['longest'])}"] if d["gaps"] else []
     parts += [f"{d['duplicates']} repeated time{'s' * (d['duplicates'] != 1)}"] if d["duplicates"] else []
     parts += [f"steps that differ by up to {100 * d['jitter']:.2g} %"] if d["jitter"] > 0.01 else []
-    steps = f"steps of {sample_time(d['dt'])}{', and a long gap divides the record' if d['gaps'] else ''}"
-    return f"{f.subject} is not regular: it has {listed(parts)}; {argument('resample')} interpolates to {steps}"
+    steps = f"steps of {sample_time(d['dt'])}"
+    return f"{f.subject} is not regular: {listed(parts)}; {argument('resample')} interpolates to {steps}"
 
 
 # --- what the columns hold -------------------------------------------------------------------------------------------
@@ -241,10 +237,9 @@ def isolated_values(f: Finding, argument: Spelling) -> str:
     codes = []
     for code in f.data["codes"]:
         there = _THERE.get(code["response"], "")
-        codes.append(f"{code['value']:g} ({100 * code['share']:.2g} % of the samples{', ' * bool(there)}{there})")
+        codes.append(f"{code['value']:g} ({100 * code['share']:.2g} %{', ' * bool(there)}{there})")
     return (
-        f"{f.subject} goes from {f.data['low']:g} to {f.data['high']:g} and is also {listed(codes)}: likely codes, "
-        f"such as of a brake, and no commands; leave them out with {argument('mask')}, or say what they mean with "
+        f"{f.subject} is also {listed(codes)}, likely codes and no commands; use {argument('mask')}, "
         f"{argument('brake')} or {argument('coast')}"
     )
 
@@ -255,8 +250,8 @@ def value_stuck(f: Finding, argument: Spelling) -> str:
     d = f.data
     mask = f"{argument('mask')} {d['mask']!r}" if d.get("mask") else f"{argument('rows')} or {argument('mask')}"
     return (
-        f"{f.subject} does not change from {d['value']:g} for {d['length']} rows, from data row {d['row']} on; if the "
-        f"sensor or the log stood still, leave them out with {mask}"
+        f"{f.subject} stays at {d['value']:g} for {d['length']} rows from data row {d['row']} on; if the log stood "
+        f"still, leave them out with {mask}"
     )
 
 
@@ -264,11 +259,10 @@ def value_stuck(f: Finding, argument: Spelling) -> str:
 def position_differentiated(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: input (whose effect shows it; empty where the name of the column says it)."""
     u = f.data["input"]
-    why = f"seems to be a position, because its change responds to {u} and it does not" if u else "is a position"
+    why = f"seems to be a position, as its change responds to {u}" if u else "is a position"
     return (
-        f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify. For "
-        f"a model of the position, give {argument('output')} {quote(f.subject)}, and for a machine axis "
-        f"{argument('models')} linear-axis"
+        f"{f.subject} {why}; d({f.subject}) is proposed, and {argument('output')} {quote(f.subject)} gives a model of "
+        "the position"
     )
 
 
@@ -283,9 +277,8 @@ def reference_column(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: input, follows (the column that follows it)."""
     d = f.data
     return (
-        f"{f.subject} looks like the reference of a controller, because {d['follows']} follows it. {d['input']} then "
-        f"depends on {d['follows']} and its noise (feedback); compare models by the free run, or record without a "
-        "controller"
+        f"{f.subject} looks like the reference of a controller, which makes {d['input']} depend on {d['follows']} "
+        "(feedback); compare models by the free run"
     )
 
 
@@ -293,9 +286,8 @@ def reference_column(f: Finding, argument: Spelling) -> str:
 def command_before_its_row(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: output."""
     return (
-        f"{f.subject} moves {f.data['output']} in the row that it is written into, as where a logger writes a row and "
-        f"then sets the next command; {argument('shift')} {assigned(f.subject, '-1')} moves it to the row where it "
-        "begins to act, as physical models expect"
+        f"{f.data['output']} reacts to {f.subject} one row too early; check the logger, or use {argument('shift')} "
+        f"{assigned(f.subject, '-1')}"
     )
 
 
@@ -312,11 +304,10 @@ def direction_column(f: Finding, argument: Spelling) -> str:
 def sign_lost(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: output, candidates (columns of two values)."""
     columns = f.data["candidates"]
-    named = f" {listed(columns)} may be it;" if columns else " no column of two values looks like it;"
+    named = f" ({listed(columns)} may be it)" if columns else ""
     return (
-        f"{f.subject} is never negative, and {f.data['output']} goes both ways: the sign of the command is lost; give "
-        f"the column with it by {argument('direction')} {assigned(f.subject, columns[0] if columns else '…')}.{named} "
-        "without it, models of the drive cannot follow one of the directions"
+        f"{f.subject} is never negative, and {f.data['output']} goes both ways; give the column with the sign by "
+        f"{argument('direction')} {assigned(f.subject, columns[0] if columns else '…')}{named}"
     )
 
 
@@ -326,14 +317,11 @@ def further_channels(f: Finding, argument: Spelling) -> str:
     d = f.data
     said = []
     if d["inputs"]:
-        said.append(f"{listed(d['inputs'])} may be a load: name it as a second {argument('input')}")
+        said.append(f"{listed(d['inputs'])} may be a load (a second {argument('input')})")
     if d["outputs"]:
-        said.append(f"{listed(d['outputs'])} may be a second {argument('output')}, which shows electrical parameters")
+        said.append(f"{listed(d['outputs'])} a second {argument('output')}")
     if d["positions"]:
-        said.append(
-            f"{listed(d['positions'])} is the better sensor, as the speed is computed from it: name it as "
-            f"the {argument('output')}"
-        )
+        said.append(f"{listed(d['positions'])} the better {argument('output')}, as the speed comes from it")
     return f"{f.subject}: {'; '.join(said)}"
 
 
@@ -350,7 +338,6 @@ def unit_not_used(f: Finding, argument: Spelling) -> str:
 def difference_of_position(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: position."""
     return (
-        f"{f.subject} is the change of {f.data['position']} from row to row; its unit is that of {f.data['position']} "
-        f"per sample: with an encoder, give {argument('units')} {assigned(f.subject, 'count/sample')} and "
-        f"{argument('counts_per_revolution')}"
+        f"{f.subject} is the change of {f.data['position']} per row; with an encoder, give {argument('units')} "
+        f"{assigned(f.subject, 'count/sample')} and {argument('counts_per_revolution')}"
     )

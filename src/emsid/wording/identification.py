@@ -63,8 +63,8 @@ def built_in_values_kept(f: Finding, argument: Spelling) -> str:
         f"{each['name']} {with_unit(format(each['value'], '.6g'), each['unit'])}" for each in f.data["parameters"]
     ]
     return (
-        f"not estimated and kept at the built-in value: {listed(values)}; give what you know with "
-        f"{argument('fixed')} or {argument('datasheet')}, or add it to {argument('free')}"
+        f"built in, not estimated: {listed(values)}; give {argument('fixed')} or {argument('datasheet')}, or add to "
+        f"{argument('free')}"
     )
 
 
@@ -113,11 +113,8 @@ def models_out_of_time(f: Finding, argument: Spelling) -> str:
 def interrupted(f: Finding, argument: Spelling) -> str:
     """Data: missing (models that were not reached)."""
     missing = f.data["missing"]
-    rest = f"; not fitted: {listed(missing)}" if missing else ""
-    return (
-        f"the identification was stopped before its end{rest}. Residual tests, bands and the next experiment were not "
-        f"computed; for them run it to its end, with fewer models ({argument('models')}) if that takes too long"
-    )
+    rest = f" (not fitted: {listed(missing)})" if missing else ""
+    return f"stopped before its end{rest}, so residual tests, bands and the next experiment are missing"
 
 
 # --- errors, and the data they were computed on ----------------------------------------------------------------------
@@ -134,8 +131,8 @@ def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the unseen data. Data: samples, needed."""
     samples = "1 sample" if f.data["samples"] == 1 else f"{f.data['samples']} samples"
     return (
-        f"{f.subject} leaves {samples} to rank the models on, too few to choose by; record longer, "
-        f"or give a second record of at least {f.data['needed']} samples ({argument('unseen')})"
+        f"{f.subject} has {samples}, too few to rank models on; give a second record of at least {f.data['needed']} "
+        f"({argument('unseen')})"
     )
 
 
@@ -172,10 +169,10 @@ def end_shows_little(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: share (of the deviation of the output), first, last (samples of the unseen part), moved
     (whether it is another part than the end)."""
     d = f.data
-    little = f"the end of {f.subject} has {100 * d['share']:.0f} % of the deviation of the output"
+    little = f"the end of {f.subject} has {100 * d['share']:.0f} % of the output's deviation"
     if d["moved"]:
         return f"{little}, so samples {d['first']:,} to {d['last']:,} are the unseen part"
-    return f"{little}, and no other part is fit to test a model; give other data as {argument('unseen')}"
+    return f"{little}, and no other part is better; give {argument('unseen')}"
 
 
 @words("fitted-to-excerpt")
@@ -184,14 +181,11 @@ def fitted_to_excerpt(f: Finding, argument: Spelling) -> str:
     fitted to all of them, empty for none)."""
     d = f.data
     then = (
-        f"{d['finished']}, the recommended one, is then fitted to all of them, and its errors are those of this fit"
+        f"then {d['finished']} to all"
         if d["finished"]
-        else f"name a single model ({argument('models')}) to fit it to all of them"
+        else f"name a single model ({argument('models')}) to fit it to all"
     )
-    return (
-        f"to compare them in less time, the models are fitted to pieces of {f.subject} with {d['samples']:,} of "
-        f"{d['of']:,} samples; {then}"
-    )
+    return f"to save time, the models are fitted to {d['samples']:,} of {d['of']:,} samples of {f.subject}; {then}"
 
 
 @words("free-run-error")
@@ -203,24 +197,30 @@ def free_run_error(f: Finding, argument: Spelling) -> str:
     if len(outputs) == 1:
         (only,) = outputs
         return f"on {data_name(f)}, the free run has {_fit(only)}; its RMSE is {_rmse(only)}{_apart(f)}"
-    each = "; ".join(f"{one['name']} {_rmse(one)} ({_fit(one)})" for one in outputs)
-    return f"on {data_name(f)}, the RMSE of the free run is {each}{_apart(f)}"
+    each = ", ".join(f"{one['name']} {_rmse(one)} ({_short_fit(one)})" for one in outputs)
+    return f"on {data_name(f)}, the free run has an RMSE of {each}{_apart(f)}"
 
 
 def _apart(f: Finding) -> str:
     """What the choice among several models did to the error."""
+    """What the choice among several models did to the error."""
     if f.data.get("chosen_among", 1) < 2:
         return ""
     if "chosen_on" in f.data:
-        return "; chosen on one part of the unseen data, scored on the other"
+        return " (the choice was made on other data)"
     apart = f.data["apart"]
     if apart is None:
-        return "; these data also chose it, so the error is a little too small"
+        return " (these data also chose it)"
     errors, shown = (
         listed([_rmse(one | {"rmse": rmse}) for one, rmse in zip(f.data["outputs"], which, strict=True)])
         for which in (apart, [one["rmse"] for one in f.data["outputs"]])
     )
-    return "" if errors == shown else f"; chosen on one half and scored on the other, the RMSE is {errors}"
+    return "" if errors == shown else f" ({errors} with the choice on another half)"
+
+
+def _short_fit(output: Any) -> str:
+    fit = output["fit_percent"]
+    return "constant, no fit" if fit is None else f"fit {fit:.1f} %"
 
 
 def _fit(output: Any) -> str:
@@ -261,8 +261,8 @@ def no_better_than_mean(f: Finding, argument: Spelling) -> str:
 def worse_than_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the record."""
     return (
-        f"on {f.subject}, the free run is no better than the mean of the output: the model does not describe this "
-        "record; check units, sample time and what was changed on the drive"
+        f"on {f.subject}, the free run is no better than the mean of the output; check units, sample time and changes "
+        "of the drive"
     )
 
 
@@ -277,20 +277,14 @@ def one_step_error_smaller(f: Finding, argument: Spelling) -> str:
     """Data: ratio."""
     ratio = f.data["ratio"]
     times = f"{ratio:,.0f}" if ratio >= 100 else f"{ratio:.3g}"
-    return (
-        f"one step ahead, the MSE is {times} times smaller than in the free run; one-step errors are small for almost "
-        "any model, so compare models by the free run"
-    )
+    return f"one step ahead, the MSE is {times} times smaller, as for almost any model; compare models by the free run"
 
 
 @words("input-constant", Severity.WARNING)
 def input_constant(f: Finding, argument: Spelling) -> str:
     """Data: inputs (name, level), seen."""
     levels = listed([f"{each['name']} is constant at {each['level']:g}" for each in f.data["inputs"]])
-    return (
-        f"on {data_name(f)}, {levels}, so these data test only the steady state; give unseen data in which the "
-        f"input changes ({argument('unseen')})"
-    )
+    return f"on {data_name(f)}, {levels}, which tests only the steady state; give other data ({argument('unseen')})"
 
 
 @words("input-beyond-range", Severity.WARNING)
@@ -298,8 +292,8 @@ def input_beyond_range(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: low, high, fitted_low, fitted_high, seen."""
     d = f.data
     return (
-        f"{f.subject} goes from {d['low']:g} to {d['high']:g} on {data_name(f)}, and from {d['fitted_low']:g} to "
-        f"{d['fitted_high']:g} in the data the models were fitted to; outside this range the models extrapolate"
+        f"on {data_name(f)}, {f.subject} goes from {d['low']:g} to {d['high']:g}; outside the fitted "
+        f"{d['fitted_low']:g} to {d['fitted_high']:g} models extrapolate"
     )
 
 
@@ -309,7 +303,6 @@ def map_beyond_range(f: Finding, argument: Spelling) -> str:
     d = f.data
     which = "its static map" if d["map"] is None else f"its static map {d['map']}"
     return (
-        f"{f.subject}: the input of {which} goes from {d['low']:.4g} to {d['high']:.4g} in the free run on "
-        f"{data_name(f)}, and from {d['fitted_low']:.4g} to {d['fitted_high']:.4g} in the data of the fit; outside "
-        f"this range, for {100 * d['share']:.3g} % of the samples, the model extrapolates"
+        f"{f.subject}: {which} extrapolates in {100 * d['share']:.3g} % of the samples of {data_name(f)} "
+        f"({d['low']:.4g} to {d['high']:.4g}, fitted {d['fitted_low']:.4g} to {d['fitted_high']:.4g})"
     )

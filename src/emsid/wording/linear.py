@@ -16,11 +16,10 @@ def rank_deficient(f: Finding, argument: Spelling) -> str:
     if zero:
         found.append(f"{shortened(zero)} {'are' if len(zero) > 1 else 'is'} zero in all samples")
     if alike:
-        pairs = [f"{each['regressor']} is a combination of {shortened(each['like'])}" for each in alike]
-        found.append(shortened(pairs, "; ", "; and "))
+        found.append(f"{shortened([each['regressor'] for each in alike])} depend on others")
     return (
-        f"the data determine only {f.data['rank']} of {f.data['parameters']} parameters: {'; '.join(found)}; remove "
-        "these regressors, or record with an input that varies more"
+        f"the data determine only {f.data['rank']} of {f.data['parameters']} parameters ({'; '.join(found)}); record "
+        "an input that varies more"
     )
 
 
@@ -64,11 +63,10 @@ def few_samples(f: Finding, argument: Spelling) -> str:
 def forgetting_limited(f: Finding, argument: Spelling) -> str:
     """Data: samples, parameters (those at the limit in the end)."""
     at_limit = f.data["parameters"]
+    now = f", at the end {shortened(at_limit)}" if at_limit else ""
     return (
-        f"in {f.data['samples']:,} samples the input did not excite all parameters, so the recursion forgot nothing in "
-        "the directions without excitation"
-        + (f"; at the end of the record these are directions of {shortened(at_limit)}" if at_limit else "")
-        + ". Excite the system all the time, or use a larger forgetting factor"
+        f"in {f.data['samples']:,} samples the input did not excite all parameters{now}; excite them all the time, or "
+        "use a larger forgetting factor"
     )
 
 
@@ -76,9 +74,8 @@ def forgetting_limited(f: Finding, argument: Spelling) -> str:
 def regression_biased(f: Finding, argument: Spelling) -> str:
     """Data: lags, p_value, largest, lag."""
     return (
-        f"the one-step errors in the fit are correlated ({_correlated(f)}), as noise on the output makes them. The "
-        "coefficients then suit the prediction of the next sample and differ from those of the system, so they have no "
-        "intervals; for parameters of the system fit the free run: output-error, a cascade or a physical model"
+        f"its one-step errors are correlated ({_correlated(f)}), so its coefficients are biased and have no "
+        "intervals; fit the free run instead"
     )
 
 

@@ -26,11 +26,9 @@ def _duration(seconds: float) -> str:
 def change_detected(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: time, since, delay, what (level or spread), false_alarm (mean time between them)."""
     what = "level" if f.data["what"] == "level" else "size"
-    rate = f.data["false_alarm"]
-    alarms = "" if rate is None else f"; false alarms come at most once in {_duration(rate)} where the errors are white"
     return (
         f"at {f.data['time']:.6g} s the {what} of the prediction error of {f.subject} has changed, since about "
-        f"{f.data['since']:.6g} s (detected after {f.data['delay']:.3g} s): load or motor is different now{alarms}"
+        f"{f.data['since']:.6g} s: load or motor is different now"
     )
 
 
@@ -53,10 +51,7 @@ def samples_not_tracked(f: Finding, argument: Spelling) -> str:
 @words("source-disconnected", Severity.WARNING)
 def source_disconnected(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: wait (seconds in which it may come back)."""
-    return (
-        f"{f.subject} was disconnected; it is opened again as soon as it is back, and the tracking ends if it is not "
-        f"back within {_duration(f.data['wait'])}"
-    )
+    return f"{f.subject} was disconnected; the tracking ends if it is not back within {_duration(f.data['wait'])}"
 
 
 @words("source-silent", Severity.WARNING)
@@ -70,10 +65,10 @@ def lines_not_used(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: lines (malformed), not_finite, example (a malformed line)."""
     parts = []
     if f.data["lines"]:
-        parts.append(f"{f.data['lines']} lines cannot be read as samples, such as {f.data['example']!r}")
+        parts.append(f"{f.data['lines']} lines are no samples, such as {f.data['example']!r}")
     if f.data["not_finite"]:
         parts.append(f"{f.data['not_finite']} samples are not finite")
-    return f"{f.subject}: {' and '.join(parts)}; they are left out here and kept in the log"
+    return f"{f.subject}: {' and '.join(parts)}; they are in the log only"
 
 
 @words("log-not-written", Severity.PROBLEM)
@@ -89,8 +84,8 @@ def log_not_written(f: Finding, argument: Spelling) -> str:
 def tracking_errors_coloured(f: Finding, argument: Spelling) -> str:
     """Data: correlation."""
     return (
-        f"neighbouring prediction errors have a correlation of {f.data['correlation']:.2f}: the structure misses a "
-        "part of the motion, intervals are too narrow and changes are seen later; choose a larger structure"
+        f"neighbouring prediction errors correlate by {f.data['correlation']:.2f}: intervals are too narrow; choose a "
+        "larger structure"
     )
 
 

@@ -8,7 +8,7 @@ from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import name_and_unit, with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
-from emsid.wording.lists import assigned
+from emsid.wording.lists import assigned, shortened
 from emsid.wording.search import SHOW_ZONE
 
 
@@ -20,33 +20,27 @@ def unit_assumed(f: Finding, argument: Spelling) -> str:
 
 def _give_unit(f: Finding, argument: Spelling) -> str:
     """What to do about a channel without a unit; its name may have one."""
+    """What to do about a channel without a unit; its name may have one."""
     channel = f.data["channel"]
     named = name_and_unit(channel)[1]
     if not named:
         return f"; if this is wrong, give its unit ({argument('units')})"
-    return (
-        f", although its name has {named}; unless it was converted, give its unit "
-        f"({argument('units')} {assigned(channel, named)})"
-    )
+    return f", not {named} as in its name; if this is wrong, give {argument('units')} {assigned(channel, named)}"
 
 
 @words("command-unit-assumed", Severity.WARNING)
 def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
-    return (
-        f"{d['channel']} has no unit and is read as {d['unit']}{_give_unit(f, argument)}, or the number of {d['unit']} "
-        "in one unit of it (drive.gain)"
-    )
+    return f"{d['channel']} has no unit and is read as {d['unit']}{_give_unit(f, argument)} or drive.gain"
 
 
 @words("command-may-be-duty", Severity.INFO)
 def command_may_be_duty(f: Finding, argument: Spelling) -> str:
     d = f.data
-    scale = "" if d["full"] == 255 else f", its full scale ({argument('pwm_full_scale')})"
+    scale = "" if d["full"] == 255 else f", {argument('pwm_full_scale')}"
     return (
-        f"{d['channel']} is in whole numbers and ends at {d['full']:g}, like the duty of a PWM; if it is one, give its "
-        f"unit pwm ({argument('units')}){scale} and the supply voltage ({argument('supply_voltage')}) to see volts. "
-        "The free run is the same"
+        f"{d['channel']} looks like a PWM duty, in whole numbers up to {d['full']:g}; for volts give its unit pwm "
+        f"({argument('units')}{scale}, {argument('supply_voltage')})"
     )
 
 
@@ -60,10 +54,10 @@ def codes_without_bridge(f: Finding, argument: Spelling) -> str:
 def input_between_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: straight, held (the numbers of segments with this hold)."""
     straight, held = f.data["straight"], f.data["held"]
-    some = f" in {straight} of {straight + held} segments (in the others it keeps its value until the next one)"
+    some = f" in {straight} of {straight + held} segments"
     return (
-        f"the data show that {f.subject} changes linearly between samples{some if held else ''}, and it is "
-        f"simulated so; {argument('hold')} sets this"
+        f"the data show that {f.subject} changes linearly between samples{some if held else ''}, and it is simulated "
+        f"so ({argument('hold')})"
     )
 
 
@@ -82,9 +76,8 @@ def input_taken_as_linear(f: Finding, argument: Spelling) -> str:
 def _taken_as(f: Finding, argument: Spelling, course: str) -> str:
     between, ratio = f.data["between"], f.data["ratio"]
     return (
-        f"{f.subject} is simulated as {course} between its samples; with a {between} input the free-run error is "
-        f"{ratio:.3g} times smaller, and the parameters differ. Give the plant between={between!r}, or confirm with "
-        f"{argument('hold')} that the input is {course}"
+        f"{f.subject} is simulated as {course} between samples; with a {between} input the error is {ratio:.3g} times "
+        f"smaller: give between={between!r} or {argument('hold')}"
     )
 
 
@@ -92,18 +85,15 @@ def _taken_as(f: Finding, argument: Spelling, course: str) -> str:
 def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the output."""
     return (
-        f"the data show that {f.subject} is the mean over the sample before it, as from counting the edges of an "
-        f"encoder, and it is simulated so; {argument('average')} sets this"
+        f"the data show that {f.subject} is the mean over the sample before it, as an encoder counts, and it is "
+        f"simulated so ({argument('average')})"
     )
 
 
 @words("friction-fades-as-gaussian")
 def friction_fades_as_gaussian(f: Finding, argument: Spelling) -> str:
     """Subject: the plant."""
-    return (
-        f"the excess of the friction of {f.subject} near rest fades with the speed as exp(−(rate·speed)²), and not as "
-        "exp(−rate·speed), for which the error is larger"
-    )
+    return f"the friction of {f.subject} near rest fades as exp(−(rate·speed)²), not as exp(−rate·speed)"
 
 
 @words("alternatives-fit-as-well")
@@ -187,14 +177,13 @@ def parameter_drifts(f: Finding, argument: Spelling) -> str:
 def parameters_by_record(f: Finding, argument: Spelling) -> str:
     """Data: parameters, records, typical (value of every parameter in another record), units."""
     d = f.data
-    several = len(d["parameters"]) > 1
     typical = [
         f"{name} = {with_unit(f'{value:.4g}', unit)}"
         for name, value, unit in zip(d["parameters"], d["typical"], d["units"], strict=True)
     ]
     return (
-        f"{listed(d['parameters'])} {'have' if several else 'has'} a value for each of {len(d['records'])} records; in "
-        f"any other record the model uses the median{'s' * several}, {listed(typical)}"
+        f"{len(d['records'])} records have their own {listed(d['parameters'])}; in any other record the model uses the "
+        f"median{'s' * (len(typical) > 1)}, {listed(typical)}"
     )
 
 
@@ -202,11 +191,10 @@ def parameters_by_record(f: Finding, argument: Spelling) -> str:
 def parameters_reestimated(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: parameters, samples (they are estimated from), rest, before, after (fit in %)."""
     d = f.data
-    was = "were" if len(d["parameters"]) > 1 else "was"
-    fits = [("no fit" if each is None else f"a fit of {each:.1f} %") for each in (d["after"], d["before"])]
+    before, after = ("none" if each is None else f"{each:.1f} %" for each in (d["before"], d["after"]))
     return (
-        f"{f.subject}: {listed(d['parameters'])} {was} estimated again from the first {d['samples']:,} samples; on the "
-        f"other {d['rest']:,} the free run has {fits[0]}, and {fits[1]} with the values of the model file"
+        f"{f.subject}: with {listed(d['parameters'])} from its first {d['samples']:,} samples, the fit on the other "
+        f"{d['rest']:,} goes from {before} to {after}"
     )
 
 
@@ -240,35 +228,29 @@ def no_shaft_needed(f: Finding, argument: Spelling) -> str:
 @words("nothing-identifiable", Severity.PROBLEM)
 def nothing_identifiable(f: Finding, argument: Spelling) -> str:
     return (
-        f"from {listed(f.data['channels'])} alone, no parameter of {f.subject} is identifiable: the output hardly "
-        f"responds to the input; check the columns, or fix the parameters that you know ({argument('fixed')})"
+        f"from {listed(f.data['channels'])} alone, no parameter of {f.subject} is identifiable; check the columns, or "
+        f"fix what you know ({argument('fixed')})"
     )
 
 
 @words("not-identifiable", Severity.WARNING)
 def not_identifiable(f: Finding, argument: Spelling) -> str:
     names, kept = f.data["parameters"], f.data["kept"]
-    at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in kept)
-    alone = f"from {listed(f.data['channels'])} alone, "
     if len(names) == 1:
-        return f"{alone}{names[0]} is not identifiable and was kept at its start value: {at}; {_advice(f, argument)}"
-    only = listed(f.data["combinations"]) if f.data["combinations"] else "combinations of them"
-    start = "start values" if len(kept) > 1 else "start value"
-    return (
-        f"{alone}{listed(names)} are not identifiable separately, only {only}; kept at the {start}: {at}; "
-        f"{_advice(f, argument)}"
-    )
+        at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in kept)
+        alone = f"from {listed(f.data['channels'])} alone"
+        return f"{names[0]} is not identifiable {alone}; kept at {at}; {_advice(f, argument)}"
+    only = shortened(f.data["combinations"]) if f.data["combinations"] else "combinations"
+    return f"only {only} of {shortened(names)} can be identified; {_advice(f, argument)}"
 
 
 @words("weakly-identified", Severity.WARNING)
 def weakly_identified(f: Finding, argument: Spelling) -> str:
     names = f.data["parameters"]
-    alone = f"from {listed(f.data['channels'])} alone, "
     if len(names) == 1:
-        return f"{alone}{names[0]} is not known to better than 100 %; {_advice(f, argument)}"
-    are = "is" if len(f.data["combinations"]) == 1 else "are"
-    better = f"; {listed(f.data['combinations'])} {are} known better" if f.data["combinations"] else ""
-    return f"{alone}{listed(names)} are hardly identifiable separately{better}; {_advice(f, argument)}"
+        return f"{names[0]} is not known to better than 100 % from these data; {_advice(f, argument)}"
+    better = f"; {shortened(f.data['combinations'])} known better" if f.data["combinations"] else ""
+    return f"{shortened(names)} are hardly identifiable separately{better}; {_advice(f, argument)}"
 
 
 @words("intervals-include-zero", Severity.WARNING)
@@ -285,20 +267,12 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
 def load_drifts(f: Finding, argument: Spelling) -> str:
     names, mean, unit = f.data["parameters"], f.data["mean"], f.data["unit"]
     deviation = with_unit(f"{f.data['deviation']:.3g}", unit)
-    drifts = f"the load of the {f.subject} drifts during the record, with a standard deviation of {deviation}"
-    one, several = "s" * (len(names) == 1), "s" * (len(names) > 1)
+    drifts = f"the load of the {f.subject} drifts (standard deviation {deviation})"
     if mean is None:
-        after = with_unit(f"{f.data['trusted']:.3g}", "s")
-        part = "the load at its start" if f.data["walks"] else "the load without this drift"
-        contained = f", and {listed(names)} contain{one} {part}" if names else ""
-        return (
-            f"{drifts}, and moves the free run by more than the noise after {after}; the fit takes that into "
-            f"account{contained}"
-        )
-    return (
-        f"{drifts}; its mean is part of {listed(names)} and has a standard deviation of "
-        f"{with_unit(f'{mean:.3g}', unit)} from record to record, which the interval{several} include{one}"
-    )
+        part = "the load at its start" if f.data["walks"] else "the load without drift"
+        contained = f"; {listed(names)} include{'s' * (len(names) == 1)} {part}" if names else ""
+        return f"{drifts} and moves the free run after {with_unit(format(f.data['trusted'], '.3g'), 's')}{contained}"
+    return f"{drifts}; the intervals of {listed(names)} include the {with_unit(f'{mean:.3g}', unit)} of its mean"
 
 
 @words("free-run-drifts")
@@ -307,8 +281,8 @@ def free_run_drifts(f: Finding, argument: Spelling) -> str:
     error, whole = (with_unit(f"{f.data[name]:.3g}", f.data["unit"]) for name in ("error", "whole"))
     seconds = with_unit(f"{f.data['seconds']:.3g}", "s")
     return (
-        f"the errors of the free run of {f.subject} add up, as under a drift: over {seconds} from a new initial "
-        f"position the RMS error is {error}, over the whole record {whole}; trust a free run for up to {seconds}"
+        f"errors of the free run of {f.subject} add up: {error} RMS over {seconds}, {whole} over the whole record; "
+        f"trust it for up to {seconds}"
     )
 
 
@@ -318,17 +292,14 @@ def probably_another_system(f: Finding, argument: Spelling) -> str:
     other, share = ("linear model", f.data["linear"]) if regression is None else ("polynomial regression", regression)
     left, less = (f"{100 * each:.2g} %" for each in (f.data["left"], share))
     return (
-        f"these data are probably of another kind of system: after the first refinement, its free run leaves {left} of "
-        f"the output's variance unexplained, and a {other} {less}; no other refinements were tried"
+        f"the search of extra effects stopped after the first: its free run leaves {left} of the variance, a {other} "
+        f"{less}"
     )
 
 
 @words("choice-interrupted", Severity.WARNING)
 def choice_interrupted(f: Finding, argument: Spelling) -> str:
-    return (
-        "the choice of refinements was stopped before its end, by a limit of time or by hand; the best model so far is "
-        "kept"
-    )
+    return "the choice of refinements was stopped before its end; the best model so far is kept"
 
 
 def interval(ends: tuple[float, float], unit: str) -> str:
@@ -342,7 +313,7 @@ def interval(ends: tuple[float, float], unit: str) -> str:
 
 
 def _advice(f: Finding, argument: Spelling) -> str:
-    measured = ", or measure the current as well" if f.data["current_missing"] else ""
+    measured = ", or measure the current" if f.data["current_missing"] else ""
     both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
     zone = f"{SHOW_ZONE}, " if f.data.get("zone_unseen") else ""
     return f"{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"

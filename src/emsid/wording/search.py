@@ -7,14 +7,14 @@ from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.lists import MOST, shortened
 
-SHOW_ZONE = "let it coast with the command at zero (Coulomb friction brakes it there, a dead zone does not)"
+SHOW_ZONE = "let it coast at zero command"
 """What to record where the two are inseparable."""
 
 
 @words("search-stalled", Severity.PROBLEM)
 def search_stalled(f: Finding, argument: Spelling) -> str:
     others = f", where {f.data['agreeing']} of {f.data['starts']} searches end" if "starts" in f.data else ""
-    return f"the search stalled before a minimum ({_so_far(f)}){others}; the estimates and intervals are not reliable"
+    return f"the search stalled before a minimum ({_so_far(f)}){others}; the estimates are not reliable"
 
 
 @words("minimum-not-smooth")
@@ -34,8 +34,8 @@ def searches_agreeing(f: Finding, argument: Spelling) -> str:
         return f"the optimum may be a local one: {f.data['agreeing']} of {searches} starts lead to it"
     best = f", from the best of {compared} starts," if compared > 1 else ""
     return (
-        f"only one search{best} ran to its end; if its free run is worse than expected, give what is known "
-        f"({argument('fixed')}, {argument('datasheet')}) and fit again"
+        f"only one search{best} ran to its end; give what is known ({argument('fixed')}, {argument('datasheet')}) to "
+        "be sure"
     )
 
 
@@ -58,8 +58,8 @@ def search_cancelled(f: Finding, argument: Spelling) -> str:
 def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
     data = f.data
     return (
-        f"the last {data['last_steps']} steps lowered the cost by less than {100 * data['least_saving']:g} %, so the "
-        f"search ended before a minimum ({_so_far(f)})"
+        f"the last {data['last_steps']} steps lowered the cost by less than {100 * data['least_saving']:g} %; the "
+        f"search ended there ({_so_far(f)})"
     )
 
 
@@ -67,12 +67,11 @@ def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
 def parameter_at_bound(f: Finding, argument: Spelling) -> str:
     side = f.data["side"]
     if f.data.get("because") == "inseparable":
-        both_ways = "drive it in both directions, or " if f.data["one_way"] else ""
-        zone = f"{SHOW_ZONE}, or " if f.data.get("zone_unseen") else ""
+        both_ways = "drive it in both directions, " if f.data["one_way"] else ""
+        zone = f"{SHOW_ZONE}, " if f.data.get("zone_unseen") else ""
         return (
-            f"{f.subject} is at its {side} limit {f.data['bound']:.4g}, where these data do not separate it from "
-            f"{listed(f.data['others'])}: other values fit as well; {zone}{both_ways}fix one of them "
-            f"({argument('fixed')})"
+            f"{f.subject} is at its {side} limit {f.data['bound']:.4g}, not separable from {listed(f.data['others'])}; "
+            f"{zone}{both_ways}or fix one of them ({argument('fixed')})"
         )
     because = _BECAUSE.get(f.data.get("because", ""), "")
     beyond = "smaller" if side == "lower" else "larger"
@@ -123,5 +122,5 @@ def _joined(groups: Sequence[Sequence[str]]) -> list[list[str]]:
 def _so_far(f: Finding) -> str:
     steps, offset = f.data["steps"], f.data["offset"]
     counted = [f"{steps} step{'s' * (steps != 1)}"] if steps or offset is None else []
-    short = [] if offset is None else [f"{offset:.2g} standard errors short of the linearised minimum"]
+    short = [] if offset is None else [f"{offset:.2g} standard errors above it"]
     return ", ".join(counted + short)

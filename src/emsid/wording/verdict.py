@@ -79,7 +79,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
     ),
     "larger-on-unseen": lambda d: f"its error is {d['ratio']:.2g} times larger on unseen data than on fitted data",
     "error-in-one-stretch": lambda d: (
-        f"{100 * d['share']:.0f} % of its squared error is in the samples {d['first']} to {d['last']}"
+        f"{100 * d['share']:.0f} % of its squared error is between {d['from']:.4g} and {d['to']:.4g} s"
     ),
     "search-not-finished": lambda d: f"its search did not reach a minimum ({_ENDED[d['ending']]})",
 }
@@ -138,45 +138,25 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     practice, None where the errors differ) where another model has a smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
-    run = "free run" if d["ahead"] is None else f"prediction {d['ahead']} samples ahead"
-    if d["folds"] > 1:
-        where = f"{d['folds']} parts of the data left out in turn"
-    fit = [] if d["fit_percent"] is None else [f"a fit of {d['fit_percent']:.1f} %"]
+    about = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
+    verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
     if "instead_of" in d:
         own, other = d["parameters"]
-        against = [f"needs {other} parameters instead of {own}"] if other > own else []
-        if d["because"] is not None:
-            against.append("is implausible")
-        if d["unfinished"]:
-            against.append("ended its search before a minimum")
-        percent = f"{100 * (d['ratio'] - 1):.2g} %{_SAME_IN[d['same_in']]}"
-        why = (
-            f"preferred{_in_brackets(fit)} to {d['instead_of']}, whose error is smaller by {percent}"
-            f"{f', and which {listed(against)}' if against else ''}"
-        )
+        against = [f"{other} parameters instead of {own}"] if other > own else []
+        against += ["an implausible shape"] if d["because"] is not None else []
+        against += ["an unfinished search"] if d["unfinished"] else []
+        percent = f"{100 * (d['ratio'] - 1):.2g} % smaller{_SAME_IN[d['same_in']]}"
+        by = f", with {listed(against)}" if against else ""
+        why = f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
     elif d["models"] > 1:
-        about = _in_brackets([*fit, *_others(d["others"])])
-        among = f"best of {d['models']}"
-        by = "" if d["ahead"] is None else f", by {run}"
-        why = (
-            f"{among} in {d['folds']}-fold cross-validation{by}{about}"
-            if d["folds"] > 1
-            else f"{among} on {where}{by}{about}"
-        )
+        by = "" if d["ahead"] is None else f", by prediction {d['ahead']} samples ahead"
+        on = f"in {d['folds']}-fold cross-validation" if d["folds"] > 1 else f"on {where}"
+        why = f"best of {d['models']} {on}{by}{about}"
     else:
-        why = f"the only model{_in_brackets(fit)}"
-    verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
+        why = f"the only model{about}"
+    if "instead_of" in d and d["verdict"] not in _LEVELS:  # the comparison is what there is to say
+        return f"Recommended: {f.subject}, {why}"
     return f"Recommended: {f.subject}, {why}; {verdict}{_first_reasons(d['reasons'])}"
-
-
-def _others(count: int) -> list[str]:
-    """The models of the table that are not in the comparison."""
-    which = "1 other is" if count == 1 else f"{count} others are"
-    return [f"{which} not usable or much worse"] if count else []
-
-
-def _in_brackets(texts: list[str]) -> str:
-    return f" ({'; '.join(texts)})" if texts else ""
 
 
 _SAME_IN = {
@@ -185,8 +165,8 @@ _SAME_IN = {
     None: "",
 }
 _LEVELS = {
-    "model-limited": "its limits: ",
-    "model-implausible": "no plausible model is as good: ",
+    "model-limited": "limit: ",
+    "model-implausible": "but implausible: ",
 }
 
 
@@ -194,7 +174,7 @@ def _first_reasons(reasons: list[Reason]) -> str:
     """The first reason against a model, and the number of the others."""
     shown = "".join(reason_in_words(each) for each in reasons[:1])
     more = len(reasons) - 1
-    return f"{shown}, and {more} more limit{'s' * (more > 1)}" if more > 0 else shown
+    return f"{shown}, and {more} more" if more > 0 else shown
 
 
 @words("no-model-recommended", Severity.PROBLEM)
@@ -208,24 +188,15 @@ def no_model_recommended(f: Finding, argument: Spelling) -> str:
 def _fill_range(d: Reason) -> str:
     places = [f"{x:.3g}" for x in d.get("at", [])]
     near = f" around {listed(places)}" if places else ""
-    return (
-        f"record larger or more varied movements: the static map has hardly any data{near} (a value of the signal "
-        "before it), so its shape is not known there"
-    )
+    return f"record larger or more varied movements: the static map has hardly any data{near}"
 
 
 _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
-    "longer": lambda d: (
-        f"record longer: the models were fitted to {d['samples']} samples, and need at least {d['needed']}, better "
-        "some hundred"
-    ),
+    "longer": lambda d: f"record longer: {d['samples']} samples are too few, at least {d['needed']} are needed",
     "without-feedback": lambda d: (
         "record without a controller, or with a test signal added to its command, since the input follows the output"
     ),
-    "more-levels": lambda d: (
-        "record an input of many levels over the whole range, such as an amplitude-modulated PRBS; this one has too "
-        "few to show dead zone, friction and saturation"
-    ),
+    "more-levels": lambda d: "record an input of many levels over the whole range, such as an amplitude-modulated PRBS",
     "test-signal": lambda d: (
         "add a test signal to the reference of the controller and record it too, for a closed-loop method: two-stage, "
         "instrumental variables or Box–Jenkins"
@@ -240,8 +211,7 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
     ),
     "fill-range": _fill_range,
     "repeat-input": lambda d: (
-        "repeat the same input two or three times in one record: what then differs is noise or a change of the drive, "
-        "and what stays is missing in the model"
+        "repeat the same input two or three times in one record, to tell noise from what the model lacks"
     ),
     "other-input": lambda d: (
         "record a second experiment, with an input like those in later use, and rank the models on it"

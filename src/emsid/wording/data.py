@@ -393,7 +393,7 @@ def distortion_levels(f: Finding, argument: Spelling) -> str:
     elif d["least"] <= HIDDEN_DISTORTION:
         then = "a linear model is enough at this amplitude"
     else:
-        then = f"noise hides distortion up to {100 * d['least']:.2g} %, record more periods"
+        then = "noise hides distortion; record more periods"
     return (
         f"over {d['periods']} periods of {duration(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
         f"{100 * d['even']:.2g} % even and {100 * d['odd']:.2g} % odd distortion: {then}"

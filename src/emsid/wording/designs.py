@@ -15,11 +15,7 @@ def not_separable(f: Finding, argument: Spelling) -> str:
     count = f.data["directions"]
     remedies = " or ".join(REMEDIES[each] for each in f.data["remedies"])
     advice = f"record {remedies}" if remedies else f"fix {count} of them ({argument('fixed')})"
-    combinations = "a combination" if count == 1 else f"{count} combinations"
-    return (
-        f"{listed(f.data['names'])} cannot be separated by any signal of the input at one load: {combinations} of them "
-        f"cannot be seen; {advice}"
-    )
+    return f"{listed(f.data['names'])} cannot be separated by any input at one load; {advice}"
 
 
 @words("design-gains-nothing")

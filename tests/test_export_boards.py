@@ -26,7 +26,7 @@ RUN_AVR = ["simavr", "-m", "atmega2560", "-f", "16000000"]
 RUN_CORTEX = ["qemu-system-arm", "-M", "mps2-an386", "-nographic", "-monitor", "none", "-serial", "none", "-icount"]
 RUN_CORTEX += ["shift=0", "-semihosting-config", "enable=on,target=native", "-kernel"]
 TOOLS = {"avr": (AVR, RUN_AVR), "cortex": (CORTEX, RUN_CORTEX)}
-CHOSEN = ("arx", "friction", "wiener", "feedback, tanh", "rigid motor")
+CHOSEN = ("friction", "feedback, tanh", "rigid motor")
 
 
 def commands() -> np.ndarray:

@@ -25,7 +25,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not i
 MODELS: dict[str, Any] = {
     name: model for kind in (regressions, state_spaces, cascades, feedback, plants) for name, model in kind()
 }
-CHOSEN = ("arx", "friction", "wiener", "rigid motor", "rigid motor, coasting", next(name for name, _ in feedback()))
+CHOSEN = ("friction", "rigid motor, coasting", next(name for name, _ in feedback()))
 ARX = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)", "u(t)"), np.array([0.5, 2.0, 1.0]), dt=0.1)
 
 
@@ -124,6 +124,7 @@ def test_the_sources_compile_without_a_warning(version: str, tmp_path: Path) -> 
         subprocess.run(["gcc", *FLAGS, "-c", source, "-o", source.with_suffix(".o")], check=True)
 
 
+@pytest.mark.long
 @needs_gcc
 def test_the_importer_compiles_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a compiler there is no binary, and that of the importer gives the same numbers."""

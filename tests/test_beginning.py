@@ -105,7 +105,7 @@ def test_until_the_first_command_acts_a_plant_at_rest_is_held(plant: DrivenPlant
     u = np.repeat([[7.0], [-3.0]], 15, axis=0)
     signals = (Signal.POSITION, Signal.SPEED)
     run = plant.simulate(u, DT, held, signals)
-    balance = np.full((LEAD, 1), plant.holding / 0.8 - 0.1)
+    balance = np.full((LEAD, 1), plant.holding(0.0, 0.0) / 0.8 - 0.1)
     whole = plant.simulate(np.concatenate([balance, u]), DT, np.zeros(3), signals)
     np.testing.assert_allclose(run, whole[LEAD:], rtol=1e-6, atol=1e-9)
     assert np.max(np.abs(run[:3])) < 1e-9

@@ -23,9 +23,10 @@ from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.driven import NEED_SUPPLY
+from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
-from emsid.plant import Friction, Motor
+from emsid.plant import Friction, Motor, PowerFriction
 from model_examples import ALL, DT, OWN
 
 Array = NDArray[np.float64]
@@ -181,6 +182,7 @@ OWN_PLANTS = {
 PLANTS: dict[str, Any] = {
     "rigid-motor": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
     "motor": DrivenMotor(PLAIN),
+    "joint": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid(), gravity=Gravity()),
     "linear-axis": LinearAxis(friction=Friction()),
     **{name: own.with_values({"gain": 0.0, "damping": 0.0}) for name, own in OWN_PLANTS.items()},
 }
@@ -217,7 +219,10 @@ def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
     name, _, rest = text.partition(": ")
     found = {key: float(number) for key, number in re.findall(r"([\w.]+) = ([\d.e+-]+)", rest)}
     late = {key: found.pop(key) for key in NEED_SUPPLY if key in found}
-    plant = PLANTS[name].with_values(found).with_values(late)
+    plant = PLANTS[name]
+    if "rotor_friction.motor" in found:  # the law is in the file, not in the equation
+        plant = plant.with_frictions({"rotor_friction": PowerFriction(), "load_friction": Friction()})
+    plant = plant.with_values(found).with_values(late)
     return GreyBox(plant, model.signals).simulate(u, dt=DT).output
 
 

@@ -757,3 +757,10 @@ def test_rest_is_judged_in_what_a_drift_leaves() -> None:
     assert still["share"] == pytest.approx(rest["share"], abs=0.02)
     found, read = mends(drifting.values(), [], "u > 9")
     assert (found, read) == ([*drifting.values()], {"detrend": 1})
+
+
+def test_a_constant_input_shows_no_delay():
+    """A step recorded from after it has begun: any shift of its input fits alike."""
+    t = 0.02 * np.arange(250)
+    rise = Record(np.full(250, 255.0), 9.5 * np.floor((700.0 - 640.0 * np.exp(-t / 0.225)) / 9.5), 0.02)
+    assert with_delay(Options(), [rise]) == (Options(), ())

@@ -194,3 +194,13 @@ def test_the_radius_decides_whether_metres_per_second_are_of_a_motor():
     assert "rigid-motor" in usual_for(measured, ("sensor.radius",))
     with pytest.raises(DataError, match=r"give the radius of its wheel, sensor\.radius"):
         emsid.fit(emsid.plants.rigid_motor(), measured)
+
+
+def test_a_loaded_motor_runs_from_rest_and_sample_by_sample():
+    model = emsid.GreyBox(DrivenMotor(ONE_MASS, Drive(loaded=True)), SPEED)
+    command = Record(inputs(), dt=DT, input_units=("V", "N*m"))
+    whole = emsid.simulate(model, command).output
+    state = model.at_rest(0.0, DT)
+    for u, y in zip(command.input[:20], whole, strict=False):
+        shown, state = model.advance(state, u)
+        np.testing.assert_array_equal(shown, y)

@@ -165,18 +165,22 @@ def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, floa
 
 def _by_squares(record: Record, delay: int, order: int) -> list[tuple[Array, Array, float]]:
     """(a, b, constant) of a model of this order by least squares; none from too few samples."""
-    first = order + delay - 1
-    tables = []
-    for piece in record.segments:
-        u, y = piece.input[:, 0], piece.output[:, 0]
-        rows = np.arange(first, len(y))
-        if len(rows):
-            past = [y[rows - lag] for lag in range(1, order + 1)] + [u[rows - delay - k] for k in range(order)]
-            tables.append(np.column_stack([*past, np.ones(len(rows)), y[rows]]))
-    table = np.concatenate(tables) if tables else np.zeros((0, 2 * order + 2))
-    if len(table) < 10 * order:
+    first, width = order + delay - 1, 2 * order + 1
+    pieces = [piece for piece in record.segments if len(piece) > first]
+    table = np.ones((width + 1, sum(len(piece) - first for piece in pieces)))  # its columns are the equations
+    if table.shape[1] < 10 * order:
         return []
-    estimate = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-10)[0]
+    end = 0
+    for piece in pieces:
+        u, y, n = piece.input[:, 0], piece.output[:, 0], len(piece)
+        begin, end = end, end + n - first
+        for k in range(order):
+            table[k, begin:end] = y[first - k - 1 : n - k - 1]
+            table[order + k, begin:end] = u[first - delay - k : n - delay - k]
+        table[-1, begin:end] = y[first:]
+    # a tenth of the time of a singular value decomposition of all equations
+    factor = np.asarray(np.linalg.qr(table.T, mode="r"))
+    estimate = np.linalg.lstsq(factor[:, :width], factor[:, width], rcond=1e-10)[0]
     a = np.concatenate([[1.0], -estimate[:order]])
     return [(a, np.concatenate([np.zeros(delay), estimate[order : 2 * order]]), float(estimate[-1]))]
 

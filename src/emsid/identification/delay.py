@@ -8,6 +8,8 @@ from functools import cache, partial
 from math import inf
 from typing import Any
 
+import numpy as np
+
 from emsid.errors import EmsidError
 from emsid.findings import Finding
 from emsid.first_look.baseline import middle
@@ -41,7 +43,10 @@ def with_delay(options: Options, records: Sequence[Record]) -> tuple[Options, tu
     first = records[0]
     if options.nk is not None or not first.input.shape[1] or not first.output.shape[1]:
         return options, ()
-    delay = _shown([middle(each, SAMPLES // len(records)) for each in records])
+    changing = [each for each in records if np.ptp(each.input[:, 0])]  # a constant input shows no delay
+    if not changing:
+        return options, ()
+    delay = _shown([middle(each, SAMPLES // len(changing)) for each in changing])
     if delay <= LONGEST_SEARCHED:
         return options, ()
     data = {"input": first.input_names[0], "delay": delay, "time": delay * first.dt}
@@ -65,7 +70,9 @@ def _shown(records: Sequence[Record]) -> int:
         best = min((best, best + step, best - step), key=error)
         step //= 2
     same = 1 + CHANCE / sum(map(len, records))
-    while error(best + 1) <= same * error(best):
+    if not 0 < error(best) < inf:  # nothing can be fitted, or any delay fits
+        return 1
+    while best < longest and error(best + 1) <= same * error(best):
         best += 1
     return 1 if best <= LONGEST_SEARCHED or matters(_error(records, HIGHER, 1), error(best)) else best
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import DataError, ModelError
+from emsid.estimation.linear.least_squares import check_sizes
 from emsid.findings import Finding
 from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
@@ -86,6 +87,7 @@ class Task:
         several = given_records(records, reading)
         others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
         record = _long_enough(as_one(several))
+        check_sizes(record)
         names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free))
         asked = understood(options, names)
         responses = tuple(map(response_of, several))

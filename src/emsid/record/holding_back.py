@@ -114,11 +114,13 @@ def shares(record: Record, first: int, stop: int) -> Array:
     place = np.arange(len(record))
     inside = (place >= first) & (place < stop)
     lag = max((stop - first) // CHANGES, 1)
-    changes = record.output[lag:] - record.output[:-lag]
+    largest = np.abs(record.output).max(axis=0, initial=0.0)
+    output = record.output / np.where(largest > 0, largest, 1.0)  # the squares of any numbers are then numbers
+    changes = output[lag:] - output[:-lag]
     found = np.zeros(2)
     for number, part in enumerate((inside, ~inside)):
         if part.any() and np.ptp(record.input[part], axis=0).any():
-            level = _share(record.output, part)
+            level = _share(output, part)
             change = _share(changes, part[lag:] & part[:-lag])
             found[number] = np.min(np.maximum(level, change), initial=1.0)
     return found

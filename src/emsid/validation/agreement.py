@@ -146,14 +146,17 @@ def _in_one_output(
 ) -> Disagreement:
     """The share of the squared error that coefficients of the records' own explain beyond a common one."""
     products, squares, total = [], [], 0.0
-    for record, run in runs:
-        error = (record.output - run.output)[:, channel]
+    pieces = [[(run.output[some, channel], record.dt, (record.output - run.output)[some, channel])
+               for some in _stretches(record, run)] for record, run in runs]  # fmt: skip
+    effects = [[difference.effect(output, dt) for output, dt, _ in each] for each in pieces]
+    unit = max((float(np.abs(effect).max(initial=0.0)) for each in effects for effect in each), default=0.0) or 1.0
+    for each, of_each in zip(pieces, effects, strict=True):
         product = square = 0.0
-        for stretch in _stretches(record, run):
-            effect = difference.effect(run.output[stretch, channel], record.dt)
-            product += float(error[stretch] @ effect)
-            square += float(effect @ effect)
-            total += float(error[stretch] @ error[stretch])
+        for (_, _, error), effect in zip(each, of_each, strict=True):
+            scaled = effect / unit  # the derivative of very short sample times is large
+            product += float(error @ scaled)
+            square += float(scaled @ scaled)
+            total += float(error @ error)
         products.append(product)
         squares.append(square)
     p, s = np.array(products), np.array(squares)
@@ -165,7 +168,7 @@ def _in_one_output(
         output=record.output_names[channel],
         unit=record.output_units[channel],
         difference=difference,
-        values=tuple(own.tolist()),
+        values=tuple((own / unit).tolist()),
         records=tuple(record.name for record, _ in runs),
         share=explained / total if total > 0 else 0.0,
     )

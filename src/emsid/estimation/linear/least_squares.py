@@ -274,13 +274,32 @@ def check_excitation(record: Record) -> None:
                     f"{record.name}: {kind} {name!r} is constant at {x[0]:g}, so nothing can be identified from it; "
                     "record while it changes, or name another column"
                 )
-            largest = float(max(x.max(), -x.min()))
-            if not 1 / LARGEST < largest < LARGEST:
-                raise DataError(
-                    f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; scale it to "
-                    "an ordinary size",
-                    arguments=("scale",),
-                )
+            _check_size(record, kind, name, x)
+
+
+def check_sizes(record: Record) -> None:
+    """Refuse channels whose squares are no numbers; a channel of zeros is none of them.
+
+    Raises:
+        DataError: naming the channel.
+    """
+    for kind, names, values in (
+        ("input", record.input_names, record.input),
+        ("output", record.output_names, record.output),
+    ):
+        for name, x in zip(names, values.T, strict=True):
+            if x.any():
+                _check_size(record, kind, name, x)
+
+
+def _check_size(record: Record, kind: str, name: str, x: Array) -> None:
+    largest = float(max(x.max(), -x.min()))
+    if not 1 / LARGEST < largest < LARGEST:
+        raise DataError(
+            f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; scale it to an "
+            "ordinary size",
+            arguments=("scale",),
+        )
 
 
 def _chunk_information(structure: LinearStructure[object], chunk: tuple[Record, int, int]) -> Information:

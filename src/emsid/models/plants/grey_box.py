@@ -94,6 +94,8 @@ class GreyBox(RunMethods):
         if dt is None:
             raise ModelError(f"{self.name} runs at any sample time; give one, dt=… in s", arguments=("dt",))
         u = np.atleast_1d(np.asarray(level, dtype=float))
+        if len(u) == 1 and self.plant.channels is not None and self.plant.channels.load:
+            u = np.append(u, 0.0)  # one level is that of the command
         return self.plant.start(np.zeros(self.plant.states), u, dt, self.signals)
 
     def initial(self, segment: Record, samples: int) -> PlantState:

@@ -246,15 +246,15 @@ class Record(Presented, FrameMethods):
         edges = (0, *self.breaks)
         first = max(k for k, edge in enumerate(edges) if edge <= start)
         inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
+        lead = self.before[first] if self.before and start == edges[first] else None
+        before = (lead, *self.before[first + 1 :])[: len(inside) + 1]
         return self._having(
             input=self.input[start:stop],
             output=self.output[start:stop],
             breaks=tuple(b - start for b, _ in inside),
             times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
             sources=self.sources[first : first + len(inside) + 1],
-            before=(self.before[first] if start == edges[first] else None, *self.before[first + 1 :])[: len(inside) + 1]
-            if self.before
-            else (),
+            before=before if any(each is not None for each in before) else (),
         )
 
     def _having(self, **changes: Any) -> Record:

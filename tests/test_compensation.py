@@ -89,6 +89,15 @@ def test_on_the_bench_the_error_through_the_reversal_is_five_times_lower_and_nev
             assert all(runs[name].rmse < before.rmse for runs in trial.wrong.values())
 
 
+def test_an_inductance_is_neglected_by_the_inverse_and_not_by_the_bench():
+    model = motor(**FRICTION, inductance=2e-3)
+    inverse = emsid.compensate(model, dt=DT)
+    assert inverse.feedforward([1.0, 2.0]) == pytest.approx(emsid.compensate(motor(), dt=DT).feedforward([1.0, 2.0]))
+    trial = try_out(model, inverse, setting(inverse))
+    assert trial.gain("sine") > 5.0
+    assert all(runs["sine"].rmse < trial.before["sine"].rmse for runs in trial.wrong.values())
+
+
 def test_a_map_of_a_cascade_is_inverted():
     zone = emsid.blocks.DeadZone(-0.4, 0.6, 1.0, 2.0)
     cascade = emsid.Cascade((zone, Rational([0.2], [-0.8])))
@@ -141,7 +150,7 @@ def test_c_gives_the_numbers_of_the_compensation(widths, single, tmp_path):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (emsid.plants.rigid_motor().with_values({"inductance": 1e-3}), "plant of one mass"),
+        (emsid.plants.rigid_motor().with_values({"drive.supply": 12.0, "drive.rise": 0.1}), "coasts"),
         (emsid.plants.rigid_motor().with_values({"drive.supply": 12.0, "drive.freewheel": 1.0}), "coasts"),
         (emsid.Cascade((Rational([0.2], [-0.8]),)), "0 static maps"),
         (emsid.Cascade((emsid.blocks.Polynomial([0.0, 0.0, 1.0], -1.0, 1.0),)), "monotone"),

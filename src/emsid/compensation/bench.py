@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from emsid.compensation.inverse import Compensation
 from emsid.errors import ModelError
-from emsid.models.plants.sampling import OneMassSampler
 from emsid.models.starting import start
 
 Array = NDArray[np.float64]
@@ -205,7 +204,7 @@ def _run(
     """The loop over a reference, with a compensation or none."""
     dt, n = known.dt, len(reference)
     sampler = getattr(start(model, dt=dt), "sampler", None)
-    assert isinstance(sampler, OneMassSampler)
+    assert sampler is not None  # a plant that has an inverse has one
     gain, offset = known.outer.drive[:2].tolist()
     then = np.append(reference[1:], reference[-1])
     fed = np.zeros(n) if used is None else used.wanted(reference, then)
@@ -213,7 +212,8 @@ def _run(
     speeds, commands, u = np.empty(n), np.empty(n), np.empty(1)
     count, total = 0.0, 0.0
     for k, wanted_speed in enumerate(reference.tolist()):
-        speeds[k], position = sampler.arrays[1].tolist()
+        motion = sampler.state.motion.tolist()  # speed and position; with a current also that of the rotor
+        speeds[k], position = motion[:2] if len(motion) == 2 else (motion[2], motion[4])
         counts = float(np.floor(position / on.resolution))
         error, count = wanted_speed - (counts - count) * on.resolution / dt, counts
         wanted = fed[k] + on.proportional * error + on.integral * total

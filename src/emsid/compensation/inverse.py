@@ -198,11 +198,11 @@ def compensate(
         raise ModelError(f"a sample time of {dt!r} s; give a positive number", arguments=("dt",))
     if dt is None and subject.dt is None:
         raise ModelError(f"{subject.name} has no sample time of its own; give the controller's", arguments=("dt",))
-    sampler = getattr(start(subject, dt=dt), "sampler", None)
+    sampler = getattr(start(_without_inductance(subject), dt=dt), "sampler", None)
     if not isinstance(sampler, OneMassSampler):
         raise ModelError(
-            f"{subject.name} has no inverse here: that is known for a plant of one mass (rigid-motor without "
-            "inductance, joint, linear-axis) and for the static map of a cascade; identify one of these"
+            f"{subject.name} has no inverse here: that is known for a plant of one mass (rigid-motor, "
+            "joint, linear-axis) and for the static map of a cascade; identify one of these"
         )
     outer, inside, friction, _, law = sampler.numbers
     check_invertible(subject.name, outer, law)
@@ -210,6 +210,12 @@ def compensate(
     return Compensation(
         subject.name, float(outer.timing[0]), zone, inside, outer, friction, law, 1.0, zone_width, speed_width
     )
+
+
+def _without_inductance(model: Any) -> Any:
+    """A motor whose current has no dynamics: the inverse neglects L/R, which is short beside a sample or two."""
+    values = model.parameter_values() if hasattr(model, "plant") else {}
+    return model.with_estimates(["inductance"], np.zeros(1)) if values.get("inductance", 0.0) > 0 else model
 
 
 def check_invertible(name: str, outer: Outer, law: Level) -> None:

@@ -101,7 +101,7 @@ def commands_page() -> str:
     """The examples and their commands as a page in Markdown."""
     from emsid.study.demonstration import EXAMPLES
 
-    lines = ["# Commands to try", "", "Run them in this folder. Each takes a few seconds.", ""]
+    lines = ["# Commands to try", "", "Run them in this folder. The first run compiles and takes longer.", ""]
     for example in EXAMPLES:
         lines += [f"## `{example.name}.csv`: {example.title}", "", example.contents, ""]
         for command, shows in COMMANDS[example.name]:

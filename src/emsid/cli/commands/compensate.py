@@ -47,7 +47,7 @@ def compensate(
     force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
     json: Json = False,
 ) -> None:
-    """Write the inverse of a model in C: dead zone, friction, feed-forward.
+    """Write the inverse of a model in C: dead zone, friction.
 
     Of a plant of one mass it writes the inverse of the dead zone, the friction for a reference speed, and the command
     that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of its static

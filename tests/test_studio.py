@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shlex
 import subprocess
 import sys
@@ -172,6 +173,48 @@ def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> Non
     assert studio.session.step["given"]["rows"] == [50, 301]
     client.post("api/brush", json={"kind": "split", "file": "log.csv", "first": 2.5, "last": 3.0})
     assert studio.session.step["unseen"] == pytest.approx(51 / 191)
+
+
+def test_jitter_is_marked_where_it_is_with_its_sentence(opened: Any) -> None:
+    rng, (client, _) = np.random.default_rng(0), opened
+    t = 5 + np.arange(400) * 0.01
+    t[200:300] += rng.uniform(-2e-3, 2e-3, 100)
+    u = np.repeat(rng.uniform(-5, 5, 40), 10)
+    rows = [f"{1000 * a:.3f},{b:.3f},{c:.4f}" for a, b, c in zip(t, u, np.cumsum(u) / 100, strict=True)]
+    client.post("api/files?name=log.csv", content="\n".join(["t[ms],voltage,speed", *rows]).encode())
+    marks = [each for each in state(client)["data"]["records"][0]["marks"] if each["kind"] == "jitter"]
+    assert marks
+    assert all(6.98 < each["first"] < each["last"] < 8.02 for each in marks)
+    assert "jitter" in marks[0]["text"]
+
+
+def rgb(color: str) -> Any:
+    return np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+
+
+def contrast(one: str, other: str) -> float:
+    """Ratio of the relative luminances of two colours, as WCAG 2 defines it."""
+    ends = []
+    for color in (one, other):
+        x = rgb(color)
+        linear = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+        ends.append(float(linear @ [0.2126, 0.7152, 0.0722]) + 0.05)
+    return max(ends) / min(ends)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_text_and_lines_have_a_contrast_of_4_5(dark: bool) -> None:
+    style = (Path(uplot.__file__).parent / "page" / "style.css").read_text("utf-8")
+    light, _, darker = style.partition("@media (prefers-color-scheme: dark)")
+    assert contrast("#000000", "#ffffff") == pytest.approx(21)
+    colors = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", light))
+    if dark:
+        colors |= dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", darker))
+    inks = ["ink", "quiet", "link", "accent", "warn", "bad", "good", *(f"s{k}" for k in range(6))]
+    low = {(a, b): contrast(colors[a], colors[b]) for a in inks for b in ("paper", "panel")}
+    low["on-accent", "accent"] = contrast(colors["on-accent"], colors["accent"])
+    assert {pair: ratio for pair, ratio in low.items() if ratio < 4.5} == {}
+    assert colors.keys() == {*inks, "paper", "panel", "edge", "on-accent"}  # a new colour is checked too
 
 
 def test_hostile_names_of_columns_remain_text(opened: Any) -> None:

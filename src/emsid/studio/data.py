@@ -19,6 +19,8 @@ from emsid.first_look.standstill import at_rest
 from emsid.io import ParsedFile, read_columns
 from emsid.io.columns import from_arrays
 from emsid.record import Record
+from emsid.record.time_axis import NOTABLE
+from emsid.record.time_units import SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
 from emsid.studio.session import Session
 from emsid.studio.windows import Signal
@@ -30,11 +32,14 @@ MOST_MARKS = 200
 """Marks in a plot; more cannot be told apart."""
 SHORTEST = 5
 """Equal samples at the extreme of a channel that are marked as saturation."""
+NEAR = 10
+"""Samples between two jittering steps that are marked as one stretch."""
 SENTENCES = {
     "gap": ("gap", "missing", "mask", "segment", "break"),
     "outlier": ("outlier",),
     "saturation": ("saturat", "cut-off", "limit"),
     "standstill": ("standstill", "motion"),
+    "jitter": ("jitter", "clock-irregular"),
 }
 """Parts of the codes of the findings that belong to a kind of mark."""
 
@@ -157,9 +162,18 @@ class Data:
             "inputs": len(record.input_names),
             "marks": [
                 {**mark, "text": _text(mark["kind"], said)}
-                for mark in self._once(f"marks {id(record)}", lambda: list(marks(record)))
+                for mark in self._once(f"marks {id(record)}", lambda: [*marks(record), *self._jitter(step, name, said)])
             ],
         }
+
+    def _jitter(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Where the times of a file jitter, if the first look says so."""
+        look = self.look(step)
+        column = self.parsed(name).columns.series.get(look.clock.column) if look.clock else None
+        values = None if column is None else np.asarray(column)
+        if values is None or values.dtype.kind not in "iuf" or not _text("jitter", said):
+            return []
+        return list(jittering(values * SECONDS.get(look.clock.unit, 1.0), look.clock.dt))
 
     def rows(self, step: Mapping[str, Any], name: str, first: float, last: float) -> tuple[int, int]:
         """The data rows of a file, from A up to but not B, that the samples between two times are from.
@@ -209,6 +223,24 @@ def marks(record: Record) -> Iterator[dict[str, Any]]:
         for place in outliers_of(y)[0][:MOST_MARKS]:
             yield {"kind": "outlier", "first": float(time[place]), "last": float(time[place]), "channel": channel}
         yield from _stretches(at_rest(y), time, "standstill", channel, max(SHORTEST, len(record) // 100))
+
+
+def jittering(time: NDArray[np.float64], dt: float) -> Iterator[dict[str, Any]]:
+    """Stretches in which steps of time differ from the sample time by half of the most that one does, or more.
+
+    Args:
+        time: (N,) as in the file, in s.
+        dt: sample time in s.
+    """
+    step = np.diff(time)
+    off = np.where((step > 0) & (step < 1.5 * dt), abs(step - dt), 0.0)  # longer ones are gaps
+    most = off.max(initial=0.0)
+    if most <= NOTABLE * dt:
+        return
+    places = np.flatnonzero(off >= most / 2)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > NEAR) + 1)
+    for run in sorted(runs, key=len, reverse=True)[:MOST_MARKS]:
+        yield {"kind": "jitter", "first": float(time[run[0]]), "last": float(time[run[-1] + 1])}
 
 
 def _stretches(

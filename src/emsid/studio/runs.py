@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import RLock, Thread
 from typing import Any
@@ -50,18 +51,23 @@ class Runs:
             if number in self._waiting:
                 self._waiting.remove(number)
                 return
-            process = self._processes.get(number)
-            if process is None or process.stdin is None:
+            if number not in self._processes:
                 return
-            if process.stdin.closed:
-                process.kill()
-                return
-            self._progress.setdefault(number, {})["ending"] = True
-            try:
-                process.stdin.close()
-            except OSError:
-                process.kill()
+            process = self._processes[number]
+            known = self._progress.setdefault(number, {})
+            if process is not None:
+                if known.get("ending"):
+                    process.kill()
+                self._end(process)
+            known["ending"] = True  # a process that is being started is told once it is there
         self.announce({"kind": "run", "run": self.state(number)})
+
+    @staticmethod
+    def _end(process: subprocess.Popen[str]) -> None:
+        """Tell a process to end with what it has."""
+        assert process.stdin is not None
+        with suppress(OSError):  # it has ended
+            process.stdin.close()
 
     def close(self) -> None:
         """End all processes."""
@@ -90,6 +96,8 @@ class Runs:
         ):
             with self._lock:
                 self._processes[number] = process
+                if self._progress.get(number, {}).get("ending"):
+                    self._end(process)
             assert process.stdout is not None
             for line in process.stdout:
                 message = msgspec.json.decode(line)

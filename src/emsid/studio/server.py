@@ -36,6 +36,8 @@ from emsid.studio.windows import Signal, packed
 PAGE = Path(__file__).parent / "page"
 MOST_AT_ONCE = 150
 """Connections; more are refused with status 503."""
+BACKLOG = 2 * MOST_AT_ONCE
+"""Connections that wait to be accepted, so that the surplus gets an answer too."""
 REPORT_POLICY = (
     b"sandbox allow-scripts allow-popups; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 )
@@ -296,12 +298,14 @@ def serve(
             listening.bind(("127.0.0.1", port))
         except OSError:
             raise DataError(f"port {port} is in use; choose another", arguments=("port",)) from None
+        listening.listen(BACKLOG)  # before the address is said: who asks at once waits
         port, token = listening.getsockname()[1], token_urlsafe(24)
         config = uvicorn.Config(
             application(studio, messages, token, port),
             log_level="error",
             access_log=False,
             limit_concurrency=MOST_AT_ONCE,
+            backlog=BACKLOG,
             timeout_graceful_shutdown=1,
             server_header=False,
             ws="none",

@@ -9,7 +9,7 @@ import { liveMessage, showLive } from "./live.js";
 
 const PARTS = { data: ["Data", showData], models: ["Models", showModels], compare: ["Compare", showCompare],
   play: ["Play", showPlay], live: ["Live", showLive] };
-export const app = { state: null, part: location.hash.slice(1) || "data", refresh, go, close: () => {} };
+export const app = { state: null, part: location.hash.slice(1) in PARTS ? location.hash.slice(1) : "data", refresh, go, close: () => {} };
 
 async function refresh() {
   app.state = await get("state");
@@ -23,17 +23,31 @@ function go(part) {
   document.getElementById("main").focus();
 }
 
+// Arrows, Home and End show the neighbouring, first and last part, and keep the focus on its tab.
+function tabKey(event, part) {
+  const names = Object.keys(PARTS), at = names.indexOf(part);
+  const next = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: names.length - 1 }[event.key];
+  if (next === undefined) return;
+  event.preventDefault();
+  go(names[(next + names.length) % names.length]);
+  document.getElementById(`tab-${app.part}`).focus();
+}
+
 function draw() {
   const { state } = app;
   const tabs = Object.entries(PARTS).map(([part, [title]]) => el("button", {
-    role: "tab", id: `tab-${part}`, "aria-selected": `${part === app.part}`, onclick: () => go(part) }, title));
+    role: "tab", id: `tab-${part}`, "aria-selected": `${part === app.part}`, "aria-controls": "main",
+    tabIndex: part === app.part ? 0 : -1, onclick: () => go(part), onkeydown: (event) => tabKey(event, part) }, title));
+  const focused = document.activeElement?.id;
   document.getElementById("tabs").replaceChildren(...tabs);
+  if (focused?.startsWith("tab-")) document.getElementById(focused)?.focus();
   document.getElementById("undo").disabled = !state.undo;
   document.getElementById("redo").disabled = !state.redo;
   for (const id of ["copy-command", "copy-python"]) document.getElementById(id).disabled = !state.command;
   app.close();
   app.close = () => {};
   const main = document.getElementById("main");
+  main.setAttribute("aria-labelledby", `tab-${app.part}`);
   main.replaceChildren();
   if (state.problem) main.append(el("p", { class: "problem", role: "alert" }, state.problem));
   (PARTS[app.part] ?? PARTS.data)[1](main, app);

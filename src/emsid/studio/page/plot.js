@@ -92,7 +92,7 @@ export class TimePlot {
   }
 
   drawMarks(u) {
-    const inks = { gap: "--edge", outlier: "--s1", saturation: "--s3", standstill: "--s2", split: "--s4" };
+    const inks = { gap: "--edge", outlier: "--s1", saturation: "--s3", standstill: "--s2", jitter: "--s5", split: "--s4" };
     for (const mark of this.marks) {
       const left = u.valToPos(mark.first, "x", true), right = u.valToPos(mark.last, "x", true);
       if (right < u.bbox.left || left > u.bbox.left + u.bbox.width) continue;

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model
+from emsid.record import Record
 
 Files = dict[str, str | bytes]
 """The contents of files by their names; text is written as UTF-8."""
@@ -28,6 +29,7 @@ class Export:
         name: of files and functions.
         dt: sample time in s.
         options: of the format, by name.
+        record: data with signals of the usual size; None without any.
     """
 
     model: Model
@@ -35,6 +37,7 @@ class Export:
     name: str
     dt: float | None
     options: Mapping[str, Any] = field(default_factory=dict)
+    record: Record | None = None
 
 
 SWITCH = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}

@@ -8,6 +8,7 @@ from emsid.exports.arduino import arduino
 from emsid.exports.c99 import c99
 from emsid.exports.control import control
 from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
+from emsid.exports.fixed_point import fixed_point
 from emsid.exports.fmu import fmu
 from emsid.exports.formats import Format
 from emsid.exports.matlab import matlab
@@ -19,6 +20,7 @@ BRUSHLESS = ("winding", "pole_pairs")
 
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),
+    "fixed-point": Format("a regression in C with whole numbers only", fixed_point, ("bits", "largest")),
     "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
     "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
     "matlab": Format("a function of a step, and the linear parts as a MAT file", matlab),

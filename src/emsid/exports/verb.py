@@ -71,7 +71,8 @@ def export(
     subject = as_model(model)
     step = _dt(subject, dt)
     check_stable(subject, step)
-    made = Export(subject, model if isinstance(model, Fit) else None, c_name(name or subject.name), step, options)
+    fit, record = model if isinstance(model, Fit) else None, unseen if isinstance(unseen, Record) else None
+    made = Export(subject, fit, c_name(name or subject.name), step, options, record)
     files, notes = kind.function(made)
     files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
     folder = Path(path)

@@ -1,10 +1,10 @@
 r"""A regression in whole numbers: ``NAME.h`` and ``NAME.c`` without floating point.
 
 A signal x is the word q = x/s·2^F, with F = 31 or 15 and a power of two s that is at least twice the largest size of
-the signal. A regressor is a product of such words, shifted by F after every factor. With s_i of its factors and s_y of the
-output, its coefficient is c = θ·∏s_i/s_y. All coefficients have one common exponent e and are words c·2^{F−e}. The sum
-is kept in twice as many bits, with G bits below the last one of a word, and is rounded once. `run` computes the same
-whole numbers in Python, so the error on a record is that of the C.
+the signal. A regressor is a product of such words, shifted by F after every factor. With s_i of its factors and s_y
+of the output, its coefficient is c = θ·∏s_i/s_y. All coefficients have one common exponent e and are words c·2^{F−e}.
+The sum is kept in twice as many bits, with G bits below the last one of a word, and is rounded once. `run` computes
+the same whole numbers in Python, so the error on a record is that of the C.
 """
 
 from __future__ import annotations

@@ -214,7 +214,7 @@ def wiener_hammerstein() -> None:
         began = time.perf_counter()
         fit = emsid.fit(emsid.wiener_hammerstein(orders, size=knots), record[:at])
         seconds = time.perf_counter() - began
-        row = emsid.assess(fit, record[at:], 50).row
+        row = emsid.validate(fit, record[at:], 50).row
         console.print(f"{what}: {seconds:.1f} s, free-run RMSE on unseen data {scale * row.simulation_rmse:.4g}")
 
     rng = np.random.default_rng(0)

@@ -26,9 +26,9 @@ def models() -> Iterator[tuple[str, Any]]:
     """A model of every kind, and of the plants with the most work for one sample."""
     rng = np.random.default_rng(0)
     arx = emsid.arx(na=5, nb=5)
-    yield "arx, 10 parameters", emsid.Narx(arx, 0.1 * rng.standard_normal(10), DT)
+    yield "arx, 10 parameters", emsid.RegressionModel(arx, 0.1 * rng.standard_normal(10), DT)
     friction = emsid.friction_narx(2, 2, knots=(-0.5, 0.5), speeds=(0.3,))
-    yield "friction-narx", emsid.Narx(friction, 0.1 * rng.standard_normal(len(friction)), DT)
+    yield "friction-narx", emsid.RegressionModel(friction, 0.1 * rng.standard_normal(len(friction)), DT)
     a = 0.4 * np.eye(4) + 0.1
     b, c = np.ones((4, 1)), np.ones((1, 4))
     yield "state-space, order 4", emsid.StateSpaceModel(a, b, c, np.zeros((1, 1)), 0.1 * b, np.zeros(1), DT)
@@ -40,9 +40,9 @@ def models() -> Iterator[tuple[str, Any]]:
         yield f"wiener-hammerstein, oversampling {rate}", emsid.Cascade((fast, zone, slow), oversampling=rate, dt=DT)
     loop = np.array([[0.8, 0.2, 0.3, 0.1], [-0.2, 0.7, 0.1, -0.2], [1.0, 0.3, 0.2, 0.0], [1.0, 0.1, 0.05, 0.1]])
     yield "feedback", emsid.FeedbackModel(loop, (zone,), dt=DT)
-    yield "rigid motor", emsid.GreyBox(emsid.plants.rigid_motor(), (emsid.plants.Signal.SPEED,))
-    yield "motor with shaft and inductance", emsid.GreyBox(emsid.plants.motor(), (emsid.plants.Signal.SPEED,))
-    yield "linear axis", emsid.GreyBox(emsid.plants.linear_axis(), (emsid.plants.Signal.POSITION,))
+    yield "rigid motor", emsid.PlantModel(emsid.plants.rigid_motor(), (emsid.plants.Signal.SPEED,))
+    yield "motor with shaft and inductance", emsid.PlantModel(emsid.plants.motor(), (emsid.plants.Signal.SPEED,))
+    yield "linear axis", emsid.PlantModel(emsid.plants.linear_axis(), (emsid.plants.Signal.POSITION,))
     parameter = emsid.plants.Parameter
     pendulum = emsid.OwnPlant(
         lambda x, u, p: np.array([x[1], -p[0] * np.sin(x[0]) - p[1] * x[1] + u[0]]),
@@ -51,7 +51,7 @@ def models() -> Iterator[tuple[str, Any]]:
         (7.0, 1.0),
         2,
     )
-    yield "own plant", emsid.GreyBox(pendulum, (emsid.plants.Signal.POSITION,))
+    yield "own plant", emsid.PlantModel(pendulum, (emsid.plants.Signal.POSITION,))
 
 
 def microseconds(run: Callable[[int], None], samples: int) -> float:

@@ -63,7 +63,7 @@ def experiment(seed: int, amplitude: float, samples: int = 2000) -> emsid.Record
     return emsid.Record(force, clean + NOISE * rng.standard_normal(clean.shape), DT, "force", "position", name="spring")
 
 
-def main() -> tuple[emsid.Fit[emsid.GreyBox], emsid.Comparison]:
+def main() -> tuple[emsid.Fit[emsid.PlantModel], emsid.Comparison]:
     """Fit one experiment with two models, and judge them on a larger input."""
     record, unseen = experiment(1, 0.004), experiment(2, 0.005)
     fit = emsid.fit(SPRING, record)
@@ -75,7 +75,7 @@ def main() -> tuple[emsid.Fit[emsid.GreyBox], emsid.Comparison]:
     return fit, comparison
 
 
-def draw(comparison: emsid.Comparison, fit: emsid.Fit[emsid.GreyBox], record: emsid.Record) -> None:
+def draw(comparison: emsid.Comparison, fit: emsid.Fit[emsid.PlantModel], record: emsid.Record) -> None:
     """A stretch of the free runs, and the force of the spring (in units of displacement) with its band."""
     import matplotlib.pyplot as plt
 

@@ -68,7 +68,7 @@ def experiment(seed: int, seconds: float = 10.0) -> emsid.Record:
     return emsid.Record(voltage, noisy, DT, "voltage", "angle", "V", "rad", name=f"experiment {seed}")
 
 
-def main() -> tuple[emsid.Fit[emsid.GreyBox], emsid.Comparison]:
+def main() -> tuple[emsid.Fit[emsid.PlantModel], emsid.Comparison]:
     """Fit one experiment, run the model on another, and print what came out."""
     fit = emsid.fit(PLANT, experiment(1))
     print(fit)

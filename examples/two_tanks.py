@@ -64,7 +64,7 @@ def experiment(seed: int, samples: int = 1000) -> emsid.Record:
     return emsid.Record(pump, level + NOISE * rng.standard_normal(level.shape), DT, "pump", "level", "V", name="tanks")
 
 
-def main() -> tuple[emsid.Fit[emsid.GreyBox], emsid.Comparison]:
+def main() -> tuple[emsid.Fit[emsid.PlantModel], emsid.Comparison]:
     """Fit one experiment with two models, and judge them on another."""
     record, unseen = experiment(1), experiment(2)
     fit = emsid.fit(TANKS, record)

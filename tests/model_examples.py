@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid import DrivenMotor, LinearAxis, OwnPlant, Record
+from emsid import LinearAxis, MotorPlant, OwnPlant, Record
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.static_maps import (
@@ -177,16 +177,16 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
     speed, both, current = (Signal.SPEED,), (Signal.POSITION, Signal.SPEED), (Signal.SPEED, Signal.CURRENT)
     slow = Sensor(lag=2 * DT, average=True)
     law = PowerFriction(0.01, 0.01, 2.0, 0.1, 0.2, 0.05, 0.02)
-    loaded = DrivenMotor(replace(rigid, rotor_friction=law, load_friction=Friction()), gravity=Gravity())
+    loaded = MotorPlant(replace(rigid, rotor_friction=law, load_friction=Friction()), gravity=Gravity())
     sticky = replace(rigid, rotor_friction=Friction(0.02, 0.01, 2.0))
     for name, plant, signals in (
-        ("rigid motor", DrivenMotor(rigid), speed),
-        ("rigid motor, late, slow sensor", DrivenMotor(sticky, Drive(delay=1.4 * DT), slow), both),
-        ("rigid motor, late by whole samples", DrivenMotor(rigid, Drive(delay=3 * DT)), speed),
-        ("rigid motor, coasting", DrivenMotor(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
-        ("elastic motor", DrivenMotor(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
+        ("rigid motor", MotorPlant(rigid), speed),
+        ("rigid motor, late, slow sensor", MotorPlant(sticky, Drive(delay=1.4 * DT), slow), both),
+        ("rigid motor, late by whole samples", MotorPlant(rigid, Drive(delay=3 * DT)), speed),
+        ("rigid motor, coasting", MotorPlant(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
+        ("elastic motor", MotorPlant(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),
-        ("joint", DrivenMotor(sticky, Drive(delay=0.3 * DT), Sensor(ratio=20.0), gravity=Gravity(0.4, 0.3)), both),
+        ("joint", MotorPlant(sticky, Drive(delay=0.3 * DT), Sensor(ratio=20.0), gravity=Gravity(0.4, 0.3)), both),
         ("joint, friction by load", replace(loaded, gravity=Gravity(0.02, 0.3, 0.05, 0.1)), both),
         ("own plant", OWN, speed),
         ("own plant, linear input", replace(OWN, name="linear input", between="linear", steps=2), speed),

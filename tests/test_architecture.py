@@ -29,7 +29,7 @@ MODULES = sorted(name for name in SOURCES if name != "__init__")
 # A module imports from its own package and from those on earlier lines, nothing else.
 LAYERS = (
     {"arguments", "compiled", "errors"},
-    {"findings", "presentation", "replacing", "units"},
+    {"findings", "presentation", "renamed", "replacing", "units"},
     {"record", "wording"},
     {"excitation", "plant", "estimation", "selection"},  # selection compares numbers and knows no model
     {"models"},

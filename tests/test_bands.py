@@ -188,7 +188,7 @@ def test_a_plant_has_bands_and_one_that_cannot_be_moved_says_so():
     signals = (emsid.plants.Signal.SPEED,)
     y = plant.simulate(u, 0.005, np.zeros(plant.states), signals)
     known = emsid.Record(u, y, 0.005, input_units=("V",), output_units=("rad/s",))
-    model = emsid.GreyBox(plant, signals)
+    model = emsid.PlantModel(plant, signals)
     value = plant.value("motor_constant")
     fit = Fit(model, ("motor_constant",), np.array([value]), np.array([[(0.01 * value) ** 2]]), 1.0, 300.0, 1.0, 1)
     step = step_response_band(fit, known, size=6.0)
@@ -243,7 +243,7 @@ def test_what_does_not_come_to_rest_has_no_such_curve():
         frequency_response_band(fit, DT, around=1.0)
     plant = emsid.plants.rigid_motor()
     with pytest.raises(emsid.ModelError, match="curves of its drive"):
-        static_map_band(replace(fit, model=emsid.GreyBox(plant, (emsid.plants.Signal.SPEED,))), known)
+        static_map_band(replace(fit, model=emsid.PlantModel(plant, (emsid.plants.Signal.SPEED,))), known)
 
 
 def response_to_a_small_sine(model, f, around):
@@ -321,7 +321,7 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
 def test_the_page_draws_what_a_model_has_with_its_bands():
     from emsid.report.document import Band
     from emsid.report.views import banded, measured_and_simulated
-    from emsid.validation import assess
+    from emsid.validation import validate
 
     known = record(8)
     fit = emsid.fit(emsid.arx(1, 1), known, free_run=True)
@@ -329,7 +329,7 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
     assert [figure.name for figure in figures] == ["arx-step", "arx-frequency-response", "arx-static-map"]
     assert all(isinstance(plot.marks[0], Band) for figure in figures for plot in figure.plots)
     assert "over a constant input, without friction, with 95 % band." in figures[2].caption
-    seen = assess(fit, known)
+    seen = validate(fit, known)
     run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))
     assert isinstance(run.plots[0].marks[0], Band)
     assert not isinstance(measured_and_simulated(seen).plots[0].marks[0], Band)

@@ -123,7 +123,7 @@ def test_a_straight_command_that_never_arrives_is_simulated_as_it_was_at_rest():
     "plant",
     [
         START.with_values({"drive.delay": 2.3 * DT}),
-        emsid.plants.DrivenMotor(emsid.Motor()).with_values({"drive.delay": 1.4 * DT}),
+        emsid.plants.MotorPlant(emsid.Motor()).with_values({"drive.delay": 1.4 * DT}),
         emsid.plants.LinearAxis(),
     ],
 )

@@ -239,7 +239,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):
     command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 1000.0
     command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 999.0
     codes = ((1000.0, Bridge.BRAKE), (999.0, Bridge.COAST))
-    plant = emsid.DrivenMotor(emsid.Motor(inductance=0.0, voltage_dead_zone=None).rigid(), Drive(codes=codes))
+    plant = emsid.MotorPlant(emsid.Motor(inductance=0.0, voltage_dead_zone=None).rigid(), Drive(codes=codes))
     speed = plant.simulate(command[:, None], 0.01, np.zeros(2), (Signal.SPEED,))[:, 0]
     path = table(tmp_path / "log.csv", len(command), u=command, y=speed + rng.normal(0, 0.1, len(command)))
     words = ("identify", path, *IDENTIFY, "--models", "rigid-motor,arx", "--unit", "y=rad/s", "--out", tmp_path / "out")

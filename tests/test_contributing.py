@@ -122,7 +122,7 @@ def test_a_friction_law():
     law = done("friction law")["Square"](dry=0.02, drag=1e-4)
     np.testing.assert_allclose(law.torque([-10.0, 0.0, 20.0]), [-0.03, 0.0, 0.06])
     bare = {"inductance": 0.0, "load_friction": emsid.Friction(), "voltage_dead_zone": None}
-    motor = emsid.plants.DrivenMotor(emsid.Motor(rotor_friction=law, **bare).rigid())
+    motor = emsid.plants.MotorPlant(emsid.Motor(rotor_friction=law, **bare).rigid())
     assert motor.value("rotor_friction.drag") == 1e-4
     speed = motor.simulate(np.full((400, 1), 6.0), 5e-3, np.zeros(2), (emsid.plants.Signal.SPEED,))[-1, 0]
     m = motor.motor

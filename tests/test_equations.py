@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline as Spline
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, resample
 
-from emsid import DrivenMotor, LinearAxis
+from emsid import LinearAxis, MotorPlant
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
@@ -180,9 +180,9 @@ OWN_PLANTS = {
     "band-limited input": replace(OWN, name="band-limited input", between="band-limited"),
 }
 PLANTS: dict[str, Any] = {
-    "rigid-motor": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
-    "motor": DrivenMotor(PLAIN),
-    "joint": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid(), gravity=Gravity()),
+    "rigid-motor": MotorPlant(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
+    "motor": MotorPlant(PLAIN),
+    "joint": MotorPlant(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid(), gravity=Gravity()),
     "linear-axis": LinearAxis(friction=Friction()),
     **{name: own.with_values({"gain": 0.0, "damping": 0.0}) for name, own in OWN_PLANTS.items()},
 }

@@ -212,7 +212,7 @@ def test_maps_of_a_fitted_cascade_have_bands(tmp_path: Path) -> None:
 
 
 def test_the_readme_says_how_the_model_fits_unseen_data(tmp_path: Path) -> None:
-    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    arx = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
     rng = np.random.default_rng(6)
     u = rng.standard_normal(500)
     y = emsid.simulate(arx, u, dt=0.1).output[:, 0] + 0.1 * rng.standard_normal(500)
@@ -234,8 +234,8 @@ def test_names_that_c_cannot_hold_are_refused(name: str) -> None:
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
-    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
-    unstable = emsid.Narx(arx.structure, np.array([1.5, 2.0]), dt=0.1)
+    arx = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    unstable = emsid.RegressionModel(arx.structure, np.array([1.5, 2.0]), dt=0.1)
     shaft = GreyBox(replace(emsid.plants.motor(), motor=Motor()), (Signal.SPEED,))
     for model, format, options, words in (
         (unstable, "c99", {}, "unstable"),
@@ -259,7 +259,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
 
 
 def test_files_are_replaced_only_on_request(tmp_path: Path) -> None:
-    arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    arx = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
     emsid.export(arx, "c99", tmp_path, name="plant")
     before = (tmp_path / "plant.c").read_bytes()
     with pytest.raises(emsid.FormatError, match="exists"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid import DrivenMotor
+from emsid import MotorPlant
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive, Hold
 from emsid.models.plants.grey_box import GreyBox
@@ -88,17 +88,17 @@ def test_c_gives_the_numbers_of_the_model(name: str, tmp_path: Path) -> None:
 
 SHAFT = Motor(shaft_stiffness=2.0, shaft_damping=0.004)
 MOTORS = {
-    "shaft": (DrivenMotor(SHAFT), (Signal.SPEED, Signal.ROTOR_SPEED, Signal.POSITION, Signal.CURRENT)),
-    "backlash": (DrivenMotor(replace(SHAFT, shaft_backlash=0.02)), (Signal.SPEED,)),
-    "stiff shaft": (DrivenMotor(Motor(shaft_stiffness=1e9)), (Signal.SPEED,)),
+    "shaft": (MotorPlant(SHAFT), (Signal.SPEED, Signal.ROTOR_SPEED, Signal.POSITION, Signal.CURRENT)),
+    "backlash": (MotorPlant(replace(SHAFT, shaft_backlash=0.02)), (Signal.SPEED,)),
+    "stiff shaft": (MotorPlant(Motor(shaft_stiffness=1e9)), (Signal.SPEED,)),
     "inductance": (
-        DrivenMotor(replace(Motor(inductance=0.002), shaft_stiffness=np.inf)),
+        MotorPlant(replace(Motor(inductance=0.002), shaft_stiffness=np.inf)),
         (Signal.SPEED, Signal.CURRENT),
     ),
-    "no inductance": (DrivenMotor(replace(SHAFT, inductance=0.0)), (Signal.SPEED, Signal.CURRENT)),
-    "load": (DrivenMotor(SHAFT, Drive(gain=2.0, offset=0.1, delay=1.3 * DT), load_torque=0.01), (Signal.SPEED,)),
-    "straight": (DrivenMotor(SHAFT, Drive(hold=Hold.FIRST)), (Signal.SPEED,)),
-    "torque dead zone": (DrivenMotor(replace(SHAFT, torque_dead_zone=DeadZoneLaw(-0.01, 0.02))), (Signal.SPEED,)),
+    "no inductance": (MotorPlant(replace(SHAFT, inductance=0.0)), (Signal.SPEED, Signal.CURRENT)),
+    "load": (MotorPlant(SHAFT, Drive(gain=2.0, offset=0.1, delay=1.3 * DT), load_torque=0.01), (Signal.SPEED,)),
+    "straight": (MotorPlant(SHAFT, Drive(hold=Hold.FIRST)), (Signal.SPEED,)),
+    "torque dead zone": (MotorPlant(replace(SHAFT, torque_dead_zone=DeadZoneLaw(-0.01, 0.02))), (Signal.SPEED,)),
 }
 
 

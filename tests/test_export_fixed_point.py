@@ -30,8 +30,8 @@ int main(void)
     return 0;
 }
 """
-LINEAR = emsid.Narx(emsid.arx(na=2, nb=2), np.array([-1.6, 0.63, 0.9, 0.6]), dt=0.01)
-FRICTION = emsid.Narx(
+LINEAR = emsid.RegressionModel(emsid.arx(na=2, nb=2), np.array([-1.6, 0.63, 0.9, 0.6]), dt=0.01)
+FRICTION = emsid.RegressionModel(
     emsid.Structure.parse(
         "-y(t-1)", "u(t-1)", "sign(y(t-1))", "max(u(t-1)-2,0)", "y(t-1)^2", "u(t-1)*abs(y(t-1))", "1"
     ),
@@ -40,13 +40,13 @@ FRICTION = emsid.Narx(
 )
 
 
-def record(model: emsid.Narx, seed: int, samples: int = 3000) -> emsid.Record:
+def record(model: emsid.RegressionModel, seed: int, samples: int = 3000) -> emsid.Record:
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-10, 10, samples // 20), 20)
     return emsid.simulate(model, u, dt=0.01)
 
 
-def in_c(model: emsid.Narx, data: emsid.Record, bits: int, folder: Path) -> tuple[np.ndarray, FixedPoint]:
+def in_c(model: emsid.RegressionModel, data: emsid.Record, bits: int, folder: Path) -> tuple[np.ndarray, FixedPoint]:
     """The output of the C, and the form that it was made from."""
     emsid.export(model, "fixed-point", folder, name="model", unseen=data, bits=bits)
     (folder / "main.c").write_text(MAIN)
@@ -62,7 +62,7 @@ def in_c(model: emsid.Narx, data: emsid.Record, bits: int, folder: Path) -> tupl
 @pytest.mark.parametrize("model", [LINEAR, FRICTION], ids=["linear", "friction"])
 @pytest.mark.parametrize(("bits", "bound"), [(32, 1e-6), (16, 2e-2)])
 def test_c_gives_the_numbers_of_python_and_nearly_those_of_double_precision(
-    model: emsid.Narx, bits: int, bound: float, tmp_path: Path
+    model: emsid.RegressionModel, bits: int, bound: float, tmp_path: Path
 ) -> None:
     data = record(model, bits)
     found, form = in_c(model, data, bits, tmp_path)
@@ -77,13 +77,17 @@ def test_a_signal_beyond_its_words_is_clipped() -> None:
 
 
 def test_what_has_no_form_is_refused(tmp_path: Path) -> None:
-    smooth = emsid.Narx(emsid.Structure.parse("-y(t-1)", "tanh(u(t-1)/2)"), np.array([-0.5, 1.0]), dt=0.01)
+    smooth = emsid.RegressionModel(emsid.Structure.parse("-y(t-1)", "tanh(u(t-1)/2)"), np.array([-0.5, 1.0]), dt=0.01)
     for model, options, message in (
         (smooth, {"largest": "1,1"}, "tanh.* has no form in whole numbers"),
         (LINEAR, {}, "the largest size of the output and of each input: 2 positive numbers"),
         (LINEAR, {"largest": "1"}, "2 positive numbers"),
         (LINEAR, {"largest": "1,1", "bits": 8}, "words of 8 bits"),
-        (emsid.Narx(emsid.arx(1, 1), np.array([-0.5, 1e9]), dt=0.01), {"largest": "1,1", "bits": 16}, "do not fit"),
+        (
+            emsid.RegressionModel(emsid.arx(1, 1), np.array([-0.5, 1e9]), dt=0.01),
+            {"largest": "1,1", "bits": 16},
+            "do not fit",
+        ),
         (emsid.plants.rigid_motor(), {"largest": "1,1"}, "no regression"),
     ):
         with pytest.raises(emsid.ModelError, match=message):

@@ -26,7 +26,7 @@ MODELS: dict[str, Any] = {
     name: model for kind in (regressions, state_spaces, cascades, feedback, plants) for name, model in kind()
 }
 CHOSEN = ("friction", "rigid motor, coasting", next(name for name, _ in feedback()))
-ARX = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)", "u(t)"), np.array([0.5, 2.0, 1.0]), dt=0.1)
+ARX = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)", "u(t)"), np.array([0.5, 2.0, 1.0]), dt=0.1)
 
 
 def exported(model: Any, folder: Path, version: str = "3.0", **options: Any) -> Path:

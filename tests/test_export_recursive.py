@@ -40,7 +40,7 @@ THETA = np.array([-1.2, 0.4, 0.5, -0.1, 0.02])
 def record(seed: int = 1, samples: int = 800) -> emsid.Record:
     rng = np.random.default_rng(seed)
     u = rng.standard_normal(samples)
-    y = emsid.simulate(emsid.Narx(STRUCTURE, THETA, dt=0.1), u, dt=0.1).output[:, 0]
+    y = emsid.simulate(emsid.RegressionModel(STRUCTURE, THETA, dt=0.1), u, dt=0.1).output[:, 0]
     return emsid.Record(u, y + 0.01 * rng.standard_normal(samples), 0.1)
 
 
@@ -48,7 +48,7 @@ def in_c(
     data: emsid.Record, start: np.ndarray, folder: Path, weight: float, forgetting: float, **options: object
 ) -> np.ndarray:
     """The parameters after all samples."""
-    model = emsid.Narx(STRUCTURE, start, dt=0.1)
+    model = emsid.RegressionModel(STRUCTURE, start, dt=0.1)
     emsid.export(model, "c99", folder, name="model", recursive=True, **options)  # type: ignore[arg-type]
     (folder / "main.c").write_text(MAIN.replace("WEIGHT", repr(weight)).replace("FORGETTING", repr(forgetting)))
     files = [folder / "main.c", folder / "model_rls.c", folder / "model.c"]
@@ -81,7 +81,7 @@ def test_a_heavy_start_stays_and_single_precision_is_enough(tmp_path: Path) -> N
 def test_other_models_have_no_recursion(tmp_path: Path) -> None:
     with pytest.raises(emsid.ModelError, match="no regression"):
         emsid.export(emsid.LinearAxis(), "c99", tmp_path / "x", dt=0.01, recursive=True)
-    model = emsid.Narx(STRUCTURE, THETA, dt=0.1)
+    model = emsid.RegressionModel(STRUCTURE, THETA, dt=0.1)
     with pytest.raises(emsid.ModelError, match="yes or no"):
         emsid.export(model, "c99", tmp_path / "x", recursive="maybe")
     assert not (tmp_path / "x").exists()

@@ -182,7 +182,7 @@ def test_a_law_on_an_axis_has_the_units_of_an_axis():
 
 
 def test_a_law_that_is_not_registered_is_refused_where_it_would_be_lost(tmp_path):
-    model = emsid.GreyBox(TRUTH, (Signal.SPEED,))
+    model = emsid.PlantModel(TRUTH, (Signal.SPEED,))
     with pytest.raises(ModelError, match="friction law Exponential is not registered"):
         emsid.save(model, tmp_path / "motor.json")
     assert not (tmp_path / "motor.json").exists()
@@ -284,7 +284,7 @@ def test_a_plant_of_the_users_is_fitted_saved_and_shown(tmp_path):
 
 def test_a_plant_that_is_not_registered_is_refused_where_it_would_be_lost(tmp_path):
     with pytest.raises(ModelError, match="pendulum is not registered"):
-        emsid.save(emsid.GreyBox(Pendulum(), (Signal.POSITION,)), tmp_path / "pendulum.json")
+        emsid.save(emsid.PlantModel(Pendulum(), (Signal.POSITION,)), tmp_path / "pendulum.json")
 
 
 def test_two_plants_of_one_name_are_refused():

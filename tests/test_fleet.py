@@ -81,7 +81,7 @@ def test_a_fleet_is_fitted_and_the_motor_that_differs_is_named(hive: Path, threa
     alone = emsid.fit(ARX, train)
     for k, name in enumerate(alone.names):
         assert m0[name].item() == pytest.approx(alone.estimate[k], rel=1e-12)
-    assert m0["rmse"].item() == pytest.approx(emsid.assess(alone, test).row.simulation_rmse, rel=1e-9)
+    assert m0["rmse"].item() == pytest.approx(emsid.validate(alone, test).row.simulation_rmse, rel=1e-9)
 
 
 def test_the_result_does_not_depend_on_the_executor(hive: Path, threads: Executor) -> None:

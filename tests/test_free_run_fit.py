@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import emsid
-from emsid import ModelError, Narx, Record, Structure, arx
+from emsid import ModelError, Record, RegressionModel, Structure, arx
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
@@ -41,7 +41,7 @@ def measured(structure: Structure, theta: Array, samples: int, noise: float, see
     """The free run of a structure for a random input, with white noise on the output."""
     rng = np.random.default_rng(seed)
     u = rng.standard_normal((samples, structure.inputs or 1))
-    run = Narx(structure, theta, 0.1).simulate(u).output
+    run = RegressionModel(structure, theta, 0.1).simulate(u).output
     return Record(u, run + noise * rng.standard_normal(run.shape), 0.1)
 
 
@@ -55,7 +55,7 @@ def test_the_derivative_of_a_free_run_is_its_definition() -> None:
     run[3:] += residual
     expected = derivative_reference(BILINEAR.regressors, TRUTH, run, record.input.T, 3)
     np.testing.assert_allclose(derivative.T, expected[:, 3:], rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(run, Narx(BILINEAR, TRUTH, 0.1).simulate(record, 3).output[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(run, RegressionModel(BILINEAR, TRUTH, 0.1).simulate(record, 3).output[:, 0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
@@ -84,7 +84,7 @@ def test_the_slope_of_every_transform_is_that_of_its_definition(transform: Trans
 def test_a_share_of_zero_is_the_one_step_prediction() -> None:
     record = measured(BILINEAR, TRUTH, 60, 0.1)
     residual = FreeRunError(BILINEAR, [record], 2, share=0.0).residuals(TRUTH)[0]
-    ahead = Narx(BILINEAR, TRUTH, 0.1).predict(record).output[2:, 0]
+    ahead = RegressionModel(BILINEAR, TRUTH, 0.1).predict(record).output[2:, 0]
     np.testing.assert_allclose(residual, ahead - record.output[2:, 0], atol=1e-12)
 
 
@@ -264,7 +264,7 @@ def test_start_values_are_as_many_as_parameters(how: dict[str, bool], start: lis
 
 def test_the_start_of_a_run_is_estimated_from_several_outputs() -> None:
     truth = np.array([-1.96, 0.9604, 0.002])  # slow: the difference of two noisy outputs is no slope
-    measured_start, estimated = Narx(arx(2, 1), truth, 0.1), Narx(arx(2, 1), truth, 0.1, start=30)
+    measured_start, estimated = RegressionModel(arx(2, 1), truth, 0.1), RegressionModel(arx(2, 1), truth, 0.1, start=30)
     errors = np.zeros(2)
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -275,7 +275,7 @@ def test_the_start_of_a_run_is_estimated_from_several_outputs() -> None:
             errors[k] += np.mean((model.simulate(record, 30).output[30:, 0] - y[30:]) ** 2)
     assert errors[1] < errors[0] / 4
     assert (measured_start.memory, estimated.memory) == (2, 30)
-    assert Narx.from_data(estimated.to_data()).start == 30
+    assert RegressionModel.from_data(estimated.to_data()).start == 30
     assert emsid.fit(arx(2, 1), record, free_run=True).model.start == 16
 
 
@@ -335,7 +335,7 @@ def test_terms_are_selected_by_the_free_run() -> None:
 
 def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
     structure = Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3")
-    model = Narx(structure, np.array([0.5, 0.5, 0.1]), 0.1)  # no steady state for u above 0.86
+    model = RegressionModel(structure, np.array([0.5, 0.5, 0.1]), 0.1)  # no steady state for u above 0.86
     u = np.full(60, 0.8)
     record = Record(np.concatenate([-u, u]), model.simulate(np.concatenate([-u, u])).output, 0.1)
     assert not diverges(model, record)
@@ -346,19 +346,19 @@ def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
 
 def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_chosen() -> None:
     structure = Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3")
-    model = Narx(structure, np.array([0.5, 0.5, 0.1]), 0.1)
+    model = RegressionModel(structure, np.array([0.5, 0.5, 0.1]), 0.1)
     u = np.tile([0.9, -0.9], 100)  # with no steady state for u = 0.9
     record = Record(u, model.simulate(u).output, 0.1)
     assert not diverges(model, Extremes(record).larger)
     validation = CrossValidation.of(record, 0.25, 1)
     assert validation.errors(structure, lambda *_: model).mean == np.inf
-    stable = Narx(structure, np.array([0.5, 0.5, 0.05]), 0.1)
+    stable = RegressionModel(structure, np.array([0.5, 0.5, 0.05]), 0.1)
     assert np.isfinite(validation.errors(structure, lambda *_: stable).mean)
 
 
 def softening(u: Array) -> Array:
     """y(t) of an oscillator whose spring softens: it has no steady state for constant u above 0.66."""
-    return Narx(SOFTENING, SOFTENING_TRUTH, 0.01).simulate(u).output[:, 0]
+    return RegressionModel(SOFTENING, SOFTENING_TRUTH, 0.01).simulate(u).output[:, 0]
 
 
 SOFTENING = Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "y(t-1)^3")
@@ -378,7 +378,7 @@ def softened(seed: int, size: float, samples: int = 800) -> tuple[Record, float]
 @pytest.mark.parametrize("seed", range(3))
 def test_a_system_that_diverges_only_on_a_constant_extreme_is_found(seed: int) -> None:
     record, noise = softened(seed, 0.66)
-    assert diverges_held(Narx(SOFTENING, SOFTENING_TRUTH, 0.01), Extremes(record))
+    assert diverges_held(RegressionModel(SOFTENING, SOFTENING_TRUTH, 0.01), Extremes(record))
     fit = REGRESSIONS["polynomial-narx"](record, emsid.Options())
     other, _ = softened(seed + 10, 0.66)
     error = fit.model.simulate(other.input).output[:, 0] - softening(other.input)
@@ -390,8 +390,8 @@ def test_what_diverges_on_a_constant_extreme_must_be_much_better_and_stable_back
 ) -> None:
     record, _ = softened(0, 0.66)
     wary = replace(CrossValidation.of(record, 0.25, 2), wary=True)
-    bounded = Narx(SOFTENING, np.array([1.4, -0.55, 0.15, 0.0]), 0.01)
-    held = Narx(SOFTENING, SOFTENING_TRUTH, 0.01)
+    bounded = RegressionModel(SOFTENING, np.array([1.4, -0.55, 0.15, 0.0]), 0.01)
+    held = RegressionModel(SOFTENING, SOFTENING_TRUTH, 0.01)
     plain = replace(wary, wary=False)
     assert plain.errors(SOFTENING, lambda *_: held).mean == np.inf
     assert wary.errors(SOFTENING, lambda *_: bounded).mean == plain.errors(SOFTENING, lambda *_: bounded).mean

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
-from emsid import Cascade, Narx, Record, arx, concatenate
+from emsid import Cascade, Record, RegressionModel, arx, concatenate
 from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
@@ -167,13 +167,13 @@ def test_a_long_record_is_split_as_for_regressions_and_plants() -> None:
 
 def test_a_free_run_error_covers_all_records_after_their_transients() -> None:
     rng = np.random.default_rng(0)
-    model = Narx(arx(1, 1), np.array([-0.5, 1.0]), 0.1)
+    model = RegressionModel(arx(1, 1), np.array([-0.5, 1.0]), 0.1)
     records = [Record(rng.standard_normal(n), rng.standard_normal(n), 0.1) for n in (40, 70)]
     runs = [model.simulate(record, 5) for record in records]
     errors = np.concatenate([(record.output - run.output)[5:] for record, run in zip(records, runs, strict=True)])
     assert free_run_error(model, records, 5) == pytest.approx(np.mean(errors**2), rel=1e-14)
     assert free_run_error(model, records[:1], 40) == np.inf
-    assert free_run_error(Narx(arx(1, 1), np.array([-3.0, 1.0]), 0.1), records) == np.inf
+    assert free_run_error(RegressionModel(arx(1, 1), np.array([-3.0, 1.0]), 0.1), records) == np.inf
     still = Cascade((Rational([0.0]),))
     assert free_run_error(still, records[:1]) == mean_squared_error(records[0].output, np.zeros((40, 1)))
 

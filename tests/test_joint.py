@@ -18,7 +18,7 @@ from emsid.models.plants.search.refinements.load_friction import load_dependent
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD
 from emsid.plant import Friction, LoadFriction, Motor, PowerFriction, SquaredLoadFriction
-from emsid.plants import DrivenMotor, Gravity
+from emsid.plants import Gravity, MotorPlant
 
 DT = 5e-3
 POSITION = (Signal.POSITION,)
@@ -31,10 +31,10 @@ TRUTH = {
 }
 
 
-def joint(feed: Feed = Feed.TORQUE, **values: float) -> DrivenMotor:
+def joint(feed: Feed = Feed.TORQUE, **values: float) -> MotorPlant:
     motor = Motor(inductance=0.0, load_inertia=1e-15, load_viscous=0.0, voltage_dead_zone=None).rigid()
     motor = replace(motor, rotor_friction=Friction(), load_friction=Friction())
-    return DrivenMotor(motor, gravity=Gravity(), feed=feed).with_values({**TRUTH, **values})
+    return MotorPlant(motor, gravity=Gravity(), feed=feed).with_values({**TRUTH, **values})
 
 
 def torque(samples: int, seed: int, size: float = 0.8) -> np.ndarray:
@@ -44,7 +44,7 @@ def torque(samples: int, seed: int, size: float = 0.8) -> np.ndarray:
     return size * (slow + 0.3 * np.repeat(rng.standard_normal(samples // 40 + 1), 40)[:samples])
 
 
-def recorded(plant: DrivenMotor, u: np.ndarray, seed: int = 0, counts: int = 4096, name: str = "arm") -> Record:
+def recorded(plant: MotorPlant, u: np.ndarray, seed: int = 0, counts: int = 4096, name: str = "arm") -> Record:
     """The angle of a joint that begins at rest where it hangs, in counts of an encoder."""
     start = np.zeros(plant.states)
     start[1] = plant.value("gravity.angle") * plant.sensor.ratio
@@ -295,7 +295,7 @@ def test_a_joint_of_mujoco_is_identified(monkeypatch) -> None:
 SERVO = {"servo.proportional": 8.0, "servo.derivative": 0.1, "servo.limit": 3.0}
 
 
-def servo() -> DrivenMotor:
+def servo() -> MotorPlant:
     record = Record([0.0, 1.0], [0.0, 1.0], DT, input_units="rad", output_units="rad")
     plant = emsid.plants.joint().for_command(record)
     return plant.with_values({**TRUTH, **SERVO})

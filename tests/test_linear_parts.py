@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emsid import Cascade, DrivenMotor, LinearAxis, ModelError, Narx, StateSpaceModel, Structure, arx
+from emsid import Cascade, LinearAxis, ModelError, MotorPlant, RegressionModel, StateSpaceModel, Structure, arx
 from emsid.models.blocks.filters import Rational
 from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.grey_box import GreyBox
@@ -31,14 +31,14 @@ QUICK = replace(RIGID, inductance=0.0)
 EVERY = (Signal.SPEED, Signal.POSITION, Signal.CURRENT)
 LAGGING = Sensor(ratio=3.0, lag=0.02)
 PLANTS: dict[str, tuple[object, tuple[Signal, ...]]] = {
-    "one mass": (DrivenMotor(QUICK, Drive(gain=2.0)), EVERY),
-    "one mass, slow sensor": (DrivenMotor(QUICK, Drive(gain=2.0), LAGGING), EVERY),
-    "one mass fed with a current": (DrivenMotor(QUICK, Drive(gain=0.1), feed=Feed.CURRENT), EVERY),
-    "one mass fed with a torque": (DrivenMotor(QUICK, Drive(gain=0.001), feed=Feed.TORQUE), EVERY),
-    "one mass with inductance": (DrivenMotor(RIGID), EVERY),
-    "two masses": (DrivenMotor(SMOOTH, sensor=LAGGING), (*EVERY, Signal.ROTOR_SPEED)),
+    "one mass": (MotorPlant(QUICK, Drive(gain=2.0)), EVERY),
+    "one mass, slow sensor": (MotorPlant(QUICK, Drive(gain=2.0), LAGGING), EVERY),
+    "one mass fed with a current": (MotorPlant(QUICK, Drive(gain=0.1), feed=Feed.CURRENT), EVERY),
+    "one mass fed with a torque": (MotorPlant(QUICK, Drive(gain=0.001), feed=Feed.TORQUE), EVERY),
+    "one mass with inductance": (MotorPlant(RIGID), EVERY),
+    "two masses": (MotorPlant(SMOOTH, sensor=LAGGING), (*EVERY, Signal.ROTOR_SPEED)),
     "two masses without inductance": (
-        DrivenMotor(replace(SMOOTH, inductance=0.0)),
+        MotorPlant(replace(SMOOTH, inductance=0.0)),
         (Signal.SPEED, Signal.POSITION, Signal.ROTOR_SPEED),
     ),
     "axis": (LinearAxis(2.0, 3.0, Friction(), drive=Drive(gain=4.0), sensor=Sensor(lag=0.02)), EVERY[:2]),
@@ -64,14 +64,14 @@ def test_a_plant_without_dry_friction_is_its_linear_part(name: str, control: Any
 
 def test_arx_is_its_transfer_function(control: Any) -> None:
     model = ALL["arx"]
-    assert isinstance(model, Narx)
+    assert isinstance(model, RegressionModel)
     u = np.random.default_rng(1).standard_normal(100)
     there = control.forced_response(model.to_control(), inputs=u).outputs
     np.testing.assert_allclose(np.ravel(there), model.simulate(u).output[:, 0], rtol=1e-9, atol=1e-12)
 
 
 def test_two_inputs_have_a_transfer_function_each(control: Any) -> None:
-    model = Narx(arx(2, 2, inputs=2), np.array([-1.2, 0.4, 0.1, 0.05, 0.2, -0.1]), DT)
+    model = RegressionModel(arx(2, 2, inputs=2), np.array([-1.2, 0.4, 0.1, 0.05, 0.2, -0.1]), DT)
     system, u = model.to_control(), np.random.default_rng(2).standard_normal((100, 2))
     assert (system.ninputs, system.noutputs, system.dt) == (2, 1, DT)
     for k in range(2):
@@ -82,10 +82,12 @@ def test_two_inputs_have_a_transfer_function_each(control: Any) -> None:
 
 
 def test_the_linear_terms_of_a_nonlinear_structure_are_converted(control: Any) -> None:
-    model = Narx(Structure.parse("-y(t-1)", "u(t-1)", "u(t-1)^2", "sign(y(t-1))"), np.array([-0.5, 2.0, 7.0, 9.0]), DT)
+    model = RegressionModel(
+        Structure.parse("-y(t-1)", "u(t-1)", "u(t-1)^2", "sign(y(t-1))"), np.array([-0.5, 2.0, 7.0, 9.0]), DT
+    )
     assert model.to_control().dcgain() == pytest.approx(4.0)
     with pytest.raises(ModelError, match="no term that is linear in an input"):
-        Narx(Structure.parse("y(t-1)", "u(t-1)^2"), np.array([0.5, 1.0]), DT).to_control()
+        RegressionModel(Structure.parse("y(t-1)", "u(t-1)^2"), np.array([0.5, 1.0]), DT).to_control()
 
 
 def test_filters_of_a_cascade_take_its_sample_time(control: Any) -> None:

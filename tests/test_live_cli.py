@@ -152,11 +152,11 @@ def test_a_killed_tracker_leaves_a_log_that_reads(tmp_path: Path) -> None:
 
 
 def test_models_that_are_not_regressions_are_not_tracked(tmp_path: Path, run: object) -> None:
-    from emsid import GreyBox, plants
+    from emsid import PlantModel, plants
     from emsid.models.plants.grey_box import signals_of
 
     plant = plants.rigid_motor()
-    model = GreyBox(plant, signals_of(plant, Record(np.zeros(9), np.zeros(9), 0.01)))
+    model = PlantModel(plant, signals_of(plant, Record(np.zeros(9), np.zeros(9), 0.01)))
     save_model(model, tmp_path / "motor.json")
     (tmp_path / "log.csv").write_bytes(lines(100))
     status, _, err = run("track", tmp_path / "log.csv", "--structure", tmp_path / "motor.json", "--out", tmp_path / "o")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from emsid import GreyBox, plants, save
+from emsid import PlantModel, plants, save
 from emsid.cli.commands import track
 from emsid.models.plants.parameters import Signal
 
@@ -43,7 +43,7 @@ print(*sorted(compiled() - before), sep="\\n")
 
 @pytest.mark.parametrize("structure", ["arx", "friction-narx"])
 def test_a_session_calls_no_kernel_that_its_rehearsal_did_not(tmp_path: Path, structure: str) -> None:
-    save(GreyBox(plants.rigid_motor(), (Signal.SPEED,)), tmp_path / "motor.json")
+    save(PlantModel(plants.rigid_motor(), (Signal.SPEED,)), tmp_path / "motor.json")
     words = [sys.executable, "-c", TRACKED, str(tmp_path), structure]
     here = Path(__file__).parent
     done = subprocess.run(words, capture_output=True, text=True, cwd=here, timeout=300, check=False)

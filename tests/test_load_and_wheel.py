@@ -197,7 +197,7 @@ def test_the_radius_decides_whether_metres_per_second_are_of_a_motor():
 
 
 def test_a_loaded_motor_runs_from_rest_and_sample_by_sample():
-    model = emsid.GreyBox(DrivenMotor(ONE_MASS, Drive(loaded=True)), SPEED)
+    model = emsid.PlantModel(DrivenMotor(ONE_MASS, Drive(loaded=True)), SPEED)
     command = Record(inputs(), dt=DT, input_units=("V", "N*m"))
     whole = emsid.simulate(model, command).output
     state = model.at_rest(0.0, DT)

@@ -289,7 +289,7 @@ def test_a_cascade_is_simulated_at_the_sample_time_given():
 
 
 def test_a_run_that_diverges_is_answered():
-    unstable = emsid.Narx(emsid.Structure.parse("y(t-1)^2", "u(t-1)"), np.array([2.0, 1.0]), dt=0.1)
+    unstable = emsid.RegressionModel(emsid.Structure.parse("y(t-1)^2", "u(t-1)"), np.array([2.0, 1.0]), dt=0.1)
     with pytest.raises(emsid.ModelError, match="diverges"):
         emsid.simulate(unstable, np.ones(100))
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import re
 from enum import Enum
+from importlib import import_module
 from typing import get_args, get_origin, get_type_hints
 
+import numpy as np
 import pytest
 
 import emsid
@@ -132,3 +134,36 @@ def test_a_public_function_says_what_it_raises(thing):
     if inspect.isfunction(thing):
         raised = set(re.findall(r"\braise (\w+Error)\b", inspect.getsource(thing)))
         assert [error for error in raised if error not in (thing.__doc__ or "").partition("Raises:")[2]] == []
+
+
+OLD = [("emsid", old, now) for old, now in emsid.RENAMED.items()]
+OLD += [("emsid.validation", "assess", "validate")]
+
+
+@pytest.mark.parametrize(("module", "old", "now"), OLD)
+def test_an_old_name_is_the_present_thing_with_a_warning(module, old, now):
+    place = import_module(module)
+    with pytest.warns(DeprecationWarning, match=rf"{module}\.{old} is now {module}\.{now}"):
+        thing = getattr(place, old)
+    assert thing is getattr(place, now)
+    assert old not in dir(place)
+    assert thing.__name__ == now
+
+
+@pytest.mark.parametrize("module", ["emsid", "emsid.plants", "emsid.regression", "emsid.validation"])
+def test_a_name_that_never_was_is_refused(module):
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = import_module(module).no_such_name
+
+
+def test_one_model_is_validated_with_or_without_its_fit():
+    u = np.sin(np.arange(300.0) ** 1.2)
+    record = emsid.Record(u, np.convolve(u, [0.0, 0.5, 0.2])[:300], 0.01)
+    fit = emsid.fit(emsid.arx(na=1, nb=2), record)
+    errors = [emsid.validate(each, record).row.simulation_mse for each in (fit, fit.model)]
+    assert errors[0] == errors[1]
+
+
+def test_the_inertia_of_a_rotor_says_that_it_has_the_load():
+    parameter = next(each for each in emsid.Motor().parameters() if each.name == "rotor_inertia")
+    assert "with the load" in parameter.description

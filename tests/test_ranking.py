@@ -199,7 +199,7 @@ def test_a_refit_is_taken_where_it_is_better_and_does_not_run_away(cubed, taken)
     for t in range(1, len(u)):
         y[t] = slow * y[t - 1] + (1 - slow) * (u[t - 1] + cubed * y[t - 1] ** 3)
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
-    whole, known = emsid.Record(u, y, DT), as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, 0.0]), DT))
+    whole, known = emsid.Record(u, y, DT), as_fit(emsid.RegressionModel(cubic, np.array([slow, 1 - slow, 0.0]), DT))
     assert free_run_error(refitted(known, whole), [whole]) < 0.1 * free_run_error(known.model, [whole])
     found = better_refit(known, whole)
     assert (found is not None) is taken

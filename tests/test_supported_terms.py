@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from emsid import Narx, Options, Record, Structure
+from emsid import Options, Record, RegressionModel, Structure
 from emsid.estimation.fit import Fit
 from emsid.identification.regressions import REGRESSIONS
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -46,13 +46,13 @@ def measured(seed: int, noise: Callable[[Array], tuple[Array, Array]], samples: 
     return Record(u, y + outside, 0.01)
 
 
-def fitted(seed: int, noise: Callable[[Array], tuple[Array, Array]], samples: int = 300) -> Fit[Narx]:
+def fitted(seed: int, noise: Callable[[Array], tuple[Array, Array]], samples: int = 300) -> Fit[RegressionModel]:
     """The candidate of the identification."""
-    fit: Fit[Narx] = REGRESSIONS["polynomial-narx"](measured(seed, noise, samples), Options())
+    fit: Fit[RegressionModel] = REGRESSIONS["polynomial-narx"](measured(seed, noise, samples), Options())
     return fit
 
 
-def terms(fit: Fit[Narx]) -> dict[str, tuple[float, float]]:
+def terms(fit: Fit[RegressionModel]) -> dict[str, tuple[float, float]]:
     """Every term, without its sign, with the ends of its interval."""
     found = {}
     for label, ends in zip(fit.model.structure.labels, fit.interval(), strict=True):
@@ -94,7 +94,7 @@ def test_what_was_not_selected_needs_less_support() -> None:
     assert (errors[:6] > 8).all()
     assert errors[6:] == pytest.approx([1.0, 3.1], abs=0.2)
 
-    def refit(structure: Structure, start: Array) -> Fit[Narx]:
+    def refit(structure: Structure, start: Array) -> Fit[RegressionModel]:
         return fit_free_run(structure, record, start=start)
 
     assert set(supported(fit, refit, 100).model.structure.labels) == set(TRUTH)
@@ -106,7 +106,7 @@ def test_no_term_is_removed_without_which_the_fit_is_much_worse_or_refused() -> 
     record = measured(3, of_output)
     fit = fit_free_run(RICHER, record)
 
-    def worse(structure: Structure, start: Array) -> Fit[Narx]:
+    def worse(structure: Structure, start: Array) -> Fit[RegressionModel]:
         return fit_free_run(Structure.parse("y(t-1)", "u(t-1)"), record)
 
     assert supported(fit, worse, 10) is fit

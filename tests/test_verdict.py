@@ -370,7 +370,7 @@ def test_a_model_that_diverges_on_steps_within_the_range_of_the_input_is_implaus
     smooth = emsid.Record(u, lfilter([0.0, 1 - POLE], [1.0, -POLE], u), DT, name="smooth")
     cube = ("u(t-1)^3", "y(t-1)*u(t-1)^2", "y(t-1)^2*u(t-1)", "y(t-1)^3")
     steep = emsid.Structure.parse("y(t-1)", "u(t-1)", *cube, name="steep")
-    fit = as_fit(emsid.Narx(steep, np.array([POLE, 1 - POLE, *(3.0 * np.array([1, -3, 3, -1]))]), DT))
+    fit = as_fit(emsid.RegressionModel(steep, np.array([POLE, 1 - POLE, *(3.0 * np.array([1, -3, 3, -1]))]), DT))
     findings = implausible(fit, smooth)
     assert findings["diverges-on-steps"] == {"model": "steep"}
     assert "diverges-beyond-range" not in findings
@@ -382,7 +382,7 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_recommended
     u, slow = np.repeat(np.random.default_rng(3).uniform(-1, 1, 500), 4), 0.99
     known = emsid.Record(u, lfilter([0.0, 1 - slow], [1.0, -slow], u), DT, name="pulses")
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
-    fit = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, 0.4 * (1 - slow)]), DT))
+    fit = as_fit(emsid.RegressionModel(cubic, np.array([slow, 1 - slow, 0.4 * (1 - slow)]), DT))
     findings = implausible(fit, known)
     assert findings["diverges-on-constant-input"] == {"model": "cubic"}
     assert "diverges-beyond-range" not in findings
@@ -393,7 +393,7 @@ def test_a_model_that_diverges_while_an_extreme_input_is_held_is_not_recommended
     assert excluded_models(about, {**known_errors, "arx": 4.1}) == set()  # the system may do so, too
     beyond = Finding("diverges-beyond-range", "cubic", {"model": "cubic"})
     assert excluded_models([*about, beyond], {**known_errors, "arx": 4.1}) == {"cubic"}
-    stable = as_fit(emsid.Narx(cubic, np.array([slow, 1 - slow, -0.4 * (1 - slow)]), DT))
+    stable = as_fit(emsid.RegressionModel(cubic, np.array([slow, 1 - slow, -0.4 * (1 - slow)]), DT))
     assert "diverges-on-constant-input" not in implausible(stable, known)
     assert [runs_away(each.model, Extremes(known)) for each in (fit, stable)] == [True, False]
 
@@ -402,7 +402,7 @@ def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
     known, unseen = record(0), record(1, name="other")
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
     turns = (1 - POLE) / (0.8 * float(np.abs(known.output).max())) ** 2  # the cube wins near the end of the range
-    fit = as_fit(emsid.Narx(cubic, np.array([POLE, 1 - POLE, turns]), DT))
+    fit = as_fit(emsid.RegressionModel(cubic, np.array([POLE, 1 - POLE, turns]), DT))
     assert implausible(fit, known)["diverges-beyond-range"] == {"model": "cubic", "factor": 1.2}
     assert "diverges-beyond-range" not in implausible(linear(), known)
     fits = [linear(gain=0.3, name="poor"), linear(name="good")]

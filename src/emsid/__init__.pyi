@@ -67,12 +67,12 @@ from .models.linear.subspace_fit import state_space as state_space
 from .models.linear.system import LinearSystem as LinearSystem
 from .models.model import Model as Model
 from .models.model import Run as Run
-from .models.plants.grey_box import GreyBox as GreyBox
+from .models.plants.grey_box import PlantModel as PlantModel
 from .models.plants.linear_axis import LinearAxis as LinearAxis
-from .models.plants.motor import DrivenMotor as DrivenMotor
+from .models.plants.motor import MotorPlant as MotorPlant
 from .models.plants.own_plant import OwnPlant as OwnPlant
 from .models.plants.search.estimation import simulation_error as simulation_error
-from .models.regression.narx import Narx as Narx
+from .models.regression.narx import RegressionModel as RegressionModel
 from .models.regression.narx import Structure as Structure
 from .models.regression.sample_by_sample import SampleBySample as SampleBySample
 from .models.regression.structures import arx as arx
@@ -108,9 +108,8 @@ from .validation.analysis import to_continuous as to_continuous
 from .validation.analysis import to_discrete as to_discrete
 from .validation.analysis import zeros as zeros
 from .validation.comparison import Comparison as Comparison
-from .validation.comparison import assess as assess
-from .validation.comparison import assess_model as assess_model
 from .validation.comparison import compare as compare
+from .validation.comparison import validate as validate
 from .validation.reestimation import reestimate as reestimate
 from .validation.residual_test import ResidualTest as ResidualTest
 

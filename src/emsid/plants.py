@@ -13,9 +13,9 @@ from emsid.models.plants.drive import Acting, ActingEach, Bridge, Drive, Feed, H
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.gravity import Gravity
-from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.grey_box import GreyBox, PlantModel
 from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
@@ -67,10 +67,12 @@ __all__ = [
     "LoadFriction",
     "Measure",
     "Motion",
+    "MotorPlant",
     "Needs",
     "OwnPlant",
     "Parameter",
     "Plant",
+    "PlantModel",
     "PlantState",
     "PowerFriction",
     "Profile",

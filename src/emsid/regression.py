@@ -5,7 +5,7 @@
 'y(t-1)*u(t-2)^2'
 """
 
-from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.narx import Narx, RegressionModel, Structure
 from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor
 from emsid.models.regression.search.orders import OrderRow, OrderTable, order_grid
 from emsid.models.regression.structures import (
@@ -23,6 +23,7 @@ __all__ = [
     "Narx",
     "OrderRow",
     "OrderTable",
+    "RegressionModel",
     "Regressor",
     "SelectedTerms",
     "Structure",

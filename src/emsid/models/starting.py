@@ -40,7 +40,7 @@ def start(model: Any, level: ArrayLike = 0.0, dt: float | None = None, *, record
     """A model that runs sample by sample: ``step(u)`` gives the next output in a few microseconds.
 
     >>> import emsid
-    >>> arx = emsid.Narx(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    >>> arx = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
     >>> running = start(arx)
     >>> [running.step(u) for u in (1.0, 0.0, 0.0)], running.predict([1.0, 1.0])
     ([0.0, 2.0, 1.0], array([0.5 , 2.25]))

@@ -9,9 +9,8 @@ from .comparison import Assessment as Assessment
 from .comparison import Comparison as Comparison
 from .comparison import OutputErrors as OutputErrors
 from .comparison import Row as Row
-from .comparison import assess as assess
-from .comparison import assess_model as assess_model
 from .comparison import compare as compare
+from .comparison import validate as validate
 from .metrics import fit_percent as fit_percent
 from .metrics import mean_squared_error as mean_squared_error
 from .nonlinear_correlation import NonlinearTest as NonlinearTest

@@ -132,7 +132,7 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
         fit: of a model with a covariance.
         record: with the channels of the model.
         level: of the band.
-        transient: see `emsid.validation.assess`.
+        transient: see `emsid.validation.validate`.
 
     Raises:
         ModelError: for a record that the model cannot be run on, or a model whose parameters cannot be moved.

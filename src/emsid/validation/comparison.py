@@ -213,18 +213,18 @@ class Comparison(Presented):
         return f"Comparison({len(self.rows)} models on {where}; best {name}, fit {best.fit_percent:.2f} %)"
 
 
-def assess(
-    fit: Fit[Model],
+def validate(
+    model: Fit[Any] | Model,
     record: Record,
     transient: int | None = None,
     *,
     experiment: str = "record",
     data: str = "unseen",
 ) -> Assessment:
-    """Compute the free run and the one-step prediction of a fitted model on a record.
+    """Compute the free run and the one-step prediction of a model on a record.
 
     Args:
-        fit: the model.
+        model: the model, or a fit of it.
         record: the data. The first ``transient`` samples of a segment in motion start the model and are left out of
             errors; a segment that begins at rest counts whole.
         transient: in samples; by default as many as the model needs.
@@ -234,6 +234,7 @@ def assess(
         ModelError: for a record that the model cannot be run on.
         DataError: where no sample is left for an error.
     """
+    fit = as_fit(model)
     simulation = fit.model.simulate(record, transient)
     prediction = fit.model.predict(record, 1, transient)
     counted = simulation.counted
@@ -289,16 +290,6 @@ def _each_output(record: Record, measured: Array, free: Array, ahead: Array) -> 
         one_step = _one_step(y, predicted)
         errors.append(OutputErrors(name, unit, one_step, mse, float(np.sqrt(mse)), fit_percent(y, run)))
     return tuple(errors)
-
-
-def assess_model(model: Model, record: Record, transient: int | None = None, *, data: str = "unseen") -> Assessment:
-    """Compute the free run and the one-step prediction of a model without a fit, such as one from a file.
-
-    Args:
-        model: the model.
-        record, transient, data: see `assess`.
-    """
-    return assess(as_fit(model), record, transient, data=data)
 
 
 def compare(
@@ -372,3 +363,7 @@ def _one_record(record: Record | Sequence[Record]) -> Record:
     if isinstance(record, Fit | Model):
         raise DataError("the record comes last, after the models: compare([linear, motor], record)")
     raise DataError(f"a {type(record).__name__} is no record to compare on; give emsid.Record(input, output, dt=…)")
+
+
+assess = assess_model = validate
+"""The names of this function inside the package."""

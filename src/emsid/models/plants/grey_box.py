@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class GreyBox(RunMethods):
+class PlantModel(RunMethods):
     """A plant as a model of records.
 
     Args:
@@ -74,7 +74,7 @@ class GreyBox(RunMethods):
         """The value of every parameter of the plant by name, in SI units."""
         return {name: self.plant.value(name) for name in self.plant.handles}
 
-    def with_estimates(self, names: Sequence[str], values: Array) -> GreyBox:
+    def with_estimates(self, names: Sequence[str], values: Array) -> PlantModel:
         """The same with other values of some parameters of the plant, by name, in SI units."""
         return replace(self, plant=self.plant.with_values(dict(zip(names, map(float, values), strict=True))))
 
@@ -177,7 +177,7 @@ class GreyBox(RunMethods):
         return {"plant": plant_to_data(self.plant), "signals": [signal.value for signal in self.signals]}
 
     @classmethod
-    def from_data(cls, data: dict[str, Any]) -> GreyBox:
+    def from_data(cls, data: dict[str, Any]) -> PlantModel:
         """The model described by `to_data`."""
         try:
             signals = tuple(Signal(value) for value in data["signals"])
@@ -314,3 +314,7 @@ def _check_command(plant: Plant, channels: Channels, record: Record) -> None:
             "correct its unit or choose another column",
             arguments=("units",),
         )
+
+
+GreyBox = PlantModel
+"""The name of this class inside the package."""

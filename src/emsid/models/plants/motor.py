@@ -24,14 +24,7 @@ from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, w
 from emsid.models.plants.drive import Acting, Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.gravity import CONSTANTS, Gravity
-from emsid.models.plants.motor_equations import (
-    WEIGHT,
-    equations,
-    linear_motor,
-    of_joint,
-    quantities,
-    together,
-)
+from emsid.models.plants.motor_equations import WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
 from emsid.models.plants.motor_motion import MotorMotion, check_two_masses, two_masses
 from emsid.models.plants.motor_start import at_motor, by_torque, hung, with_motion
@@ -64,7 +57,7 @@ one of 0.01 takes so many steps that a search with it takes ten times as long.""
 
 
 @dataclass(frozen=True)
-class DrivenMotor(DrivenPlant):
+class MotorPlant(DrivenPlant):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
     An initial state is a speed in rad/s and an angle in rad, equal for rotor and load, with the current in steady
@@ -488,7 +481,7 @@ class DrivenMotor(DrivenPlant):
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
         """The motor described by `to_data`."""
-        return super(DrivenMotor, replace(self, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))).with_data(data)
+        return super(MotorPlant, replace(self, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))).with_data(data)
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
@@ -496,3 +489,6 @@ class DrivenMotor(DrivenPlant):
         if self.gravity is None:
             return found
         return (*of_joint(self.motor, self.gravity.whole, self.inertia_of_all, self.sensor.ratio), *found)
+
+
+DrivenMotor = MotorPlant

@@ -207,9 +207,9 @@ class Structure:
         seen = slice(start - self.memory, stop)
         return read_only(segment.output[seen, 0]), read_only(segment.input[seen].T)
 
-    def model(self, parameters: Array, record: Record) -> Narx:
+    def model(self, parameters: Array, record: Record) -> RegressionModel:
         """The model with these parameters, at the sample time of this record."""
-        return Narx(self, parameters, record.dt)
+        return RegressionModel(self, parameters, record.dt)
 
     def regression(self, record: Record) -> tuple[Array, Array]:
         """Φ (N, n) and y (N,) of a whole record, for inspection."""
@@ -219,7 +219,7 @@ class Structure:
 
 
 @dataclass(frozen=True, eq=False)
-class Narx(RunMethods):
+class RegressionModel(RunMethods):
     """A model that is linear in its parameters.
 
     Args:
@@ -367,7 +367,7 @@ class Narx(RunMethods):
         """The value of every parameter by its name in the structure."""
         return dict(zip(self.structure.parameter_names, self.parameters.tolist(), strict=True))
 
-    def with_estimates(self, names: Sequence[str], values: Array) -> Narx:
+    def with_estimates(self, names: Sequence[str], values: Array) -> RegressionModel:
         """The same model with other parameters (n,), by name."""
         parameters = self.parameters.copy()
         parameters[[self.structure.parameter_names.index(name) for name in names]] = values
@@ -397,7 +397,7 @@ class Narx(RunMethods):
         } | ({"start": self.start} if self.start else {})
 
     @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Narx:
+    def from_data(cls, data: dict[str, Any]) -> RegressionModel:
         """The model described by `to_data`.
 
         Raises:
@@ -442,11 +442,15 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
     start: int = 0
 
 
-def free_run_reference(model: Narx, record: Record, start: int) -> Array:
-    """The free run by its definition, one regression row at a time: a slow and simple reference for `Narx.run`."""
+def free_run_reference(model: RegressionModel, record: Record, start: int) -> Array:
+    """The free run by its definition, one regression row at a time: a slow reference for `RegressionModel.run`."""
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))
         fill(row, model.structure.tables, read_only(y), read_only(record.input.T), t, 1)
         y[t] = row[:-1, 0] @ model.parameters
     return y
+
+
+Narx = RegressionModel
+"""The name of this class inside the package."""

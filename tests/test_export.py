@@ -46,6 +46,8 @@ def numbers(text: str) -> dict[str, float]:
 
 def test_every_format_writes_a_readme_with_the_equation(tmp_path: Path) -> None:
     for name, kind in FORMATS.items():
+        if name == "fixed-point":  # of regressions only: test_export_fixed_point.py
+            continue
         options = {"winding": "line", "pole_pairs": 7} if kind.options and "winding" in kind.options else {}
         found = texts(tmp_path / name, motor(0.3), name, dt=1e-3, **options)
         assert len(found) >= 2

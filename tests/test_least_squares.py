@@ -15,8 +15,8 @@ from emsid import (
     Ending,
     Information,
     ModelError,
-    Narx,
     Record,
+    RegressionModel,
     Structure,
     arx,
     concatenate,
@@ -45,13 +45,15 @@ def response(structure: Structure, theta: Array, samples: int = 600, seed: int =
     y = np.zeros((samples, 1))
     y[: structure.memory, 0] = rng.uniform(-0.5, 0.5, structure.memory)
     if not noise:
-        return replace(Record(u, y, 0.01), output=Narx(structure, theta, 0.01).simulate(Record(u, y, 0.01)).output)
+        return replace(
+            Record(u, y, 0.01), output=RegressionModel(structure, theta, 0.01).simulate(Record(u, y, 0.01)).output
+        )
     disturbed = Structure(
         (*structure.regressors, Regressor((Factor(structure.inputs + 1, 0),))),
         inputs=structure.inputs + 1,
     )
     extended = Record(np.column_stack([u, noise * rng.standard_normal(samples)]), y, 0.01)
-    return Record(u, Narx(disturbed, np.append(theta, 1.0), 0.01).simulate(extended).output, 0.01)
+    return Record(u, RegressionModel(disturbed, np.append(theta, 1.0), 0.01).simulate(extended).output, 0.01)
 
 
 def some_parameters(structure: Structure, seed: int = 0) -> Array:
@@ -173,7 +175,7 @@ def nearly_dependent() -> tuple[Structure, Array, Record]:
     u = white(800)
     inputs = np.column_stack([u, u + 1e-6 * white(800, seed=1)])
     record = Record(inputs, np.zeros(800), 0.01)
-    return structure, theta, replace(record, output=Narx(structure, theta, 0.01).simulate(record).output)
+    return structure, theta, replace(record, output=RegressionModel(structure, theta, 0.01).simulate(record).output)
 
 
 def test_refinement_recovers_digits_of_an_ill_conditioned_problem() -> None:

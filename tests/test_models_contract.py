@@ -12,12 +12,12 @@ import pytest
 import emsid
 from emsid import (
     ChannelNames,
-    DrivenMotor,
     Ending,
     Estimate,
     Fit,
     LinearAxis,
     ModelError,
+    MotorPlant,
     Record,
     concatenate,
     load,
@@ -216,7 +216,7 @@ def test_plants_run_several_inputs_at_once_as_one_after_the_other(model: GreyBox
             assert np.array_equal(run, plant.simulate(u, DT, begin[k], model.signals))
 
 
-@pytest.mark.parametrize("plant", [DrivenMotor(replace(Motor(), inductance=0.0).rigid()), LinearAxis()])
+@pytest.mark.parametrize("plant", [MotorPlant(replace(Motor(), inductance=0.0).rigid()), LinearAxis()])
 @pytest.mark.parametrize("delay", [0.0, 1.4 * DT, 10 * DT])
 @pytest.mark.parametrize("hold", list(Hold))
 def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(
@@ -454,7 +454,7 @@ def test_a_stepper_of_a_motor_knows_drives_sensors_codes_and_laws(hold: Hold, de
         1.2, 0.1, 12.0, delay, knee=5.0, beyond=0.8, freewheel=0.5, codes=codes, hold=hold, loss=0.1, rise=0.1
     )  # fmt: skip
     sensor = Sensor(2.0, 2 * DT, 0.3, 0.4)
-    plant = DrivenMotor(motor, drive, sensor, 0.003, quadratic_viscous=1e-5, cogging=Cogging(1.0, 0.001, 0.002))
+    plant = MotorPlant(motor, drive, sensor, 0.003, quadratic_viscous=1e-5, cogging=Cogging(1.0, 0.001, 0.002))
     model = GreyBox(plant, (Signal.SPEED, Signal.POSITION, Signal.CURRENT))
     u = 3.0 * inputs(5)
     if codes:
@@ -468,7 +468,7 @@ def test_a_stepper_of_a_motor_knows_drives_sensors_codes_and_laws(hold: Hold, de
 @pytest.mark.parametrize("shaft", [1e-3, 50.0, 1e9])
 def test_a_stepper_of_a_motor_with_a_shaft(hold: Hold, shaft: float) -> None:
     drive = Drive(delay=0.3 * DT, hold=hold, supply=9.0)
-    plant = DrivenMotor(replace(Motor(), shaft_stiffness=shaft), drive, Sensor(lag=DT), 0.002)
+    plant = MotorPlant(replace(Motor(), shaft_stiffness=shaft), drive, Sensor(lag=DT), 0.002)
     model = GreyBox(plant, (Signal.SPEED, Signal.ROTOR_SPEED, Signal.POSITION, Signal.CURRENT))
     u = 3.0 * inputs(5)
     expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])

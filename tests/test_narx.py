@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from emsid import (
     Model,
     ModelError,
-    Narx,
     Record,
+    RegressionModel,
     Structure,
     arx,
     concatenate,
@@ -48,13 +48,13 @@ def structure(request: pytest.FixtureRequest) -> Structure:
     return STRUCTURES[request.param]
 
 
-def model_of(structure: Structure, seed: int = 0) -> Narx:
+def model_of(structure: Structure, seed: int = 0) -> RegressionModel:
     """Stable: what is fed back adds up to less than one."""
     theta = np.random.default_rng(seed).uniform(-1, 1, len(structure))
     fed_back = np.array([any(f.channel == 0 for f in regressor.factors) for regressor in structure.regressors])
     if fed_back.any():
         theta[fed_back] *= 0.7 / np.abs(theta[fed_back]).sum()
-    return Narx(structure, theta, 0.01)
+    return RegressionModel(structure, theta, 0.01)
 
 
 def measured(structure: Structure, samples: int = 80, seed: int = 1) -> Record:
@@ -189,9 +189,9 @@ def test_only_whole_transients_start_a_run(transient: int) -> None:
 # --- divergence ------------------------------------------------------------------------------------------------------
 
 
-def unstable() -> Narx:
+def unstable() -> RegressionModel:
     """y doubles every sample."""
-    return Narx(arx(1, 1), np.array([-2.0, 1.0]), 0.01)
+    return RegressionModel(arx(1, 1), np.array([-2.0, 1.0]), 0.01)
 
 
 def test_a_diverged_run_has_its_sample_and_is_nan_to_the_end_of_its_segment() -> None:
@@ -213,7 +213,7 @@ def test_a_diverged_run_has_its_sample_and_is_nan_to_the_end_of_its_segment() ->
 def test_a_run_that_overflows_is_reported_without_a_warning() -> None:
     structure = Structure.parse("y(t-1)^3", "u(t-1)")
     record = Record(np.full(60, 0.1), np.full(60, 1.5), 0.01)
-    run = Narx(structure, np.array([1.0, 1.0]), 0.01).simulate(record)
+    run = RegressionModel(structure, np.array([1.0, 1.0]), 0.01).simulate(record)
     assert run.diverged_at is not None
     assert 1 < run.diverged_at < 8
     assert np.isnan(run.output[run.diverged_at :]).all()
@@ -227,7 +227,7 @@ def test_predictions_of_an_unstable_model_stay() -> None:
 
 def test_without_a_known_output_only_an_overflow_is_a_divergence() -> None:
     u = np.ones(3000)
-    stable = Narx(arx(1, 1), np.array([-0.5, 1.0]), 0.01).simulate(Record(u, np.zeros(3000), 0.01))
+    stable = RegressionModel(arx(1, 1), np.array([-0.5, 1.0]), 0.01).simulate(Record(u, np.zeros(3000), 0.01))
     assert stable.diverged_at is None
     assert stable.output[-1, 0] == pytest.approx(2.0, rel=1e-14)
     run = unstable().simulate(Record(u, np.zeros(3000), 0.01))
@@ -247,15 +247,15 @@ def test_it_is_a_model(structure: Structure) -> None:
 
 def test_parameters_are_its_own_and_frozen() -> None:
     given_values = np.array([0.5, 1.0])
-    model = Narx(arx(1, 1), given_values, 0.01)
+    model = RegressionModel(arx(1, 1), given_values, 0.01)
     given_values[0] = 9.0
     assert model.parameters[0] == 0.5
     with pytest.raises(ValueError, match="read-only"):
         model.parameters[0] = 1.0
 
 
-def through_json(model: Narx) -> Narx:
-    return Narx.from_data(json.loads(json.dumps(model.to_data(), allow_nan=False)))
+def through_json(model: RegressionModel) -> RegressionModel:
+    return RegressionModel.from_data(json.loads(json.dumps(model.to_data(), allow_nan=False)))
 
 
 def test_a_model_is_saved_and_loaded(structure: Structure) -> None:
@@ -276,13 +276,13 @@ def test_a_model_is_saved_and_loaded(structure: Structure) -> None:
 def test_file_keeps_every_bit(knots: list[float], speed: float, dt: float) -> None:
     structure = friction_narx(1, 1, knots=knots, speeds=(speed,), sign=Transform.TANH, width=speed / 3)
     theta = np.random.default_rng(0).standard_normal(len(structure))
-    again = through_json(Narx(structure, theta, dt))
+    again = through_json(RegressionModel(structure, theta, dt))
     assert again.structure == structure
     assert again.dt == dt
     np.testing.assert_array_equal(again.parameters, theta)
 
 
-VALID = Narx(arx(1, 1), np.array([0.5, 1.0]), 0.01).to_data()
+VALID = RegressionModel(arx(1, 1), np.array([0.5, 1.0]), 0.01).to_data()
 
 
 @pytest.mark.parametrize(
@@ -307,13 +307,13 @@ VALID = Narx(arx(1, 1), np.array([0.5, 1.0]), 0.01).to_data()
 )
 def test_data_that_do_not_describe_a_model_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        Narx.from_data({**VALID, **change})
+        RegressionModel.from_data({**VALID, **change})
 
 
 @pytest.mark.parametrize("missing", list(VALID))
 def test_data_with_something_missing_are_refused(missing: str) -> None:
     with pytest.raises(ModelError, match=missing):
-        Narx.from_data({name: value for name, value in VALID.items() if name != missing})
+        RegressionModel.from_data({name: value for name, value in VALID.items() if name != missing})
 
 
 # --- refusals --------------------------------------------------------------------------------------------------------
@@ -343,14 +343,14 @@ def test_a_sample_time_that_differs_by_rounding_is_accepted() -> None:
 @pytest.mark.parametrize("parameters", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]], [1.0, np.nan], [np.inf, 1.0]])
 def test_parameters_that_do_not_fit_are_refused(parameters: list[float]) -> None:
     with pytest.raises(ModelError, match="parameters"):
-        Narx(arx(1, 1), np.array(parameters), 0.01)
+        RegressionModel(arx(1, 1), np.array(parameters), 0.01)
 
 
 def test_a_nonlinear_model_is_at_rest_where_its_run_settles() -> None:
     saturating = Structure.parse("y(t-1)", "tanh(y(t-1)/1)", "u(t-1)")
     for slope, level in ((0.5, 2.0), (0.999, 0.001), (0.5, 0.0)):
-        model = Narx(saturating, np.array([slope, -0.1, 0.4]), 0.01)
+        model = RegressionModel(saturating, np.array([slope, -0.1, 0.4]), 0.01)
         y = model.at_rest(level)[-1, 0]
         assert slope * y - 0.1 * np.tanh(y) + 0.4 * level == pytest.approx(y, abs=1e-9)
-    cycling = Narx(Structure.parse("sign(y(t-1))", "u(t-1)"), np.array([-1.0, 0.1]), 0.01)
+    cycling = RegressionModel(Structure.parse("sign(y(t-1))", "u(t-1)"), np.array([-1.0, 0.1]), 0.01)
     assert cycling.at_rest(1.0)[-1, 0] == 0.0  # it goes on between two values

@@ -12,9 +12,9 @@ from emsid import (
     DataError,
     Information,
     ModelError,
-    Narx,
     Record,
     RecursiveLeastSquares,
+    RegressionModel,
     Structure,
     arx,
     concatenate,
@@ -220,9 +220,9 @@ def test_a_step_of_the_parameters_is_tracked() -> None:
     structure, before, after = arx(1, 1), np.array([-0.8, 1.0]), np.array([-0.5, 0.4])
     rng = np.random.default_rng(4)
     u = rng.uniform(-1, 1, 2000)
-    first = Narx(structure, before, 0.01).simulate(Record(u, np.zeros(2000), 0.01)).output
+    first = RegressionModel(structure, before, 0.01).simulate(Record(u, np.zeros(2000), 0.01)).output
     start = np.concatenate([first[999:1000], np.zeros((1000, 1))])
-    second = Narx(structure, after, 0.01).simulate(Record(u[999:], start, 0.01)).output
+    second = RegressionModel(structure, after, 0.01).simulate(Record(u[999:], start, 0.01)).output
     record = Record(u, np.concatenate([first[:1000], second[1:]]), 0.01)
     fit = recursive_least_squares(structure, record, forgetting=0.95, history=True)
     assert fit.history is not None
@@ -314,7 +314,7 @@ def test_where_nothing_is_forgotten_the_fit_says_so() -> None:
 def test_exact_parameters_come_back_as_a_model(structure: Structure) -> None:
     theta = np.linspace(0.3, -0.2, len(structure))
     record = measured(structure, 600)
-    made = replace(record, output=Narx(structure, theta, 0.01).simulate(record).output)
+    made = replace(record, output=RegressionModel(structure, theta, 0.01).simulate(record).output)
     fit = recursive_least_squares(structure, made, initial_covariance=1e12)
     np.testing.assert_allclose(fit.estimate, theta, rtol=1e-7, atol=1e-7)
     np.testing.assert_array_equal(fit.model.parameters, fit.estimate)

@@ -13,15 +13,15 @@ from emsid import (
     DataError,
     Fit,
     ModelError,
-    Narx,
     Record,
+    RegressionModel,
     Structure,
     arx,
-    assess,
     compare,
     concatenate,
     least_squares,
     recursive_least_squares,
+    validate,
 )
 from emsid.models.free_run import mean_squared_error
 from emsid.validation.comparison import Row, assess_model
@@ -82,8 +82,8 @@ def test_an_output_that_rests() -> None:
 # --- comparison ------------------------------------------------------------------------------------------------------
 
 
-def fit_of(structure: Structure, parameters: list[float]) -> Fit[Narx]:
-    model = Narx(structure, np.array(parameters), 0.01)
+def fit_of(structure: Structure, parameters: list[float]) -> Fit[RegressionModel]:
+    model = RegressionModel(structure, np.array(parameters), 0.01)
     n = len(structure)
     return Fit(model, structure.parameter_names, model.parameters, np.eye(n), 1.0, 100.0, 1.0, n)
 
@@ -92,13 +92,15 @@ def bench(samples: int = 400, seed: int = 0) -> Record:
     """A second-order system with output noise."""
     rng = np.random.default_rng(seed)
     u = rng.standard_normal(samples)
-    clean = Narx(arx(2, 1), np.array([-1.5, 0.7, 1.0]), 0.01).simulate(Record(u, np.zeros(samples), 0.01)).output
+    clean = (
+        RegressionModel(arx(2, 1), np.array([-1.5, 0.7, 1.0]), 0.01).simulate(Record(u, np.zeros(samples), 0.01)).output
+    )
     return Record(u, clean + 0.05 * rng.standard_normal((samples, 1)), 0.01)
 
 
 def test_row_holds_the_errors_of_the_counted_samples() -> None:
     fit, record = fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), bench()
-    assessment = assess(fit, record, 25, experiment="simulation", data="identification")
+    assessment = validate(fit, record, 25, experiment="simulation", data="identification")
     simulation, prediction = fit.model.simulate(record, 25), fit.model.predict(record, 1, 25)
     np.testing.assert_array_equal(assessment.simulation.output, simulation.output)
     np.testing.assert_array_equal(assessment.prediction.output, prediction.output)
@@ -122,7 +124,7 @@ def test_row_holds_the_errors_of_the_counted_samples() -> None:
 def test_samples_that_start_a_segment_are_in_no_error() -> None:
     fit, record = fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), bench()
     pieces = concatenate([record[:100], record[100:103], record[103:250]])
-    row = assess(fit, pieces, 10).row
+    row = validate(fit, pieces, 10).row
     assert row.samples == 90 + 0 + 137
     errors = [(fit.model.simulate(piece, 10).output - piece.output)[10:] for piece in (record[:100], record[103:250])]
     assert row.simulation_mse == pytest.approx(np.mean(np.concatenate(errors) ** 2), rel=1e-13)
@@ -150,7 +152,7 @@ def test_all_models_have_errors_on_the_same_samples() -> None:
     assert {row.samples for row in compare(fits, record, transient=3).rows} == {393}
     assert {row.samples for row in compare(fits, record, transient=50).rows} == {350}
     first = next(each for each in compare(fits, record).assessments if each.fit is fits[0])
-    assert first.row == assess(fits[0], record, 7).row
+    assert first.row == validate(fits[0], record, 7).row
 
 
 def test_rows_say_what_was_compared() -> None:
@@ -193,16 +195,16 @@ def test_table_has_a_line_for_every_model_best_first() -> None:
 def test_a_model_from_a_file_is_assessed_without_a_fit() -> None:
     model, record = fit_of(arx(2, 1), [-1.4, 0.6, 0.9]).model, bench()
     row = assess_model(model, record, 25).row
-    expected = assess(fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), record, 25).row
+    expected = validate(fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), record, 25).row
     assert row == replace(expected, method="file", parameters=row.parameters)
 
 
 def test_what_cannot_be_compared_is_refused() -> None:
     fit, record = fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), bench(50)
     with pytest.raises(DataError, match="no segment is longer than the 60 samples that start arx"):
-        assess(fit, record, 60)
+        validate(fit, record, 60)
     with pytest.raises(ModelError, match="longer than the 2 samples that start arx"):
-        assess(fit, record[:2])
+        validate(fit, record[:2])
     with pytest.raises(ModelError, match="resample"):
         compare([fit], replace(record, dt=0.1, times=()))
     with pytest.raises(ModelError, match="no model to compare"):

@@ -40,9 +40,28 @@ def with_load(speed: float, numbers: Array, side: int, motor: float, outside: fl
     return float(numbers[side, 0] + numbers[side, 3] * load + near * (numbers[side, 1] + numbers[side, 4] * load))
 
 
+@dataclass(frozen=True)
+class ByLoad(FrictionLaw):
+    """What laws by load have in common: they begin with the numbers of (4.7), and end with factors of the load."""
+
+    coulomb: Pair = 0.0
+    stribeck: Pair = 0.0
+    stribeck_rate: Pair = 0.0
+
+    @cached_property
+    def varies(self) -> NDArray[np.bool_]:
+        """(2,) whether it differs from a Coulomb level, by direction."""
+        return np.asarray((np.delete(self.numbers, [0, 2], axis=1) > 0).any(axis=1))
+
+    @property
+    def reach(self) -> float:
+        """That of the same law without load."""
+        return Friction(self.coulomb, self.stribeck, self.stribeck_rate).reach
+
+
 @friction_law("load-dependent")
 @dataclass(frozen=True)
-class LoadFriction(FrictionLaw):
+class LoadFriction(ByLoad):
     """Coulomb and Stribeck friction that grow with the load of a gear; for one mass.
 
     >>> LoadFriction(0.02, load=0.1).breakaway
@@ -59,9 +78,6 @@ class LoadFriction(FrictionLaw):
         ModelError: for a value that is negative or not finite.
     """
 
-    coulomb: Pair = 0.0
-    stribeck: Pair = 0.0
-    stribeck_rate: Pair = 0.0
     load: Pair = 0.0
     load_stribeck: Pair = 0.0
 
@@ -71,13 +87,3 @@ class LoadFriction(FrictionLaw):
         LawParameter("load_stribeck", "K_ls", Measure.FACTOR, "Stribeck excess at standstill per load of the gear"),
     )
     level: ClassVar[Level] = with_load
-
-    @cached_property
-    def varies(self) -> NDArray[np.bool_]:
-        """(2,) whether it differs from a Coulomb level, by direction."""
-        return np.asarray((self.numbers[:, [1, 3, 4]] > 0).any(axis=1))
-
-    @property
-    def reach(self) -> float:
-        """That of the same law without load."""
-        return Friction(self.coulomb, self.stribeck, self.stribeck_rate).reach

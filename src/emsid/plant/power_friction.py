@@ -15,18 +15,17 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compiled import njit
-from emsid.plant.friction import Friction, FrictionLaw, LawParameter, Level, friction_law
+from emsid.plant.friction import Friction, LawParameter, Level, friction_law
+from emsid.plant.load_friction import ByLoad, Pair
 from emsid.plant.parameter import Measure
 
 Array = NDArray[np.float64]
-Pair = float | tuple[float, float]
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -47,7 +46,7 @@ _FACTORS = (
 
 @friction_law("load-by-power")
 @dataclass(frozen=True)
-class PowerFriction(FrictionLaw):
+class PowerFriction(ByLoad):
     """Friction by load that differs where the motor drives the load and where the load drives the motor.
 
     >>> PowerFriction(0.02, motor=0.1, outside=0.3).breakaway
@@ -62,9 +61,6 @@ class PowerFriction(FrictionLaw):
         ModelError: for a value that is negative or not finite.
     """
 
-    coulomb: Pair = 0.0
-    stribeck: Pair = 0.0
-    stribeck_rate: Pair = 0.0
     motor: Pair = 0.0
     outside: Pair = 0.0
     motor_stribeck: Pair = 0.0
@@ -72,13 +68,3 @@ class PowerFriction(FrictionLaw):
 
     parameters: ClassVar[tuple[LawParameter, ...]] = (*Friction.parameters, *_FACTORS)
     level: ClassVar[Level] = by_power
-
-    @cached_property
-    def varies(self) -> NDArray[np.bool_]:
-        """(2,) whether it differs from a Coulomb level, by direction."""
-        return np.asarray((np.delete(self.numbers, [0, 2], axis=1) > 0).any(axis=1))
-
-    @property
-    def reach(self) -> float:
-        """That of the same law without load."""
-        return Friction(self.coulomb, self.stribeck, self.stribeck_rate).reach

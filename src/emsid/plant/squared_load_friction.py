@@ -14,19 +14,18 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compiled import njit
-from emsid.plant.friction import Friction, FrictionLaw, LawParameter, Level, friction_law
+from emsid.plant.friction import LawParameter, Level, friction_law
+from emsid.plant.load_friction import Pair
 from emsid.plant.parameter import Measure
-from emsid.plant.power_friction import PowerFriction
+from emsid.plant.power_friction import PowerFriction, by_power
 
 Array = NDArray[np.float64]
-Pair = float | tuple[float, float]
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -36,15 +35,12 @@ def by_power_squared(speed: float, numbers: Array, side: int, motor: float, outs
     if motor * outside < 0.0:
         driving = abs(motor) > abs(outside)
         square = numbers[side, 8] * outside * outside if driving else numbers[side, 7] * motor * motor
-    near = np.exp(-numbers[side, 2] * speed)
-    level = numbers[side, 0] + abs(numbers[side, 3] * motor - numbers[side, 4] * outside)
-    more = numbers[side, 1] + abs(numbers[side, 5] * motor - numbers[side, 6] * outside)
-    return float(level + near * (more + square))
+    return float(by_power(speed, numbers, side, motor, outside) + np.exp(-numbers[side, 2] * speed) * square)
 
 
 @friction_law("load-squared")
 @dataclass(frozen=True)
-class SquaredLoadFriction(FrictionLaw):
+class SquaredLoadFriction(PowerFriction):
     """`PowerFriction` with an excess near rest by the square of the load.
 
     Args:
@@ -55,13 +51,6 @@ class SquaredLoadFriction(FrictionLaw):
         ModelError: for a value that is negative or not finite.
     """
 
-    coulomb: Pair = 0.0
-    stribeck: Pair = 0.0
-    stribeck_rate: Pair = 0.0
-    motor: Pair = 0.0
-    outside: Pair = 0.0
-    motor_stribeck: Pair = 0.0
-    outside_stribeck: Pair = 0.0
     motor_squared: Pair = 0.0
     outside_squared: Pair = 0.0
 
@@ -71,13 +60,3 @@ class SquaredLoadFriction(FrictionLaw):
         LawParameter("outside_squared", "K_eq", Measure.PER_FORCE, "excess by the square of the torque from outside"),
     )
     level: ClassVar[Level] = by_power_squared
-
-    @cached_property
-    def varies(self) -> NDArray[np.bool_]:
-        """(2,) whether it differs from a Coulomb level, by direction."""
-        return np.asarray((np.delete(self.numbers, [0, 2], axis=1) > 0).any(axis=1))
-
-    @property
-    def reach(self) -> float:
-        """That of the same law without load."""
-        return Friction(self.coulomb, self.stribeck, self.stribeck_rate).reach

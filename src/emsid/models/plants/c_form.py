@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.c_form import CForm, number
@@ -16,6 +18,8 @@ from emsid.plant.gaussian_stribeck import gaussian_excess
 from emsid.plant.load_friction import with_load
 from emsid.plant.power_friction import by_power
 from emsid.plant.squared_load_friction import by_power_squared
+
+Array = NDArray[np.float64]
 
 _POWER = "n[0] + FABS(n[3] * made - n[4] * outside) + EXP(-n[2] * speed) * (n[1] + FABS(n[5] * made - n[6] * outside)"
 LEVELS = {
@@ -120,7 +124,9 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
     *speed = v;
     *position = x;
 }
+"""
 
+ZONED = """\
 static real zoned(real value)
 {
     return ZONE_RIGHT * above(value - ZONE_END) - ZONE_LEFT * above(ZONE_BEGIN - value);
@@ -181,28 +187,10 @@ def c_form(stepper: PlantStepper) -> CForm:
         "MASS": inside.mass,
         "QUADRATIC": float(friction.quadratic),
         "LOAD": float(friction.load),
-        "ZONE_BEGIN": float(inside.zone[0]),
-        "ZONE_END": float(inside.zone[1]),
-        "ZONE_LEFT": float(inside.zone[2]),
-        "ZONE_RIGHT": float(inside.zone[3]),
-        "DT": float(outer.timing[0]),
-        "RATIO": float(outer.sensor[0]),
-        "SENSOR_OFFSET": float(outer.sensor[1]),
-        "AVERAGE": float(outer.sensor[2]),
-        "LAG_NOW": float(outer.sensor[4]),
-        "LAG_BEFORE": float(outer.sensor[5]),
-        "LAG_STAYS": float(outer.sensor[6]),
     }
-    whole = {
-        "STEPS": steps,
-        "ROWS": len(rows),
-        "WAVES": len(friction.waves),
-        "LAGS": int(outer.sensor[3] > 0),
-    }
-    defines = "".join(f"#define {key} {number(value)}\n" for key, value in scalars.items())
-    defines += "".join(f"#define {key} {value}\n" for key, value in whole.items())
-    functions = f"{defines}\n{_friction(law, width)}\n{MOTION}\n{SENSE}\n{_apply(outer)}" + (
-        f"\n{ROW}" if outer.straight else ""
+    whole = {"STEPS": steps, "ROWS": len(rows), "WAVES": len(friction.waves)}
+    functions = (
+        f"{defines(scalars, whole, inside.zone, outer)}\n{_friction(law, width)}\n{MOTION}\n{ZONED}\n{around(outer)}"
     )
     constants = (
         ("law", friction.numbers.ravel()),
@@ -219,6 +207,28 @@ def c_form(stepper: PlantStepper) -> CForm:
         ("begun", count.astype(float)),
     )
     return CForm(1, len(outer.signals), state, _step(outer, inside), constants, functions)
+
+
+def defines(scalars: Mapping[str, float], whole: Mapping[str, int], zone: Array, outer: Outer) -> str:
+    """Numbers as macros: those of a plant, real and whole, and those of its dead zone and of its sensor."""
+    lag, now, before, stays = outer.sensor[3:7].tolist()
+    names = ("ZONE_BEGIN", "ZONE_END", "ZONE_LEFT", "ZONE_RIGHT")
+    real = {
+        **scalars,
+        **dict(zip(names, zone[:4].tolist(), strict=True)),
+        "DT": outer.timing[0],
+        **dict(zip(("RATIO", "SENSOR_OFFSET", "AVERAGE"), outer.sensor[:3].tolist(), strict=True)),
+        "LAG_NOW": now,
+        "LAG_BEFORE": before,
+        "LAG_STAYS": stays,
+    }
+    texts = {**{key: number(value) for key, value in real.items()}, **whole, "LAGS": int(lag > 0)}
+    return "".join(f"#define {key} {value}\n" for key, value in texts.items())
+
+
+def around(outer: Outer) -> str:
+    """The functions of the sensor and of the drive."""
+    return f"{SENSE}\n{_apply(outer)}" + (f"\n{ROW}" if outer.straight else "")
 
 
 def _friction(law: Level, width: int) -> str:

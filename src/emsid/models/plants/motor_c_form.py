@@ -210,14 +210,6 @@ static void move_motor(real command, real whole, real *x)
 }
 """
 
-ZONED = """\
-static real zoned(real value)
-{
-    return ZONE_RIGHT * above(value - ZONE_END) - ZONE_LEFT * above(ZONE_BEGIN - value);
-}
-
-"""
-
 
 def c_form(stepper: PlantStepper) -> CForm:
     """The form in C of a plant, from where its stepper is.
@@ -250,13 +242,8 @@ def c_form(stepper: PlantStepper) -> CForm:
         ("sensed", sensed.ravel()),
         ("begun", count.astype(float)),
     )
-    functions = "".join(
-        [
-            _defines(m, zone, load, outer, steps, len(rows)),
-            f"\n{ZONED}{MOTION}\n{one_mass.SENSE}\n{one_mass._apply(outer)}",
-            f"\n{one_mass.ROW}" if outer.straight else "",
-        ]
-    )
+    defines = one_mass.defines(_scalars(m, load), _whole(m, steps, len(rows)), zone, outer)
+    functions = f"{defines}\n{one_mass.ZONED}\n{MOTION}\n{one_mass.around(outer)}"
     note = f"A sample is passed in {steps} steps of {dt / steps:.3g} s; emsid takes steps of its own length."
     return CForm(1, len(outer.signals), state, _step(outer), _tables(m), functions, (note,))
 
@@ -277,10 +264,10 @@ def fastest(m: Constants) -> float:
     return max(rates)
 
 
-def _defines(m: Constants, zone: Array, load: float, outer: Any, steps: int, rows: int) -> str:
-    """The numbers of a motor as macros."""
+def _scalars(m: Constants, load: float) -> dict[str, float]:
+    """The real numbers of a motor, for macros."""
     bounded = bool(np.isfinite(m.edge).all())
-    scalars = {
+    return {
         "RESISTANCE": m.resistance,
         "INDUCTANCE": m.inductance,
         "PER_HENRY": 1 / m.inductance if m.inductance > 0 else 0.0,
@@ -294,22 +281,12 @@ def _defines(m: Constants, zone: Array, load: float, outer: Any, steps: int, row
         "RIGHT": float(m.slope[2]) if bounded else 0.0,
         "EDGE_LEFT": float(m.edge[0]) if bounded else 0.0,
         "EDGE_RIGHT": float(m.edge[1]) if bounded else 0.0,
-        "ZONE_BEGIN": float(zone[0]),
-        "ZONE_END": float(zone[1]),
-        "ZONE_LEFT": float(zone[2]),
-        "ZONE_RIGHT": float(zone[3]),
-        "DT": float(outer.timing[0]),
-        "RATIO": float(outer.sensor[0]),
-        "SENSOR_OFFSET": float(outer.sensor[1]),
-        "AVERAGE": float(outer.sensor[2]),
-        "LAG_NOW": float(outer.sensor[4]),
-        "LAG_BEFORE": float(outer.sensor[5]),
-        "LAG_STAYS": float(outer.sensor[6]),
     }
-    whole = {"RIGID": int(m.rigid), "STEPS": steps, "ROWS": rows, "LAGS": int(outer.sensor[3] > 0)}
-    whole |= {"SECANTS": 4, "CUTS": 8}
-    text = "".join(f"#define {key} {number(value)}\n" for key, value in scalars.items())
-    return text + "".join(f"#define {key} {value}\n" for key, value in whole.items())
+
+
+def _whole(m: Constants, steps: int, rows: int) -> dict[str, int]:
+    """The whole numbers of a motor, for macros."""
+    return {"RIGID": int(m.rigid), "STEPS": steps, "ROWS": rows, "SECANTS": 4, "CUTS": 8}
 
 
 def _tables(m: Constants) -> tuple[tuple[str, Array], ...]:

@@ -22,6 +22,7 @@ from emsid.cli.terminal import (
     text_table,
 )
 from emsid.estimation.estimates import Status
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.report.document import Table
 from emsid.units import in_unit, plain_unit
 from emsid.wording import Severity, sentence, severity
@@ -144,7 +145,7 @@ def _determined(fit: Fit[Any]) -> list[Any]:
     if not isinstance(fit, GreyBoxFit):
         return []
     sure = [row for row in fit.shared if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and half_width(row)]
-    return [row for row in sure if row.standard_error is None or 1.96 * row.standard_error < abs(row.value)]
+    return [row for row in sure if row.standard_error is None or HALF_WIDTH * row.standard_error < abs(row.value)]
 
 
 def _source(model: str, given: Sequence[str]) -> str:

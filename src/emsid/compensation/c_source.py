@@ -11,7 +11,7 @@ from math import isfinite
 from emsid.compensation.inverse import SERIES, Compensation
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import ModelError
-from emsid.exports.c99 import FUNCTIONS, HELPERS, table
+from emsid.exports.c99 import helpers_of, macros_of, table
 from emsid.models.c_form import number
 from emsid.models.plants.c_form import LEVELS
 
@@ -32,12 +32,10 @@ def sources(found: Compensation | MapInverse, name: str, *, single: bool = False
         f'#ifdef __cplusplus\nextern "C" {{\n#endif\n\ntypedef {"float" if single else "double"} {real};\n\n'
         f"{declared.replace('real ', f'{real} ')}\n#ifdef __cplusplus\n}}\n#endif\n\n#endif\n"
     )
-    suffix = "f" if single else ""
-    macros = "".join(f"#define {each.upper()} {each}{suffix}\n" for each in FUNCTIONS if f"{each.upper()}(" in body)
-    helpers = "\n".join(code for called, code in HELPERS.items() if f"{called}(" in body)
     code = (
         f'/* Made by emsid. */\n#include <math.h>\n\n#include "{name}_compensation.h"\n\ntypedef {real} real;\n\n'
-        f"#define K(x) {'x##f' if single else 'x'}\n{macros}\n{helpers}{body}"
+        f"#define K(x) {'x##f' if single else 'x'}\n"
+        f"{macros_of(body, single=single)}\n{helpers_of(body)}{body}"
     )
     return {f"{name}_compensation.h": head, f"{name}_compensation.c": code}, notes
 

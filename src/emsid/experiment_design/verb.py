@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.fit import Fit
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.excitation import SIGNALS
 from emsid.experiment_design.information import Sensitivities, relative_errors
 from emsid.experiment_design.limits import Limits
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 
 STANDARD = ("multisine", "prbs", "ramp", "staircase")
 """The signals that a design is compared with, of `emsid.excitation.SIGNALS`."""
-Z = 1.959963984540054
-"""Half a 95 % interval in standard errors."""
 FEWEST = 200
 """The fewest samples of a design: 25 in each of its sections."""
 MOST = 1_000_000
@@ -160,7 +159,7 @@ def design(
         dict(zip(fit.names, fit.estimate.tolist(), strict=True)),
         predicted,
         standard,
-        dict(zip(fit.names, (Z * fit.standard_error).tolist(), strict=True)),
+        dict(zip(fit.names, (HALF_WIDTH * fit.standard_error).tolist(), strict=True)),
         gain,
         _findings(fit, predicted, gain, apart),
     )
@@ -220,7 +219,7 @@ def _predicted(name: str, of: Sensitivities, u: Array, wanted: Array, criterion:
     information = of.information(u)
     errors = relative_errors(information)
     unknown = errors > 10.0  # ten times the value: not determined
-    half = np.where(unknown, inf, Z * errors * of.scale)
+    half = np.where(unknown, inf, HALF_WIDTH * errors * of.scale)
     size = float(np.sqrt(CRITERIA[criterion](information, wanted)))
     return Prediction(name, u, dict(zip(of.names, half.tolist(), strict=True)), size)
 

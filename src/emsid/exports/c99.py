@@ -62,7 +62,9 @@ def c99(export: Export) -> tuple[Files, list[str]]:
         f"{export.name}.c": source(export.name, form, single=single),
     }
     if switched(export, "recursive"):
-        files |= recursive(export, single=single, macros=lambda text: _macros(text, single=single), helpers=_helpers)
+        files |= recursive(
+            export, single=single, macros=lambda text: macros_of(text, single=single), helpers=helpers_of
+        )
     late = [f"The output is {latency} samples late, as the model interpolates its input."] if latency else []
     rounding = ["Single precision: compare it with the model before use."] if single else []
     return files, [*form.notes, *late, *rounding]
@@ -108,7 +110,7 @@ void {name}_step({name}_state *state, const {name}_real u[], {name}_real y[]);
 def source(name: str, form: CForm, *, single: bool) -> str:
     """The source: constants, helpers, and two functions."""
     text = form.functions + form.step
-    macros, helpers = _macros(text, single=single), _helpers(text)
+    macros, helpers = macros_of(text, single=single), helpers_of(text)
     tables = "\n".join(table(array, values) for array, values in form.constants if array in text)
     initial = ", ".join(f"{{{', '.join(map(number, values.tolist()))}}}" for _, values in form.state if len(values))
     parts = [
@@ -125,12 +127,12 @@ def source(name: str, form: CForm, *, single: bool) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def _macros(text: str, *, single: bool) -> str:
+def macros_of(text: str, *, single: bool) -> str:
     """The macros of the functions of ``math.h`` that a text uses."""
     return "".join(_macro(each, "f" if single else "") for each in FUNCTIONS if f"{each.upper()}(" in text)
 
 
-def _helpers(text: str) -> str:
+def helpers_of(text: str) -> str:
     """The functions that a text uses and that are not in ``math.h``."""
     return "\n".join(code for called, code in HELPERS.items() if f"{called}(" in text)
 

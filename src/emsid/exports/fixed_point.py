@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
+from emsid.models.c_form import SHIFT
 from emsid.models.regression.regressors import Factor, Regressor
 from emsid.models.regression.transforms import Transform
 from emsid.models.starting import start
@@ -99,14 +100,7 @@ static word clipped(wide value)
     return (word)(value > ONE - 1 ? ONE - 1 : value < -ONE ? -ONE : value);
 }
 
-${helpers}static void shift(word *values, int count)
-{
-    int i;
-    for (i = 0; i + 1 < count; ++i) {
-        values[i] = values[i + 1];
-    }
-}
-
+${helpers}${shift}
 void ${name}_init(${name}_state *state)
 {
     static const ${name}_state initial = {{${past_y}}, {${past_u}}};
@@ -313,6 +307,7 @@ def fixed_point(export: Export) -> tuple[Files, list[str]]:
         "past_y": ", ".join(map(str, past_y)),
         "past_u": ", ".join(str(value) for past in past_u for value in past),
         "helpers": helpers,
+        "shift": SHIFT.replace("real", "word"),
         "terms": terms,
         "rest": made.guard - made.exponent,
     }

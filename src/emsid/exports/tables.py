@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.exports.formats import Export, Files
 from emsid.models.blocks.fitting import static_band
 
 Array = NDArray[np.float64]
 POINTS = 201
 """Points of a curve."""
-SURE = 1.959963984540054
-"""Standard errors in half a band of 95 %."""
 STEP = 1e-6
 """Relative step of the differences that give the derivatives of a curve."""
 
@@ -80,7 +79,7 @@ def _plant_errors(fit: Fit[Any] | None, plant: Any, law: Callable[[Any], Array])
 
 def _table(head: tuple[str, ...], x: Array, y: Array, error: Array | None) -> str:
     """Rows of the curve; edges of its band that are not known are left empty."""
-    columns = [x, y] if error is None else [x, y, y - SURE * error, y + SURE * error]
+    columns = [x, y] if error is None else [x, y, y - HALF_WIDTH * error, y + HALF_WIDTH * error]
     names = head if error is None else (*head, "low", "high")
     rows = (",".join("" if np.isnan(v) else repr(v) for v in row) for row in np.column_stack(columns).tolist())
     return "\n".join([",".join(names), *rows]) + "\n"

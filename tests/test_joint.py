@@ -239,20 +239,26 @@ def test_friction_by_load_is_found_where_it_is() -> None:
 # --- beside MuJoCo ---------------------------------------------------------------------------------------------------
 
 
-def test_an_exported_joint_moves_in_mujoco_as_its_model(tmp_path) -> None:
-    library = pytest.importorskip("mujoco")
-    geared = {"rotor_inertia": 2e-4, "rotor_viscous": 5e-4, "rotor_friction.coulomb": 0.015}
-    model = GreyBox(replace(joint(), sensor=Sensor(ratio=10.0)).with_values(geared), POSITION)
-    emsid.export(model, "mujoco", tmp_path, dt=DT)
-    simulated = library.MjModel.from_xml_path(str(tmp_path / "joint.xml"))
+def moved_by_mujoco(library, path, u):
+    """The angle of an exported joint at the samples, for its commands, from 0.3 rad."""
+    simulated = library.MjModel.from_xml_path(str(path))
     state, found = library.MjData(simulated), []
-    u = torque(600, 1) / 10.0
     state.qpos[0] = 0.3
     for command in u:
         found.append(float(state.qpos[0]))
         state.ctrl[0] = command
         for _ in range(round(DT / simulated.opt.timestep)):
             library.mj_step(simulated, state)
+    return found
+
+
+def test_an_exported_joint_moves_in_mujoco_as_its_model(tmp_path) -> None:
+    library = pytest.importorskip("mujoco")
+    geared = {"rotor_inertia": 2e-4, "rotor_viscous": 5e-4, "rotor_friction.coulomb": 0.015}
+    model = GreyBox(replace(joint(), sensor=Sensor(ratio=10.0)).with_values(geared), POSITION)
+    emsid.export(model, "mujoco", tmp_path, dt=DT)
+    u = torque(600, 1) / 10.0
+    found = moved_by_mujoco(library, tmp_path / "joint.xml", u)
     start = np.zeros(model.plant.states)
     start[1] = 3.0
     truth = model.plant.simulate(u[:, None], DT, start, POSITION)[:, 0]
@@ -263,14 +269,8 @@ def test_an_exported_servo_moves_in_mujoco_as_its_model(tmp_path) -> None:
     library = pytest.importorskip("mujoco")
     model = GreyBox(servo(), POSITION)
     emsid.export(model, "mujoco", tmp_path, dt=DT)
-    simulated = library.MjModel.from_xml_path(str(tmp_path / "joint.xml"))
-    state, found, u = library.MjData(simulated), [], targets(400, 3)
-    state.qpos[0] = 0.3
-    for command in u:
-        found.append(float(state.qpos[0]))
-        state.ctrl[0] = command
-        for _ in range(round(DT / simulated.opt.timestep)):
-            library.mj_step(simulated, state)
+    u = targets(400, 3)
+    found = moved_by_mujoco(library, tmp_path / "joint.xml", u)
     truth = model.plant.simulate(u[:, None], DT, np.array([0.0, 0.3]), POSITION)[:, 0]
     assert np.sqrt(np.mean((truth - found) ** 2)) < 0.02 * np.std(truth)
 

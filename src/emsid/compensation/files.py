@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from emsid.compensation.c_source import sources
-from emsid.compensation.inverse import Compensation
+from emsid.compensation.inverse import Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import FormatError
 from emsid.exports.verb import c_name, export
@@ -49,6 +49,9 @@ def write(
     """
     called = c_name(name or as_model(model).name)
     texts, notes = sources(found, called, single=single)
+    neglected = inductance_of(as_model(model))
+    if neglected > 0:
+        notes = [*notes, f"The inverse neglects the inductance of {neglected:.3g} H; the C of the model has it."]
     lines = [f"# {called}: compensation", "", *[f"- {note}" for note in notes], ""]
     files: dict[str, str | bytes] = {**texts, README: "\n".join(lines), **(more or {})}
     folder = Path(path)

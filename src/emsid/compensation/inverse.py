@@ -212,10 +212,14 @@ def compensate(
     )
 
 
+def inductance_of(model: Any) -> float:
+    """The inductance in H that an inverse neglects, as L/R is short beside a sample or two; 0 for none."""
+    return float(model.parameter_values().get("inductance", 0.0)) if hasattr(model, "plant") else 0.0
+
+
 def _without_inductance(model: Any) -> Any:
-    """A motor whose current has no dynamics: the inverse neglects L/R, which is short beside a sample or two."""
-    values = model.parameter_values() if hasattr(model, "plant") else {}
-    return model.with_estimates(["inductance"], np.zeros(1)) if values.get("inductance", 0.0) > 0 else model
+    """A motor whose current has no dynamics."""
+    return model.with_estimates(["inductance"], np.zeros(1)) if inductance_of(model) > 0 else model
 
 
 def check_invertible(name: str, outer: Outer, law: Level) -> None:

@@ -87,7 +87,7 @@ def compensate(
         say_json(as_json(document | ({} if trial is None else {"trial": trial.to_data()})))
         return
     if trial is not None:
-        _say(trial)
+        _say(trial, _units(source)[0])
     say(f"written to {out}: {', '.join(path.name for path in written)}")
 
 
@@ -97,9 +97,9 @@ def _units(source: "Origin | None") -> tuple[str, str]:
     return "m/s" if outputs.startswith("m") else "rad/s", inputs or "V"
 
 
-def _say(trial: "Trial") -> None:
+def _say(trial: "Trial", unit: str) -> None:
     """Print the table of the bench."""
-    say("PI loop on the virtual bench: RMSE of the true speed, and time stuck")
+    say(f"PI loop on the virtual bench: RMSE of the true speed in {unit}, and time stuck")
     for name, what in (("sine", "slow sine, in its reversals"), ("steps", "small steps")):
         before, after, wrong = trial.before[name], trial.after[name], trial.worst(name)
         say(

@@ -21,6 +21,7 @@ from emsid.experiment_design.separation import Inseparable, inseparable
 from emsid.findings import Finding
 from emsid.models.verbs import as_model
 from emsid.record import Record
+from emsid.units import plain_unit
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ class Design:
     Attributes:
         record: the command as a record without outputs.
         wanted: the parameters whose intervals are made small.
-        values: of all parameters.
+        values, units: of all parameters.
         best: what the command leads to.
         standard: the same of the standard signals within the same limits, by name.
         present: half widths of the present intervals.
@@ -71,6 +72,7 @@ class Design:
     record: Record
     wanted: tuple[str, ...]
     values: dict[str, float]
+    units: dict[str, str]
     best: Prediction
     standard: dict[str, Prediction]
     present: dict[str, float]
@@ -86,6 +88,7 @@ class Design:
         return {
             "wanted": list(self.wanted),
             "values": self.values,
+            "units": self.units,
             "signal": self.best.name,
             "gain": self.gain,
             "half_widths": {"present": finite(self.present), "design": finite(self.best.half_widths)}
@@ -157,6 +160,7 @@ def design(
         _record(fit, predicted.command, step),
         names,
         dict(zip(fit.names, fit.estimate.tolist(), strict=True)),
+        {name: plain_unit(fit.parameters[name].unit) for name in fit.names},
         predicted,
         standard,
         dict(zip(fit.names, (HALF_WIDTH * fit.standard_error).tolist(), strict=True)),

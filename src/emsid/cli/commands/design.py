@@ -9,7 +9,7 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, names, option, quantity, sample_time
-from emsid.cli.terminal import say, say_json
+from emsid.cli.terminal import Align, plain_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder
 from emsid.errors import DataError
 
@@ -91,12 +91,17 @@ def _say(found: "Design", out: Path) -> None:
 
     columns = {"present": found.present, "design": found.best.half_widths}
     columns |= {name: each.half_widths for name, each in found.standard.items()}
-    width = max(map(len, found.values)) + 2
-    say("predicted 95 % intervals, ±", f"  {'':{width}}{'value':>12}" + "".join(f"{name:>12}" for name in columns))
+    headings: dict[str, Align] = {
+        "quantity": "left",
+        "value": "right",
+        **dict.fromkeys(columns, "right"),
+        "unit": "left",
+    }
+    rows = []
     for name, value in found.values.items():
-        mark = "*" if name in found.wanted else " "
         cells = (f"{half:.3g}" if isfinite(half := each[name]) else "–" for each in columns.values())
-        say(f"{mark} {name:{width}}{value:>12.5g}" + "".join(f"{cell:>12}" for cell in cells))
+        rows.append((f"{'*' if name in found.wanted else ' '} {name}", f"{value:.5g}", *cells, found.units[name]))
+    show(plain_table("predicted half widths of 95 % intervals", headings, rows))
     say(f"* wanted: {found.gain:.2f} times narrower than with the best standard signal")
     say(*(f"- {sentence(each, option)}" for each in found.findings))
     say(f"written to {out}: {len(found.record):,} samples")

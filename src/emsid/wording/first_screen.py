@@ -10,7 +10,7 @@ from emsid.wording.lists import shortened
 from emsid.wording.verdict import reason_in_words
 
 NOTHING_KNOWN = "known: no value of the drive has an interval in this model."
-NOTHING_UNKNOWN = "not known: nothing else was found missing."
+NOTHING_UNKNOWN = "not known: nothing; these data determine every value of this model."
 
 
 def more(argument: Spelling) -> str:

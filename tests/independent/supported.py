@@ -212,13 +212,14 @@ def warming(u: Array, dt: float, k: Array, first: float = 1.0, last: float = 1.3
     return speeds
 
 
-def shaft(u: Array, dt: float, k: Array, frequency: float = 18.0, gap: float = 0.0) -> Array:
+def shaft(u: Array, dt: float, k: Array, frequency: float = 18.0, gap: float = 0.0, load_side: bool = False) -> Array:
     """Speed of a motor that turns a load by a spring.
 
     Args:
         u, dt, k: see `Simulate`.
         frequency: of the resonance, in Hz.
         gap: of the backlash, in rad.
+        load_side: gives the speed of the load instead.
     """
     own, load = 1e-4, 1.5e-4 * k[0]
     stiffness = (2 * np.pi * frequency) ** 2 * own * load / (own + load)
@@ -235,7 +236,7 @@ def shaft(u: Array, dt: float, k: Array, frequency: float = 18.0, gap: float = 0
             w - v,
         ]
 
-    return solved(rate, [0.0, 0.0, 0.0], u, dt, 24)[:, 0]
+    return solved(rate, [0.0, 0.0, 0.0], u, dt, 24)[:, int(load_side)]
 
 
 def carriage(u: Array, dt: float, k: Array) -> Array:
@@ -356,41 +357,43 @@ class Moved:
 VOLTS = {"amplitude": 24.0, "units": ("V", "rad/s")}
 
 
-def _of_motor(run: Simulate, fitted: Input = levels, judged: Input = ramps, **others: object) -> Plant:
+def of_motor(run: Simulate, fitted: Input = levels, judged: Input = ramps, **others: object) -> Plant:
+    """A motor of 24 V whose speed is shown."""
     return Plant(run, fitted, judged, **{**VOLTS, **others})  # type: ignore[arg-type]
 
 
-def _map(f: Callable[[Array], Array], before: bool, behind: bool, fitted: Input, judged: Input) -> Plant:
+def with_map(f: Callable[[Array], Array], before: bool, behind: bool, fitted: Input, judged: Input) -> Plant:
+    """A `cascade` with 2 % noise."""
     run = partial(cascade, f=f, before=before, behind=behind)
     return Plant(run, fitted, judged, hold=25, noise=0.02)
 
 
 PLANTS: dict[str, Plant | Moved] = {
-    "motor": _of_motor(motor),
-    "asymmetric friction": _of_motor(asymmetric),
-    "worm gear": _of_motor(worm),
-    "backlash": _of_motor(partial(shaft, gap=0.3), dt=4e-3, hold=60),
-    "dead time of a bridge": _of_motor(bridge, judged=sines),
-    "drifting resistance": _of_motor(warming, later=partial(warming, first=1.35, last=1.35)),
-    "unbalance": _of_motor(unbalance, noise=0.005),
+    "motor": of_motor(motor),
+    "asymmetric friction": of_motor(asymmetric),
+    "worm gear": of_motor(worm),
+    "backlash": of_motor(partial(shaft, gap=0.3), dt=4e-3, hold=60),
+    "dead time of a bridge": of_motor(bridge, judged=sines),
+    "drifting resistance": of_motor(warming, later=partial(warming, first=1.35, last=1.35)),
+    "unbalance": of_motor(unbalance, noise=0.005),
     "encoder": Counted(partial(motor, position=True), levels, ramps, amplitude=24.0, units=("V", "rad/s"), noise=0.0),
-    "electrical time constant": _of_motor(inductive, judged=sines),
-    "Stribeck": _of_motor(stribeck),
-    "dead zone": _of_motor(dead_zone, sines, levels),
-    "fan": _of_motor(fan),
-    "binary motor": _of_motor(motor, two_levels, ramps),
+    "electrical time constant": of_motor(inductive, judged=sines),
+    "Stribeck": of_motor(stribeck),
+    "dead zone": of_motor(dead_zone, sines, levels),
+    "fan": of_motor(fan),
+    "binary motor": of_motor(motor, two_levels, ramps),
     "slide": Plant(carriage, levels, ramps, dt=5e-3, hold=100, amplitude=60.0, units=("N", "m/s")),
     "axis": Moved(),
     "axis with drift": Moved(drifts=True),
-    "two masses, 18 Hz": _of_motor(shaft, dt=5e-3, hold=60),
-    "two masses, 60 Hz": _of_motor(partial(shaft, frequency=60.0), dt=2e-3, hold=80),
+    "two masses, 18 Hz": of_motor(shaft, dt=5e-3, hold=60),
+    "two masses, 60 Hz": of_motor(partial(shaft, frequency=60.0), dt=2e-3, hold=80),
     "valve": Plant(valve, levels, sines, noise=0.005),
     "linear, white": Plant(filtered, levels, sines, noise=0.05),
     "linear, coloured": Plant(filtered, sines, levels, noise=0.05, pole=0.95),
     "binary thermal": Plant(heating, two_levels, levels, dt=1.0, amplitude=0.5, centre=1.0, noise=0.01),
-    "saturation": _map(lambda x: np.clip(x, -0.45, 0.45), True, True, levels, sines),
-    "Hammerstein": _map(lambda x: np.sign(x) * np.maximum(np.abs(x) - 0.25, 0), False, True, levels, sines),
-    "Wiener": _map(lambda x: x + 0.5 * x**2 + 0.3 * x**3, True, False, levels, sines),
+    "saturation": with_map(lambda x: np.clip(x, -0.45, 0.45), True, True, levels, sines),
+    "Hammerstein": with_map(lambda x: np.sign(x) * np.maximum(np.abs(x) - 0.25, 0), False, True, levels, sines),
+    "Wiener": with_map(lambda x: x + 0.5 * x**2 + 0.3 * x**3, True, False, levels, sines),
     "radiation": Plant(radiating, levels, sines, dt=2.0, amplitude=1.0, centre=1.2, hold=60),
     "tanks": Plant(tanks, levels, sines, dt=4.0, amplitude=2.0, centre=3.0, hold=40, noise=0.02),
     "dead time": Plant(late, levels, sines, hold=60, noise=0.03),

@@ -1,0 +1,48 @@
+"""The systems of the baseline are complete, reproducible, and leave the true model the error that they say."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from independent.supported import PLANTS
+from independent.systems import MORE, OF_PLANTS, SYSTEMS, Disturbed, arx, equation, inner_noise
+
+FAMILIES = {"motors", "axes", "shafts", "joints", "linear", "regressions", "cascades", "feedback"}
+ONE = np.ones(8)
+
+
+def test_there_are_forty_systems_of_all_families():
+    assert len(SYSTEMS) >= 40
+    assert {family for family, _ in SYSTEMS.values()} == FAMILIES
+    assert sorted(name for names in OF_PLANTS.values() for name in names) == sorted(PLANTS)
+
+
+@pytest.mark.parametrize("name", ["averaged speed", "ARMAX", "bilinear", "noise inside", "overflow"])
+def test_a_seed_gives_the_same_records_and_noise_is_small(name):
+    system = MORE[name][1]
+    first, again, other = system.pair(3), system.pair(3), system.pair(4)
+    np.testing.assert_array_equal(first.fitted.output, again.fitted.output)
+    assert np.any(first.fitted.output != other.fitted.output)
+    assert 0 < first.noise < 0.1 * np.std(first.unseen.output)
+    centre = first.fitted.input[0]
+    sizes = [np.abs(each.input - centre).max() for each in first[:2]]
+    assert 0.3 * sizes[0] < sizes[1] < 0.81 * sizes[0]
+
+
+def test_the_truth_of_a_difference_equation_leaves_its_noise():
+    case = MORE["ARX"][1]
+    assert isinstance(case, Disturbed)
+    pair = case.pair(0)
+    errors = [case.noise * np.std(lfilter([1.0], [1.0, -1.5, 0.56], np.random.default_rng(k).standard_normal(990)))
+              for k in range(20)]  # fmt: skip
+    assert min(errors) < pair.noise < max(errors)
+
+
+def test_equations_are_those_of_their_names():
+    u, e = np.random.default_rng(0).standard_normal((2, 300))
+    y = arx(u, e, ONE)
+    expected = [1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.04 * u[t - 1] + 0.02 * u[t - 2] + e[t] for t in range(2, 300)]
+    np.testing.assert_allclose(y[2:], expected, atol=1e-9)
+    z = equation(lambda y, u, t: 1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.04 * u[t - 1] + 0.02 * u[t - 2])(u, e, ONE)
+    np.testing.assert_allclose(z, y, atol=1e-9)
+    assert np.abs(inner_noise(50 * u, e, ONE)).max() < 2  # the saturation behind the noise

@@ -193,6 +193,11 @@ EXAMPLES: tuple[Finding, ...] = (
             "zone_unseen": True,
         },
     ),
+    Finding(
+        "not-identifiable",
+        "joint",
+        IDENTIFIABLE | {"combinations": ["K/R"], "kept": [["resistance", 2.0, "ohm"]], "one_load": True},
+    ),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["sensor.lag"], "without": ["sensor.lag"]}),

@@ -36,6 +36,12 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("files-equal", "a.csv", {"copies": ["b.csv", "c.csv"]}),
     Finding("records-of-opposite-sign", "b.csv", {"records": ["b.csv", "c.csv"], "of": 5}),
+    Finding("angle-hangs", "angle", {"angle": 0.3, "unit": "rad", "period": 0.81}),
+    *(
+        Finding("angle-without-unit", "angle", {"turn": turn, "seems": seems})
+        for turn, seems in ((4024.0, ""), (354.0, "deg"))
+    ),
+    Finding("one-load", "voltage", {"output": "angle"}),
     Finding("output-noise-only", "y", {"input": "u"}),
     Finding("feedback-likely", "u", {"output": "y", "correlation": 0.4, "confidence": 0.9}),
     *(Finding(code, "y", {"share": 0.4, "reversals": 3}) for code in ("all-standstill", "much-standstill")),

@@ -113,6 +113,7 @@ EXAMPLES: tuple[Finding, ...] = (
             ("fill-range", {"at": [1.571, 2.5]}),
             ("fill-range", {}),
             ("repeat-input", {}),
+            ("second-load", {}),
             ("other-input", {}),
             ("in-use", {}),
         )

@@ -23,6 +23,7 @@ from emsid.findings import Finding
 from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
 from emsid.first_look.dynamics import Response, acts_in_its_own_row, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
+from emsid.first_look.hanging import hangs
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
@@ -257,6 +258,7 @@ CHECKS: tuple[Callable[[Examined], Iterable[Finding]], ...] = (
     duty,
     answer,
     motion,
+    hangs,
     resolution,
     outliers,
     sampling,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.further import further_channels, sign_lost
+from emsid.first_look.hanging import as_angle
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.mends import mends
 from emsid.first_look.names import ColumnQuantity, Meaning
@@ -190,6 +192,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         header=tuple(raw.preamble),
         stated=stated,
     )
+    look = _with_hanging_angle(look, parsed, set(reading))
     noticed += _about_columns(look, set(reading))
     return _with_record(look, parsed, noticed, set(reading))
 
@@ -265,6 +268,19 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     masked = () if "mask" in given else look.columns
     findings, further = mends(findings, masked, look.reading.get("mask", ""))
     return replace(look, mends=further, record=record, response=found, findings=tuple(findings))
+
+
+def _with_hanging_angle(look: FirstLook, parsed: ParsedFile, given: set[str]) -> FirstLook:
+    """The look with a position as its output where that is an angle that hangs, which its speed alone does not show."""
+    position = look.roles.output
+    if "output" in given or look.reading.get("output") != f"d({position})":
+        return look
+    reading = {**look.reading, "output": position}
+    with suppress(EmsidError):
+        units = as_angle(read(parsed, **reading))
+        if units is not None:
+            return replace(look, reading={**reading, "units": {**reading.get("units", {}), **units}})
+    return look
 
 
 def _acts_in_its_own_row(look: FirstLook, response: Response) -> bool:

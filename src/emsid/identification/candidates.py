@@ -14,13 +14,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from emsid.errors import EmsidError, ModelError
+from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
+from emsid.first_look.hanging import hanging
 from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
@@ -53,7 +54,6 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import OF_JOINT, OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.starts import hangs
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
@@ -172,6 +172,8 @@ class Physical:
         A plant with a shaft is one mass where that, with its own refinements, has a smaller error.
         """
         plant = self.coded(options).for_command(with_unit_of_name(record))
+        if isinstance(plant, DrivenPlant) and plant.turn:
+            _check_turn(record, options)
         weighting: Weighting = all_alike
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
@@ -251,6 +253,25 @@ class Physical:
     def coded(self, options: Options) -> Plant:
         """The plant to begin with; its drive, if it has one, has the codes that are no commands."""
         return self.plant.with_drive(codes=options.codes) if isinstance(self.plant, DrivenPlant) else self.plant
+
+
+def _check_turn(record: Record, options: Options) -> None:
+    """Refuse an angle without a unit whose gravity shows another turn than 2π, unless its turn is given or estimated.
+
+    Raises:
+        DataError: with the turn that it seems to have.
+    """
+    if record.output_units[0] or "gravity.period" in (*options.fixed, *options.free):
+        return
+    found = hanging(record)
+    if found is not None and found.unit != "rad":
+        name = record.output_names[0]
+        unit = f"{name}={found.unit}" if found.unit else f"{name}=count, with the counts per revolution"
+        raise DataError(
+            f"{record.name}: {name!r} has no unit, and by its gravity one turn is about {found.turn:.4g} of it, not "
+            f"2π: give its unit ({unit}), or the turn as gravity.period",
+            arguments=("units", "fixed"),
+        )
 
 
 def _left_by_regression(record: Record, control: Control) -> float:
@@ -343,7 +364,7 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     force and a position those of an axis; without a unit, the name of the output does, and the input has the unit that
     its name implies. A channel without a unit that is named as one of a process, such as a level, is of neither.
 
-    An angle that hangs, as gravity shows in it, is that of a joint.
+    An angle that hangs (`first_look.hanging`) is that of a joint.
 
     The speed of a wheel in m/s is that of a motor where the radius of the wheel is among the ``known`` parameters.
 
@@ -365,13 +386,12 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
 
 
 def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:
-    """Whether a record is of this joint: an angle in rad that hangs, and not one that follows targets of a servo."""
+    """Whether a record is of this joint: an angle in rad that hangs."""
     if not isinstance(plant, DrivenPlant) or not plant.turn or record.output_units[0] != "rad":
         return False
     if not _may_be_of(plant, record, known):
         return False
-    driven = plant.for_command(with_unit_of_name(record))
-    return not driven.follows and hangs(driven, record)
+    return hanging(record) is not None
 
 
 def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:

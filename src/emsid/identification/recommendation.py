@@ -149,13 +149,14 @@ def _same_in(own: Ranked, smallest: Ranked) -> str | None:
     return "practice" if equivalent(own.errors, smallest.errors) else None
 
 
-def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) -> Finding:
+def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool, one_load: bool = False) -> Finding:
     """The experiment to run next: what these data leave open first.
 
     Args:
         verdict: on the recommended model.
         record, unseen: what the models were fitted to, and ranked on.
         seen: whether the models were fitted to some of the unseen data.
+        one_load: whether a second load would separate parameters of the recommended model.
     """
     if any(each["code"] in IN_LOOP for each in verdict.data["reasons"]):
         return Finding("next-experiment", record.name, {"kind": "test-signal"})
@@ -171,6 +172,8 @@ def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) 
     for reason in reasons:
         if reason["code"] in OF_REASONS:
             return Finding("next-experiment", record.name, {"kind": OF_REASONS[reason["code"]], **_place(reason)})
+    if one_load:
+        return Finding("next-experiment", record.name, {"kind": "second-load"})
     if seen or unseen.name.startswith(f"{record.name},"):
         return Finding("next-experiment", record.name, {"kind": "other-input"})
     return Finding("next-experiment", record.name, {"kind": "in-use"})

@@ -106,7 +106,11 @@ class Identification(Presented):
         """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
         verdict = self.model_verdicts[0]
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
-        return (why,) if self.interrupted else (why, experiment(verdict, self.record, self.unseen, seen=self.seen))
+        return (why,) if self.interrupted else (why, self._experiment(verdict))
+
+    def _experiment(self, verdict: Finding) -> Finding:
+        one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)
+        return experiment(verdict, self.record, self.unseen, seen=self.seen, one_load=one_load)
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:

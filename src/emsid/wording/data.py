@@ -135,6 +135,37 @@ def no_response(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("angle-hangs")
+def angle_hangs(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: angle, unit, period (s) of small swings."""
+    d = f.data
+    return (
+        f"{f.subject} hangs: gravity returns it to about {_in_unit(d['angle'], d['unit'])}, with small swings of "
+        f"{duration(d['period'])}; joint has this torque"
+    )
+
+
+@words("angle-without-unit", Severity.WARNING)
+def angle_without_unit(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: turn (in its values), seems (deg, rad, or empty for ticks)."""
+    d, unit = f.data, argument("units")
+    way = (
+        f"read it as {d['seems']} ({unit} {assigned(f.subject, d['seems'])})"
+        if d["seems"]
+        else f"read it as counts ({unit} {assigned(f.subject, 'count')}, {argument('counts_per_revolution')} …)"
+    )
+    return f"{f.subject} has no unit, and by its gravity one turn is about {_in_unit(d['turn'], '')} of it; {way}"
+
+
+@words("one-load", Severity.WARNING)
+def one_load(f: Finding, argument: Spelling) -> str:
+    """Subject: the input, which is no torque. Data: output."""
+    return (
+        f"{f.subject} is no torque: with one load, {f.data['output']} shows inertia, friction and gravity only as "
+        f"ratios; record a second load of known weight ({argument('fixed')} gravity.mass[…])"
+    )
+
+
 @words("output-noise-only", Severity.PROBLEM)
 def output_noise_only(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input."""

@@ -316,4 +316,9 @@ def _advice(f: Finding, argument: Spelling) -> str:
     measured = ", or measure the current" if f.data["current_missing"] else ""
     both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
     zone = f"{SHOW_ZONE}, " if f.data.get("zone_unseen") else ""
-    return f"{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"
+    load = (
+        f"record a second load of known weight ({argument('fixed')} gravity.mass[…]), or "
+        if f.data.get("one_load")
+        else ""
+    )
+    return f"{load}{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"

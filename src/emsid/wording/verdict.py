@@ -213,6 +213,10 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
     "repeat-input": lambda d: (
         "repeat the same input two or three times in one record, to tell noise from what the model lacks"
     ),
+    "second-load": lambda d: (
+        "record a second load of known weight at a known distance, which separates inertia, friction and gravity from "
+        "the strength of the motor"
+    ),
     "other-input": lambda d: (
         "record a second experiment, with an input like those in later use, and rank the models on it"
     ),

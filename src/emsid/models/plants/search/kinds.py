@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.models.plants.drive import FULL
+from emsid.models.plants.motion_regression import speed_of
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.speeds import speed_of
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, better, matters

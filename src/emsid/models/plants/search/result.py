@@ -238,6 +238,7 @@ def _not_identifiable(
             "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
             "one_way": _is_one_way(task),
             "zone_unseen": _is_zone_unseen(group),
+            "one_load": len(group) > 1 and _has_one_load(task, plant),
         }
         found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
     return found
@@ -250,6 +251,13 @@ def _is_zone_unseen(group: Sequence[str]) -> bool:
         inside the zone: Coulomb friction continues to brake it, a dead zone does not.
     """
     return any(name.endswith(ZONE_ENDS) for name in group) and any(".coulomb" in name for name in group)
+
+
+def _has_one_load(task: Task, plant: Plant) -> bool:
+    """Whether an arm lifted the same weight in all records, so that nothing shows the size of its torques."""
+    driven = [plant.of_record(plant.record_of(segment)) for segment in task.segments]
+    weights = {each.value("gravity.mass") for each in driven if isinstance(each, DrivenPlant) and each.turn}
+    return len(weights) == 1
 
 
 def _is_one_way(task: Task) -> bool:

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.linear.filtering import filtered_both_ways
+from emsid.models.plants.motion_regression import smoothed, speed_of
 from emsid.models.plants.parameters import Signal
 from emsid.record import Record
 
@@ -28,23 +28,11 @@ def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
     return None, False
 
 
-def speed_of(shown: Array, dt: float, is_position: bool) -> Array:
-    """(N,) a speed, or the slope of a position; zero for a single sample."""
-    return np.gradient(shown, dt) if is_position and len(shown) > 1 else shown
-
-
 def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
     """The largest speed of an output, without a few samples."""
     several = [segment for segment in segments if len(segment) > 1 or not is_position]
     speeds = [speed_of(segment.output[:, channel], segment.dt, is_position) for segment in several]
     return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
-
-
-def smoothed(values: Array, samples: float) -> Array:
-    """Signals (N,) or (k, N) through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
-    decay = np.exp(-1.0 / samples)
-    padding = min(int(3 * samples) + 3, values.shape[-1] - 1)
-    return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)
 
 
 def resolved_rate(segments: Sequence[Record], signals: Sequence[Signal]) -> float:

@@ -31,10 +31,11 @@ from emsid.estimation.threads import in_threads
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.motion_regression import OFFSET, SLIDING, rows_with_waves, solved, speed_of
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.search.speeds import motion_channel, smoothed, speed_of, top_speed
+from emsid.models.plants.search.speeds import motion_channel, top_speed
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
 
@@ -48,11 +49,6 @@ SETTLING = (0.5, 1.5, 5.0, 15.0)
 """Time constants of a mass that settles quickly, in samples."""
 PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 """Time constants in samples that are always tried."""
-SLIDING, OFFSET = 2, 3
-"""Columns of the regression: the direction of motion, and ones."""
-HANGING, FEWEST, EXPLAINED = 8.0, 200, 0.5
-"""An angle hangs where, of at least this many samples in motion, filtered with this time constant in samples, the waves
-of gravity leave less than half of the acceleration that a motor without them leaves, and less than half of all."""
 RATE = 20.0
 """A rate of Stribeck friction to begin with, times the top speed."""
 LEVELS = (0.02, 0.1)
@@ -82,7 +78,7 @@ def motions(
         for part in DEAD_ZONES if dead_zone else (0.0,):
             width = part * largest
             rows = [
-                _joined_rows(segment, channel, is_position, samples, width, offset, turn)
+                rows_with_waves(segment, channel, is_position, samples, width, offset, turn)
                 for segment in segments
                 if len(segment) > 12
             ]
@@ -251,76 +247,6 @@ WRONG_WAY = 0.1
 """If a plant with a reversed drive lowers the cost to this share, a sign is wrong."""
 PASSIVE = 0.2
 """Voltage and current of a motor are not negatively correlated, except by chance and delays, below this size."""
-
-
-def solved(matrix: Array, right: Array) -> list[float]:
-    """The least-squares solution, independent of the units of the columns; zeros if it is not finite."""
-    scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
-    found = np.linalg.lstsq(matrix / scale, right, rcond=1e-10)[0] / scale
-    return [float(x) for x in found] if np.isfinite(found).all() else [0.0] * len(scale)
-
-
-def motion_rows(
-    segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """(n, 5) rows of [D(u), −v, −sgn(v), −1 | dv/dt], `smoothed`, of the samples in motion, and (N,) a mask of these.
-
-    Args:
-        segment, channel, is_position, offset: see `motions`.
-        samples: time constant of the filter, in samples.
-        width: half the width of the dead zone.
-    """
-    dt = segment.dt
-    u = segment.input[:, 0] + offset
-    drive = np.maximum(u - width, 0.0) + np.minimum(u + width, 0.0)
-    y = segment.output[:, channel]
-    speed = speed_of(smoothed(y, samples), dt, is_position)
-    moving = np.abs(speed) > 0.03 * np.max(np.abs(speed))
-    sliding = np.where(moving, np.sign(speed), 0.0)
-    held = np.concatenate([drive[:1], drive[:-1]])  # what acted over the sample before
-    columns = [0.5 * (drive + held), -speed, -sliding, -np.ones(len(u))]
-    filtered = [smoothed(c, samples) if k != 1 else c for k, c in enumerate(columns)]
-    table = np.column_stack([*filtered, np.gradient(speed, dt)])
-    kept = moving & np.roll(moving, 1) & np.roll(moving, -1)
-    kept[:3] = kept[-3:] = False
-    return np.asarray(table[kept]), kept
-
-
-def _joined_rows(
-    segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float, turn: float
-) -> Array:
-    """The rows of `motion_rows`; before the last column those of a wave, if there is a ``turn``.
-
-    Of a speed the position is the integral from zero.
-    """
-    table, kept = motion_rows(segment, channel, is_position, samples, width, offset)
-    if not turn:
-        return table
-    y = segment.output[:, channel]
-    position = y if is_position else np.cumsum(y) * segment.dt
-    waves = -smoothed(np.array([np.cos(turn * position), np.sin(turn * position)]), samples)[:, kept]
-    return np.column_stack([table[:, :-1], *waves, table[:, -1]])
-
-
-def hangs(plant: DrivenPlant, record: Record) -> bool:
-    """Whether an angle shows gravity: whether waves of one period per turn explain much of its acceleration.
-
-    Args:
-        plant: a joint, as the command of the record drives it.
-        record: of an angle in rad.
-    """
-    segments = [segment for segment in after_drive(plant, record.segments, 0, True) if len(segment) > 12]
-    if not segments or not plant.turn:
-        return False
-    table = np.concatenate([_joined_rows(each, 0, True, HANGING, 0.0, 0.0, plant.turn) for each in segments])
-    if len(table) < FEWEST:
-        return False
-    right, left = table[:, -1], table[:, :-1]
-    with_waves, without = (
-        float(np.sum((right - columns @ np.array(solved(columns, right))) ** 2)) for columns in (left, left[:, :-2])
-    )
-    return with_waves < EXPLAINED * min(without, float(np.sum(right**2)))
 
 
 def started(

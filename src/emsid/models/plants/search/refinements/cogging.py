@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.motion_regression import motion_rows, smoothed, solved
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.refinements.contract import Refined
-from emsid.models.plants.search.speeds import smoothed
-from emsid.models.plants.search.starts import after_drive, motion_rows, solved
+from emsid.models.plants.search.starts import after_drive
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -16,10 +19,12 @@ from emsid import save as save_model
 from emsid.cli.structures import structure_of
 from emsid.estimation import Directional
 from emsid.findings import Finding
+from emsid.live.board import Board
 from emsid.live.recorded import read_log
+from emsid.live.server import Server
 from emsid.live.tracking import Tracker
 from emsid.wording import sentence
-from live_sessions import DT, SentBoard, lines, served, url
+from live_sessions import DT, PLAIN, SentBoard, lines, served, url
 
 
 def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: object) -> None:
@@ -108,11 +113,37 @@ def test_bench_run_drives_a_server_and_writes_a_record(tmp_path: Path, run: obje
         (("--source", "socket://127.0.0.1:1", "--limit", "4V", "--amplitude", "5"), "above the limit"),
         (("--source", "socket://127.0.0.1:1", "--limit", "0"), "voltage limit"),
         (("--source", "socket://127.0.0.1:1", "--limit", "4V", "--excitation", "none"), "no test signal"),
-        (("--source", "socket://127.0.0.1:1", "--limit", "4V"), "nothing listens"),
+        (("--source", "socket://127.0.0.1:1", "--limit", "4V", "--patience", "0"), "patience of 0 s"),
     ):
         status, _, err = run("bench", "run", *wrong, "--out", tmp_path / "none.csv")
         assert (status, err.count("\n")) == (2, 1)
         assert message in err
+
+
+def test_bench_run_waits_for_a_server_that_starts_later(tmp_path: Path, run: object) -> None:
+    """It says so in one line, and for how long; without a server it ends after this time."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    words = ("bench", "run", "--source", f"socket://127.0.0.1:{port}", "--limit", "4V", "--duration", "0.5")
+    status, _, err = run(*words, "--patience", "0.2", "--out", tmp_path / "none.csv")
+    assert (status, err.count("nothing listens there"), err.count("waiting 0.2 s for it")) == (2, 2, 1)
+
+    server, ended = [], Event()
+
+    def serve() -> None:
+        time.sleep(0.4)
+        server.append(Server(Board(PLAIN, DT), port=port, pace=20.0))
+        server[0].run(ended.is_set)
+
+    thread = Thread(target=serve)
+    thread.start()
+    try:
+        status, out, err = run(*words, "--patience", "10", "--out", tmp_path / "record.csv")
+    finally:
+        ended.set()
+        thread.join()
+    assert (status, err.count("nothing listens there")) == (0, 1), err
+    assert "the motor is at 0 V" in out
 
 
 def test_bench_run_says_that_zero_volts_are_not_confirmed(
@@ -120,9 +151,8 @@ def test_bench_run_says_that_zero_volts_are_not_confirmed(
 ) -> None:
     stuck = SentBoard(b"t,u,y\n", *(b"%.2f,1,0\n" % (0.01 * k) for k in range(40)))
     monkeypatch.setattr("emsid.live.sources.open_source", lambda *_: stuck)
-    monkeypatch.setattr("emsid.live.driving.PATIENCE", 0.2)
     monkeypatch.setattr("emsid.live.driving.CONFIRM", 0.1)
-    words = ("--limit", "4V", "--out", tmp_path / "record.csv")
+    words = ("--limit", "4V", "--patience", "0.2", "--out", tmp_path / "record.csv")
     status, out, _ = run("bench", "run", "--source", "socket://127.0.0.1:1", *words)
     assert (status, out.count(sentence(Finding("motor-not-at-zero", "socket://127.0.0.1:1")))) == (1, 1)
 

@@ -7,10 +7,13 @@ import pytest
 from scipy.signal import lfilter
 
 from emsid import Motor, Record, RecursiveLeastSquares, arx
+from emsid.cli.commands.track import USUAL
+from emsid.cli.structures import structure_of
 from emsid.estimation import Directional
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.excitation import SIGNALS
 from emsid.live.board import Board, MotorChange
+from emsid.live.session import watching
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench
 from live_sessions import DT
@@ -100,3 +103,20 @@ def test_an_inertia_that_grows_is_tracked_faster_than_by_plain_forgetting() -> N
     watched, plain = settled(ChangeDetector(1e6, 1000)), settled(None)
     assert watched < 300
     assert plain > 3 * watched
+
+
+@pytest.mark.parametrize(("knots", "most"), [(None, 0.5), ("0.5,1", 0.2)])
+def test_the_load_of_the_tutorial_is_announced_with_ten_fresh_signals(knots: str | None, most: float) -> None:
+    """Once, at most this many seconds after it comes, and never before: the commands of the tutorial, in one process.
+
+    Signal and noise are new each time.
+    """
+    dt, load = 1e-2, (MotorChange(30.0, "disturbance", 0.02),)
+    structure = structure_of("friction-narx", {"na": 1, "nb": 1}, knots, 1)
+    tracker = watching(Tracker(RecursiveLeastSquares(structure, rule=Directional(USUAL))), dt, 3600.0)
+    for seed in range(100, 110):
+        board = Board(Motor(), dt, Bench.typical(), load, seed)
+        rows, _ = board.advance(board.start(), SIGNALS["multisine"](4000, dt, 6.0, np.random.default_rng(seed)))
+        _, changes, _ = tracker.advance(tracker.start(), Record(rows[:, 1], rows[:, 2], dt))
+        assert len(changes) == 1, seed
+        assert 30.0 < changes[0].time <= 30.0 + most, seed

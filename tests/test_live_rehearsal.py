@@ -58,5 +58,5 @@ def test_kernels_are_compiled_before_a_connection_is_opened(
     monkeypatch.setattr(track, "_compile", lambda *_: done.append(True))
     assert run("track", tmp_path / "none.csv", "--out", tmp_path / "o")[0] == 2
     assert not done
-    assert run("track", "socket://localhost:1", "--out", tmp_path / "o")[0] == 2
+    assert run("track", "socket://localhost:1", "--patience", "0.01", "--out", tmp_path / "o")[0] == 2
     assert done

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 AGAIN = 0.1
 """Seconds after which the present command is sent again, so that the board does not stop."""
 PATIENCE = 5.0
-"""Seconds without a sample after which a run ends."""
+"""Seconds without a sample after which a run ends, unless others are given."""
 CONFIRM = 2.0
 """Seconds to wait for a sample that confirms zero volts."""
 EXCESS = 1.02
@@ -91,6 +91,7 @@ def drive(
     limits: Limits,
     control: Control = FREE,
     dt: float | None = None,
+    patience: float = PATIENCE,
 ) -> Drive:
     """Drive a board with a test signal.
 
@@ -101,6 +102,7 @@ def drive(
         limits: what ends the run.
         control: when to stop, and where to report progress.
         dt: sample time in s; by default from the samples.
+        patience: seconds without a sample after which the run ends.
 
     Returns:
         What happened; ``at_zero`` says whether the board has confirmed zero volts.
@@ -108,7 +110,7 @@ def drive(
     Raises:
         DataError: for a board that sends nothing, a source that takes no commands, or a signal above the limit.
     """
-    run = _Run(receiver, parser, limits, Timeline(dt))
+    run = _Run(receiver, parser, limits, Timeline(dt), patience)
     try:
         run.go(signal, control)
     finally:
@@ -119,8 +121,11 @@ def drive(
 class _Run:
     """The loop of `drive`."""
 
-    def __init__(self, receiver: Receiver, parser: LineParser, limits: Limits, timeline: Timeline) -> None:
+    def __init__(
+        self, receiver: Receiver, parser: LineParser, limits: Limits, timeline: Timeline, patience: float
+    ) -> None:
         self.receiver, self.parser, self.limits, self.timeline = receiver, parser, limits, timeline
+        self.patience = patience
         self.drive = Drive()
         self.begun = self.heard = self.sent = time.monotonic()
         self.time, self.voltage = float("nan"), float("nan")
@@ -203,11 +208,11 @@ class _Run:
             drive.reason = "speed"
         elif limits.time is not None and now - self.begun > limits.time:
             drive.reason = "time"
-        elif now - self.heard > PATIENCE and not drive.reason:
+        elif now - self.heard > self.patience and not drive.reason:
             if not drive.samples:
                 raise DataError(
-                    f"{self.receiver.source.name} has sent no sample for {PATIENCE:g} s; check that the board runs, "
-                    "the baud rate, and its header"
+                    f"{self.receiver.source.name} has sent no sample for {self.patience:g} s; check that the board "
+                    "runs, the baud rate, and its header"
                 )
             drive.reason = "silent"
 

@@ -245,7 +245,7 @@ class _Work:
             record = self.record(stretch)
             if session.tracking is None:
                 session.dt = record.dt
-                tracker = session.tracker = self.watching(tracker, record.dt)
+                tracker = session.tracker = watching(tracker, record.dt, self.settings.false_alarm)
                 session.tracking = tracker.start(self.state)
                 yield self.start(record)
             if stretch.gap is not None:
@@ -265,14 +265,6 @@ class _Work:
             if limit is not None and session.counts["samples"] * record.dt >= limit:
                 session.reason = "duration"
                 return
-
-    def watching(self, tracker: Tracker, dt: float) -> Tracker:
-        """The tracker with a detector of changes, now that the sample time is known."""
-        if not self.settings.false_alarm:
-            return tracker
-        each = SETTLING_EACH * len(tracker.recursion.structure.parameter_names)
-        settling = max(SETTLING, each, round(SETTLING_TIME / dt))
-        return replace(tracker, detector=ChangeDetector(max(self.settings.false_alarm / dt, 100.0), settling, BURSTS))
 
     def changed(self, change: Change, record: Record) -> Finding:
         """A change as a finding, with the rate of false alarms."""
@@ -418,6 +410,21 @@ class _Work:
         session.recent.append((record, predictions))
         while sum(len(each) for each, _ in session.recent) - len(session.recent[0][0]) > REMEMBERED:
             session.recent.popleft()
+
+
+def watching(tracker: Tracker, dt: float, false_alarm: float) -> Tracker:
+    """The tracker with a detector of changes.
+
+    Args:
+        tracker: without one.
+        dt: sample time in s.
+        false_alarm: mean time in s between false alarms; 0 for no detector.
+    """
+    if not false_alarm:
+        return tracker
+    each = SETTLING_EACH * len(tracker.recursion.structure.parameter_names)
+    settling = max(SETTLING, each, round(SETTLING_TIME / dt))
+    return replace(tracker, detector=ChangeDetector(max(false_alarm / dt, 100.0), settling, BURSTS))
 
 
 def pieces(record: Record) -> list[Record]:

@@ -18,6 +18,8 @@ import os
 import select
 import socket
 import stat
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,6 +32,8 @@ CHUNK = 1 << 16
 """Bytes that are read at a time."""
 CONNECTING, SENDING = 5.0, 1.0
 """Seconds in which a host has to answer, and in which a connection has to take a command."""
+AGAIN = 0.1
+"""Seconds between two attempts to open a port that nothing serves yet: ten a second load no machine."""
 
 
 class Ended(Exception):
@@ -38,6 +42,10 @@ class Ended(Exception):
 
 class Disconnected(Exception):
     """A connection broke; it may come back."""
+
+
+class NotServed(DataError):
+    """Nothing listens at a port; a board or a server that starts may do so soon."""
 
 
 class Source(Protocol):
@@ -104,6 +112,31 @@ def open_source(text: str, baud: int = 115200) -> Source:
     except OSError as problem:
         reason = f"cannot be read ({(problem.strerror or str(problem)).lower()}); check its permissions"
     raise DataError(f"{text}: {reason}")
+
+
+def awaited(opening: Callable[[], Source], seconds: float, notify: Callable[[str], None]) -> Source:
+    """Open a source; where nothing serves its port yet, try again, so that it may start after this program.
+
+    Args:
+        opening: opens it.
+        seconds: for which to try; 0 for one attempt.
+        notify: shows that it waits.
+
+    Raises:
+        NotServed: where nothing serves the port after this time.
+        DataError: where it cannot be opened for another reason, at once.
+    """
+    until, waits = time.monotonic() + seconds, False
+    while True:
+        try:
+            return opening()
+        except NotServed as problem:
+            if time.monotonic() >= until:
+                raise
+            if not waits:
+                notify(f"{problem}; waiting {seconds:g} s for it")
+            waits = True
+        time.sleep(AGAIN)
 
 
 def connect(text: str, baud: int = 115200) -> Source:
@@ -174,7 +207,7 @@ class TcpPort:
         try:
             self._socket = socket.create_connection(_address(text), CONNECTING)
         except OSError as problem:
-            raise DataError(f"{text}: {_advice(problem)}") from None
+            raise _unopened(text, problem) from None
         self._socket.settimeout(SENDING)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -231,7 +264,7 @@ class SerialPort:
                 options["exclusive"] = True
             self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=0, **options)
         except (ValueError, OSError) as problem:  # SerialException is an OSError
-            raise DataError(f"{text}: {_advice(problem)}") from None
+            raise _unopened(text, problem) from None
         try:
             self._number: int | None = self._port.fileno()
         except Exception:  # loop:// and rfc2217:// have none
@@ -308,6 +341,13 @@ def _is_device(text: str) -> bool:
     return text.startswith("/dev/tty")
 
 
+def _unopened(text: str, problem: Exception) -> DataError:
+    """The error for a port that cannot be opened."""
+    if "refused" in str(problem).lower():
+        return NotServed(f"{text}: nothing listens there; start the board or the server, or check the port number")
+    return DataError(f"{text}: {_advice(problem)}")
+
+
 def _advice(problem: Exception) -> str:
     """Why a port cannot be opened, and what to do."""
     text = str(problem).lower()
@@ -316,8 +356,6 @@ def _advice(problem: Exception) -> str:
         return "the port is used by another program; close that (a serial monitor?)"
     if "permission" in text or number == 13:
         return "no permission to open the port; on Linux, join its group (often dialout) and log in again"
-    if "refused" in text:
-        return "nothing listens there; start the board or the server, or check the port number"
     if "no such file" in text or "not exist" in text or number == 2:
         return "there is no such port; plug the board in, or check its name"
     if "name or service" in text or "getaddrinfo" in text or "temporary failure" in text or "no address" in text:

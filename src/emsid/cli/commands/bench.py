@@ -2,16 +2,17 @@
 
 from collections.abc import Callable
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.commands.track import Baud, Header
+from emsid.cli.commands.track import Baud, Header, Patience
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, option, quantity
-from emsid.cli.terminal import progress_bar, say, say_json
+from emsid.cli.terminal import progress_bar, say, say_json, warn
 from emsid.cli.writing import as_json, attempted, check_folder
 from emsid.errors import DataError
 from emsid.findings import Finding
@@ -104,6 +105,7 @@ def run(
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the signal.", min=0)] = 1,
     header: Header = "",
     baud: Baud = 115200,
+    patience: Patience = 5.0,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the record: .csv, .parquet, .npz.")] = Path(
         "record.csv"
     ),
@@ -112,7 +114,7 @@ def run(
     """Drive a board with a test signal and write a record.
 
     Watches the limits of voltage, speed and time, and always ends with the motor at 0 V, also after Ctrl-C or when the
-    connection breaks. Everything received is in a log beside the record.
+    connection breaks. Everything received is in a log beside the record. A server may start up to --patience later.
 
     \b
     Examples:
@@ -135,14 +137,12 @@ def run(
         )
     if not duration > 0:
         raise DataError(f"a duration of {duration:g} s; give a positive one", arguments=("duration",))
+    if not (isfinite(patience) and patience > 0):
+        raise DataError(f"patience of {patience:g} s; give a positive time", arguments=("patience",))
     check_folder(out.parent)
 
-    def made(dt: float) -> Any:
-        import numpy as np
-
-        return SIGNALS[excitation](max(round(duration / dt), 1), dt, size, np.random.default_rng(seed))
-
-    result, record = _driven(source, made if signal is None else _in_file(signal, limit), limits, header, baud, out)
+    voltages = _made(excitation, duration, size, seed) if signal is None else _in_file(signal, limit)
+    result, record = _driven(source, voltages, limits, header, baud, patience, out)
     files: list[str] = []
     unwritten = attempted(lambda: files.extend(_write(record, out)))
     _say(result, source, files, record, json)
@@ -150,6 +150,16 @@ def run(
         raise unwritten
     if result.at_zero is not True or result.reason not in ("done", "interrupted"):
         raise typer.Exit(1)
+
+
+def _made(excitation: str, duration: float, amplitude: float, seed: int) -> "Callable[[float], Any]":
+    """The test signal, made for the sample time of a board."""
+    import numpy as np
+
+    from emsid.excitation import SIGNALS
+
+    rng = np.random.default_rng(seed)
+    return lambda dt: SIGNALS[excitation](max(round(duration / dt), 1), dt, amplitude, rng)
 
 
 def _in_file(path: Path, limit: float) -> "Callable[[float], Any]":
@@ -187,7 +197,13 @@ def _in_file(path: Path, limit: float) -> "Callable[[float], Any]":
 
 
 def _driven(
-    source: str, signal: "Callable[[float], Any]", limits: "Limits", header: str, baud: int, out: Path
+    source: str,
+    signal: "Callable[[float], Any]",
+    limits: "Limits",
+    header: str,
+    baud: int,
+    patience: float,
+    out: Path,
 ) -> "tuple[Drive, Record]":
     """Drive the board and write its log; what happened, and the record."""
     from emsid.estimation import Control
@@ -196,16 +212,16 @@ def _driven(
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
     from emsid.live.recorded import read_log
-    from emsid.live.sources import open_source
+    from emsid.live.sources import awaited, open_source
 
     again = partial(open_source, source, baud)
-    opened = again()
+    opened = awaited(again, patience, warn)
     log = Log(out.with_suffix(".log.txt"))
     receiver = Receiver(opened, log, again)
     try:
         with progress_bar() as progress, INTERRUPTION.asked("stopping the motor"), INTERRUPTION.put_off():
             control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
-            result = drive(receiver, LineParser(header), signal, limits, control)
+            result = drive(receiver, LineParser(header), signal, limits, control, patience=patience)
     finally:
         INTERRUPTION.pressed = False
         with INTERRUPTION.put_off():

@@ -13,7 +13,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.live_view import view_of
 from emsid.cli.options import Json, Out, Pdf, names, option, quantity
 from emsid.cli.structures import structure_of
-from emsid.cli.terminal import working
+from emsid.cli.terminal import warn, working
 from emsid.cli.writing import as_json, check_folder, draw, say_where
 from emsid.errors import DataError
 
@@ -77,7 +77,9 @@ Reconnect = Annotated[
     float,
     typer.Option(metavar="S", parser=quantity("s"), help="Time in which a connection that broke may come back."),
 ]
-Patience = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the first sample.")]
+Patience = Annotated[
+    float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the port, and for a sample.")
+]
 
 
 @app.command()
@@ -146,7 +148,8 @@ def track(
         begun = load_state(state, made)
     if not reconnect >= 0:
         raise DataError(f"reconnect of {reconnect:g} s; give a time, or 0", arguments=("reconnect",))
-    files = _followed(session, settings, reading, begun, partial(_received, baud=baud, away=reconnect), out, json)
+    received = partial(_received, baud=baud, away=reconnect, patience=patience)
+    files = _followed(session, settings, reading, begun, received, out, json)
     if not files:  # stopped before the first sample
         INTERRUPTION.end(True)
         return
@@ -170,7 +173,9 @@ def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, mo
     return Session(Tracker(RecursiveLeastSquares(structure, rule=rule), None, adapts, fixed), source)
 
 
-def _received(session: "Session", out: Path, prepare: "Callable[[], None]", baud: int, away: float) -> "Receiver":
+def _received(
+    session: "Session", out: Path, prepare: "Callable[[], None]", baud: int, away: float, patience: float
+) -> "Receiver":
     """Open the source of a session, and receive it.
 
     Args:
@@ -179,10 +184,11 @@ def _received(session: "Session", out: Path, prepare: "Callable[[], None]", baud
         prepare: what takes long; a file that is not there is refused before it, and a board is opened after it.
         baud: of a serial port.
         away: seconds in which a connection that broke may come back.
+        patience: seconds to wait for a port that nothing serves yet.
     """
     from emsid.live.log import Log
     from emsid.live.receiver import Receiver
-    from emsid.live.sources import connect, is_connection, open_source
+    from emsid.live.sources import awaited, connect, is_connection, open_source
 
     source = session.name
     again = partial(connect, source, baud) if is_connection(source) else None
@@ -190,7 +196,7 @@ def _received(session: "Session", out: Path, prepare: "Callable[[], None]", baud
     if opened is not None and opened.lasting and Path(source).resolve().parent == out.resolve():
         _refuse_own(Path(source).name, out)
     prepare()
-    opened = opened or connect(source, baud)
+    opened = opened or awaited(partial(connect, source, baud), patience, warn)
     session.name = opened.name
     return Receiver(opened, None if opened.lasting else Log(out / "log.txt"), again, away=away)
 

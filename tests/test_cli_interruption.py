@@ -400,7 +400,7 @@ def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_p
     assert status == 130
     assert err == FOUND.replace("identification", "the study")
     assert "simulation study" in out
-    assert "more findings" in out
+    assert "--details prints" in out
     assert "study-paper-ratios" in (tmp_path / "out" / "study.json").read_text()
     assert "The paper does not say" not in out  # that is in the report
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["study.json"]

@@ -52,6 +52,7 @@ ELSEWHERE = {
 ALWAYS = {
     "free-run-error",  # of every model that does not diverge
     "next-experiment",  # one for every identification
+    "study-best-model",
     "study-largest-ratio",
     "study-noise-free",
     "study-one-step",

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from emsid.cli.commands.study import _print
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.least_squares import least_squares
@@ -17,8 +18,9 @@ from emsid.models.regression.structures import friction_narx, wiener_hammerstein
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 from emsid.report.document import Wire
-from emsid.report.study_page import WORST, study_report, summary_table
-from emsid.report.study_views import times
+from emsid.report.numbers import number
+from emsid.report.study_page import WORST, lead_inputs, study_report, study_rows
+from emsid.report.study_views import models_table, times
 from emsid.study.conclusions import about_the_survey, paper_ratios
 from emsid.study.inputs import HIGHEST_ORDER, over_inputs
 from emsid.study.load_friction import load_friction, rotor_level
@@ -39,12 +41,13 @@ from emsid.study.models import (
 from emsid.study.motors import FAMILY, by_direction, compare, records, regressions
 from emsid.study.readings import FREE_RUN, ONE_STEP, READINGS, largest, motors, ratios
 from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
-from emsid.study.summary import findings, study_data, summary
+from emsid.study.summary import findings, headline, study_data, summary
 from emsid.study.survey import recorded
 from emsid.study.two_masses import row as two_mass_row
 from emsid.study.workflow import study
 from emsid.validation.comparison import assess
 from emsid.wording import sentence
+from emsid.wording.claims import claim
 from independent.two_masses import load_speed
 
 
@@ -224,11 +227,11 @@ def test_a_rotor_without_friction_has_no_curve_of_load_friction(result):
 
 
 def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(result, heavy):
-    named = found(result, "study-even-terms")
-    assert [finding.data["study"] for finding in named] == [EXPERIMENT, SIMULATION]
-    for finding in named:
-        linear, paper = (result.part(finding.data["study"]).on_unseen(model).row for model in (LINEAR, PAPER))
-        assert finding.data["better"] == linear.simulation_mse / paper.simulation_mse
+    (finding,) = found(result, "study-even-terms")
+    assert [each["study"] for each in finding.data["studies"]] == [EXPERIMENT, SIMULATION]
+    for each in finding.data["studies"]:
+        linear, paper = (result.part(each["study"]).on_unseen(model).row for model in (LINEAR, PAPER))
+        assert each["better"] == linear.simulation_mse / paper.simulation_mse
     assert not found(heavy, "study-even-terms")
 
 
@@ -242,10 +245,9 @@ def test_what_checks_the_estimator_only_is_said_where_it_stands(result):
     assert [finding.subject for finding in found(result, "study-noise-free")] == [SIMULATION]
     checked = [(row.study, row.model) for part in result.parts for row in summary(part) if row.check]
     assert checked == [(SIMULATION, TWO_MASSES)]
-    table = summary_table(result.part(SIMULATION))
+    table = models_table(study_rows(result), lead_inputs(result))
     (row,) = [row for row in table.rows if "a check of the estimator, not a result" in row[-1]]
-    assert row[0] == TWO_MASSES
-    assert (row[1], *row[5:8]) == ("check only", "check only", "", "")
+    assert row[:-1] == (TWO_MASSES, "10", "", "", "check only", "", "")
     (best,) = table.emphasised
     assert table.rows[best][0] == ONE_MASS
 
@@ -272,16 +274,55 @@ def test_the_summary_holds_ratios_to_the_linear_model_and_the_papers(result):
         assert rows[FRICTION].paper_unseen is None
 
 
-def test_the_page_opens_with_a_table_for_each_study_the_experiment_first(result):
+def test_the_page_opens_with_three_sentences_and_one_picture(result, heavy):
     page = study_report(result)
-    lead, *tables = page.opening.tables
-    assert "30 pairs of inputs" in lead.caption
-    assert [table.caption.split(":")[0] for table in tables] == ["Experiment", "Simulation"]
-    for table, part in zip(tables, result.parts, strict=True):
-        assert [row[0] for row in table.rows] == list(part.models)
-    assert len(page.summary) == 1
+    (picture,) = page.opening.figures
+    (sentences,) = page.summary
+    codes = [each.code for each in headline(findings(result))]
+    assert codes == ["study-paper-ratios", "study-even-terms", "study-best-model"]
+    assert sentences == " ".join(sentence(each) for each in headline(findings(result)))
+    assert not page.opening.tables
+    through_zero, ratios = picture.plots
+    lines = {mark.label: mark for mark in through_zero.marks}
+    assert list(lines) == ["measured", LINEAR, PAPER, ONE_MASS]
+    assert lines["measured"].y.min() < 0 < lines["measured"].y.max()
+    bars, paper = ratios.marks
+    rows = [row for row in summary(result.part(EXPERIMENT)) if not row.check]
+    assert list(bars.values) == [row.better_unseen for row in rows]
+    assert (list(paper.x), [rows[int(k)].model for k in paper.y]) == (pytest.approx([2.83], rel=0.01), [PAPER])
+    # On a motor with unequal directions the reason is another one.
+    assert [each.code for each in headline(findings(heavy))][1] == "study-what-decides"
+
+
+def test_the_papers_tables_stand_beside_those_of_the_study(result):
+    page = study_report(result)
+    published, models = page.sections[0].tables
+    assert [row[:2] for row in published.rows] == [
+        (study, data) for study in (EXPERIMENT, SIMULATION) for data in ("identification", "unseen")
+    ]
+    assert published.rows[3][2:5] == ("0.002264", "4.063e-6", "×557")
+    unseen = result.part(SIMULATION).on_unseen
+    here = [unseen(model).row.simulation_mse for model in (LINEAR, PAPER)]
+    assert published.rows[3][5:8] == (*map(number, here), times(here[0] / here[1]))
+    assert [row[0] for row in models.rows] == list(result.part(SIMULATION).models)
+    many = {row.model: row for row in recorded().inputs}
+    for row in models.rows[1:-1]:
+        for part, cell in zip(result.parts, row[3:5], strict=True):
+            on_linear, on_model = (part.on_unseen(model).row.simulation_mse for model in (LINEAR, row[0]))
+            assert cell == times(on_linear / on_model)
+        assert row[5] == times(many[row[0]].median)
     titles = [section.title for section in page.sections]
     assert titles.index("The experiment study") < titles.index("The simulation study")
+
+
+def test_findings_about_the_paper_are_one_table_of_claims(result):
+    page = study_report(result)
+    (table,) = page.sections[1].tables
+    compared = [each for each in findings(result) if claim(each) is not None]
+    assert len(table.rows) == len({each.code for each in compared}) == 10
+    text = " ".join(row[1] for row in table.rows)
+    assert all(sentence(each) in text for each in compared)
+    assert all(paper and found and where for paper, found, where in table.rows)
 
 
 def test_seed_decides_the_noise_and_nothing_else():
@@ -307,8 +348,9 @@ def test_records_of_the_user_take_the_place_of_the_bench(regressions_only):
     done = study(settings, records)
     experiment = done.part(EXPERIMENT)
     assert not found(done, "study-virtual-bench")
-    assert [finding.data["study"] for finding in found(done, "study-paper-ratios")] == [SIMULATION]
-    assert len(study_report(done).opening.tables) == 2  # the inputs of the survey are not the user's
+    (ratios,) = found(done, "study-paper-ratios")
+    assert {row["study"] for row in ratios.data["rows"]} == {SIMULATION}
+    assert not lead_inputs(done)  # the inputs of the survey are not the user's
     assert experiment.identification is records[0]
     assert experiment.unseen is records[1]
 
@@ -447,7 +489,7 @@ def test_a_free_run_that_diverges_leaves_a_study_that_can_be_written(result):
     assert [row.data for row in paper_ratios(diverged)] == ["identification"]
     finding = next(each for each in found(changed, "study-excitation") if each.data["richer"])
     assert finding.data["richer"]["errors"] == {LINEAR: [39.3, None]}
-    assert "(diverges)" in sentence(finding)
+    assert "(diverges)" in claim(finding).found
 
 
 def test_without_inputs_nothing_is_said_about_them(result):
@@ -531,7 +573,6 @@ def test_the_page_draws_the_papers_diagrams_and_says_where_the_linear_model_is_w
     captions = {figure.name: figure.caption for figure in page.figures}
     assert all(WORST in captions[name] for name in ("experiment-responses", "simulation-responses", "motor-responses"))
     assert {"load-friction", "simulation-priors"} <= set(captions)
-    assert page.opening.tables[0].rows[-1][0] == ONE_MASS
 
 
 def cancelled_at(doing):
@@ -587,6 +628,20 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     (finding,) = found(shorter, "study-model-failed")
     assert (finding.subject, finding.data["problem"]) == (BLOCKS, part.failed[BLOCKS])
     assert not found(result, "study-model-failed")
+
+
+@pytest.mark.parametrize("width", [80, 160])
+def test_the_terminal_shows_at_most_thirty_lines(result, capsys, monkeypatch, width):
+    monkeypatch.setattr("emsid.cli.terminal.WIDE", width)
+    _print(result, details=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert all(any(line.startswith(model) for line in lines) for model in result.part(SIMULATION).models)
+    assert "…" not in "".join(lines)  # no cell is cut
+    assert sum(max(1, -(-len(line) // width)) for line in lines) <= 30 - 1  # and one for where the files are
+    _print(result, details=True)
+    longer = capsys.readouterr().out
+    assert longer.startswith("\n".join(lines[:5]))
+    assert "Claims of the paper" in longer
 
 
 def test_a_regression_that_the_data_do_not_determine_is_named(result):

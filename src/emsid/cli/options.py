@@ -178,4 +178,5 @@ Transient = Annotated[
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]
+Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from emsid.report import document
 
 
+WIDE = 160
+"""Letters in a line where the output is not a terminal."""
 SPELT_OUT = "emsid-spelt-out"
 """Name of the error handler in `codecs` for characters that an encoding lacks: see `_spell_out`."""
 _SPELT = {"Ω": "ohm", "·": "*", "µ": "u", "–": "-", "−": "-", "±": "+/-", "…": "...", "√": "sqrt", "∞": "inf"}
@@ -132,13 +134,18 @@ WITHOUT_METHOD_EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_DATA}"
 """The note below a table of the errors of models from files."""
 
 
-def text_table(content: document.Table) -> Table:
-    """A table of the report, with its caption above and its note below."""
-    headings: dict[str, Align] = {
-        heading: "left" if content.is_text(k) else "right" for k, heading in enumerate(content.header)
-    }
-    folded = [heading for k, heading in enumerate(content.header) if k > 0 and content.is_text(k)]
-    table = plain_table(content.caption, headings, content.rows, folded)
+def text_table(content: document.Table, without: Collection[str] = ()) -> Table:
+    """A table of the report, with its caption above and its note below.
+
+    Args:
+        content: the table; the first column is folded only where all columns are text.
+        without: headings of columns to leave out.
+    """
+    kept = [k for k, heading in enumerate(content.header) if heading not in without]
+    words = [k for k in kept if content.is_text(k)]
+    headings: dict[str, Align] = {content.header[k]: "left" if k in words else "right" for k in kept}
+    folded = [content.header[k] for k in words if k > 0 or words == kept]
+    table = plain_table(content.caption, headings, ([row[k] for k in kept] for row in content.rows), folded)
     table.caption = shown(content.note)
     return table
 
@@ -208,7 +215,7 @@ def show(table: Table) -> None:
 
     console = Console(highlight=False)
     if not console.is_terminal:
-        console = Console(width=160)
+        console = Console(width=WIDE)
     title, note = table.title, table.caption
     table.title = table.caption = None
     with console.capture() as text:  # a console would end the program where the reader of the output is gone
@@ -226,7 +233,7 @@ def width_of_terminal() -> int:
     from rich.console import Console
 
     console = Console()
-    return console.width if console.is_terminal else 160
+    return console.width if console.is_terminal else WIDE
 
 
 class Progress:

@@ -1,4 +1,4 @@
-"""The page of the study: a table for each of the two studies first, then findings, figures and models."""
+"""The page of the study: what was found with one picture, the paper's tables beside ours, claims, figures."""
 
 from __future__ import annotations
 
@@ -8,50 +8,34 @@ from math import isfinite
 
 from emsid.report import views
 from emsid.report.document import Figure, Notice, Report, Section, Table
-from emsid.report.numbers import number, percent
 from emsid.report.study_views import (
+    claims_table,
     excitation_table,
-    inputs_table,
     largest_table,
     load_friction_figure,
+    models_table,
     motors_table,
+    overview,
+    paper_table,
     priors_figure,
-    ratios_table,
     richer_table,
-    times,
     two_masses_table,
 )
 from emsid.report.views import terms
 from emsid.report.views.diagrams import block_diagram, experimental_setup, identification_loop, motor_schematic
 from emsid.study.conclusions import speaks_of
+from emsid.study.inputs import InputRow
 from emsid.study.models import BLOCKS, LINEAR, ONE_MASS, PAPER, TWO_MASSES
 from emsid.study.motors import FAMILY, SHOWN
-from emsid.study.setup import EXPERIMENT, PAPER_MSE, SIMULATION
-from emsid.study.summary import SummaryRow, findings, summary
+from emsid.study.setup import EXPERIMENT, PAPER_MSE
+from emsid.study.summary import SummaryRow, findings, headline, summary
 from emsid.study.workflow import Part, Study
-from emsid.units import plain_unit
 from emsid.validation.comparison import Assessment
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.claims import claim
 
 WORST = "The intervals are those in which the linear model is worst."
-CHECK = "noise-free, by the program's own simulator: a check of the estimator, not a result"
 PAPER_NOTE = "another motor, in units that the paper does not state; only the ratios can be compared"
-SUMMARY_HEAD = (
-    "Model",
-    "Ratio to linear",
-    "Free-run fit",
-    "Parameters",
-    "Ratio, identification data",
-    "Paper",
-    "Paper, identification data",
-    "Description",
-)
-"""Of the summary; the column of the MSE, whose unit depends on the record, comes after the fit."""
-SUMMARY_NOTE = (
-    "Ratio to linear: free-run MSE of the linear model divided by that of this model, on unseen data and on "
-    "identification data (the data that the models were fitted to). Paper: the same ratio of the paper's models "
-    f"({PAPER_NOTE})."
-)
 
 
 def study_report(result: Study, argument: Spelling = as_python) -> Report:
@@ -62,16 +46,22 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
         argument: how names of arguments are written in its findings.
     """
     found = findings(result)
+    first, rows = result.parts[0], study_rows(result)
+    notes = [each for each in found if claim(each) is None and severity(each) is Severity.INFO]
+    notes = [each for each in notes if each not in headline(found)]
     return Report(
-        title="Identification of an electromechanical system",
-        summary=(
-            "Models of a DC motor with dead zone and friction, after Kara and Abokoos. Each model is fitted to one "
-            "record. The models are compared by their free runs on a second record with another input.",
-        ),
+        title="Identification of an electromechanical system, after Kara and Abokoos",
+        summary=(" ".join(sentence(each, argument) for each in headline(found)),),
         sections=(
             Section(
-                "Findings",
-                remarks=tuple(sentence(each, argument) for each in found if severity(each) is not Severity.WARNING),
+                "The paper's tables beside this study",
+                terms=(terms.FREE_RUN, terms.FIT),
+                tables=(paper_table(result.parts), models_table(rows, lead_inputs(result))),
+            ),
+            Section(
+                "Claims of the paper",
+                tables=(claims_table(found, argument),),
+                remarks=tuple(sentence(each, argument) for each in notes),
             ),
             *claim_sections(result),
             *(part_section(part, result) for part in result.parts),
@@ -79,14 +69,7 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
             *model_sections(result),
         ),
         imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
-        opening=Section(
-            "",
-            terms=(terms.FREE_RUN, terms.FIT),
-            tables=(
-                *lead_tables(result),
-                *(summary_table(part, own_records=result.own_records) for part in result.parts),
-            ),
-        ),
+        opening=Section("", figures=(overview(first, rows[first.name]),)),
         notices=tuple(
             Notice(sentence(each, argument), severity(each).value)
             for each in found
@@ -95,21 +78,24 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
     )
 
 
-def lead_tables(result: Study) -> tuple[Table, ...]:
+def study_rows(result: Study) -> dict[str, list[SummaryRow]]:
+    """A row for every model, by the name of the study."""
+    return {part.name: summary(part, own_records=result.own_records) for part in result.parts}
+
+
+def lead_inputs(result: Study) -> tuple[InputRow, ...]:
     """The experiment over many inputs, where the survey has the motor of the settings and no record is the user's."""
     survey = result.survey
-    if result.own_records or survey is None or not survey.inputs or not speaks_of(survey, result.settings):
-        return ()
-    return (inputs_table(survey.inputs),)
+    return survey.inputs if survey and not result.own_records and speaks_of(survey, result.settings) else ()
 
 
 def claim_sections(result: Study) -> tuple[Section, ...]:
     """When the paper's model helps, when not, by how much, and what always does."""
     survey = result.survey
-    tables = [ratios_table(result.parts)]
+    tables: list[Table] = []
     figures: tuple[Figure, ...] = ()
     if survey is not None and survey.motors:
-        tables += [motors_table(survey.motors), largest_table(survey.largest)]
+        tables = [motors_table(survey.motors), largest_table(survey.largest)]
     if result.shown:
         unseen = [pair[1] for pair in result.shown]
         intervals = worst_intervals(unseen)
@@ -127,50 +113,8 @@ def worst_intervals(shown: Sequence[Assessment]) -> tuple[slice, ...]:
     return views.critical_intervals(record, 0.1 * len(record) * record.dt, record.output - shown[0].simulation.output)
 
 
-def summary_table(part: Part, *, own_records: bool = False) -> Table:
-    """Every model with number of parameters, free-run fit and MSE, and the ratio of the linear model's MSE to it."""
-    rows = summary(part, own_records=own_records)
-    unit = plain_unit(part.unseen.output_units[0])
-    mse = f"Free-run MSE [({unit})²]" if unit else "Free-run MSE"
-    best = min((row for row in rows if not row.check), key=lambda row: _ranked(row.simulation_mse))
-    titles = {
-        SIMULATION: "Simulation: records of the simulated motor, without noise.",
-        EXPERIMENT: "Experiment: two records of your own."
-        if own_records
-        else "Experiment: records of a virtual bench, with noise and effects that no model contains.",
-    }
-    checks = [f"{row.model}: {CHECK}." for row in rows if row.check]
-    return Table(
-        (*SUMMARY_HEAD[:3], mse, *SUMMARY_HEAD[3:]),
-        tuple(map(_summary_row, rows)),
-        f"{titles[part.name]} Free run on unseen data.",
-        " ".join((SUMMARY_NOTE, *checks)),
-        ends_in_text=True,
-        emphasised=frozenset({rows.index(best)}),
-    )
-
-
-def _summary_row(row: SummaryRow) -> tuple[str, ...]:
-    return (
-        row.model,
-        _times(row, row.better_unseen),
-        percent(row.fit_percent),
-        number(row.simulation_mse),
-        str(row.parameters),
-        _times(row, row.better_identification),
-        times(row.paper_unseen),
-        times(row.paper_identification),
-        f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
-    )
-
-
 def _ranked(mse: float) -> float:
     return mse if isfinite(mse) else float("inf")
-
-
-def _times(row: SummaryRow, better: float | None) -> str:
-    """A ratio to the linear model; none in a check, whose error is only rounding."""
-    return "check only" if row.check else times(better)
 
 
 def part_section(part: Part, result: Study) -> Section:

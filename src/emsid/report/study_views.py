@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from emsid.report.document import Axis, Dash, Figure, Ink, Level, Line, Plot, Points, Stroke, Table
-from emsid.report.numbers import number
+from emsid.findings import Finding
+from emsid.report import views
+from emsid.report.document import Axis, Bars, Dash, Figure, Ink, Level, Line, Plot, Points, Stroke, Table
+from emsid.report.numbers import number, percent
 from emsid.study.conclusions import paper_ratios
 from emsid.study.inputs import HIGHEST_ORDER, Excitation, InputRow, Richer
 from emsid.study.load_friction import LoadFriction
@@ -15,9 +18,19 @@ from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER
 from emsid.study.motors import MODELS, MotorRow
 from emsid.study.priors import PriorRow
 from emsid.study.readings import FREE_RUN, Largest
-from emsid.study.setup import SIMULATION, UNSEEN, paper_ratio
+from emsid.study.setup import PAPER_MSE, SIMULATION, UNSEEN, paper_ratio
+from emsid.study.summary import SummaryRow
 from emsid.study.two_masses import TwoMassRow
 from emsid.study.workflow import Part
+from emsid.wording import Spelling, as_python
+from emsid.wording.claims import Claim, claim
+from emsid.wording.study import ratio as in_words
+
+CHECK = "noise-free, by the program's own simulator: a check of the estimator, not a result"
+THROUGH_ZERO = 0.06
+"""Share of the record in the picture of the study: about a second of the paper's inputs, a reversal with both sides."""
+BAR = 0.19
+"""Height of a bar, in rows of ordinary height."""
 
 HEADINGS = {
     PAPER: "Paper's model (5.10)",
@@ -37,31 +50,140 @@ def times(ratio: float | None) -> str:
     >>> times(557.2), times(46871.3), times(0.982), times(None)
     ('×557', '×46,900', '×0.982', '')
     """
-    return "" if ratio is None else f"×{float(f'{ratio:.3g}'):,.10g}"
+    return "" if ratio is None else in_words(ratio)
 
 
-def inputs_table(rows: Sequence[InputRow]) -> Table:
-    """Every model over many inputs: the lead of the page."""
-    best = max(range(len(rows)), key=lambda k: rows[k].median)
-    return Table(
-        ("Model", "Median", "Lowest", "Highest", "Parameters"),
-        tuple((row.model, *map(times, (row.median, row.lowest, row.highest)), str(row.parameters)) for row in rows),
-        f"Ratio to linear on the noisy bench, over {rows[0].inputs} pairs of inputs. Free run on unseen data.",
-        "Ratio to linear: free-run MSE of the paper's linear model (8 parameters) divided by that of this model. Every "
-        "input is a sum of two sines with amplitudes of 1.5 to 3.5 V, at 0.2 to 0.6 Hz and at 0.8 to 1.6 Hz.",
-        emphasised=frozenset({best}),
+def overview(part: Part, rows: Sequence[SummaryRow]) -> Figure:
+    """The picture of the study: measured speed through zero with free runs, and the ratio of every model."""
+    best = max((row for row in rows if row.better_unseen is not None), key=_ratio, default=None)
+    names = list(dict.fromkeys(name for name in (LINEAR, PAPER, best.model if best else "") if name in part.models))
+    shown = [part.on_unseen(name) for name in names]
+    record = shown[0].record
+    error = record.output - shown[0].simulation.output
+    (interval, *_) = views.critical_intervals(record, THROUGH_ZERO * len(record) * record.dt, error, count=1)
+    (near_zero, *_) = views.responses(shown, (interval,)).plots
+    through_zero = replace(near_zero, title=f"Through zero, {near_zero.title}", height=0.25 + BAR * len(rows))
+    drawn = [row for row in rows if not row.check]
+    values = np.array([_ratio(row) for row in drawn])
+    paper = np.array([(row.paper_unseen, k) for k, row in enumerate(drawn) if row.paper_unseen is not None], float)
+    known = values[np.isfinite(values)]
+    ratios = Plot(
+        (
+            Bars(values, tuple(times(row.better_unseen) or "diverged" for row in drawn), "this study"),
+            *((Points(paper[:, 0], paper[:, 1], "paper", Ink.RED),) if len(paper) else ()),
+        ),
+        Axis(
+            "Ratio to linear", "1", log=True, range=(0.5 * known.min(), 1.5 * known.max()) if len(known) else (0.5, 2.0)
+        ),
+        Axis("Model", names=tuple(row.model for row in drawn)),
+        "Linear MSE divided by that of the model",
+        height=0.25 + BAR * len(rows),
+    )
+    return Figure(
+        "overview",
+        f"The {part.name} on unseen data: measured and free runs where the linear model is worst, and the free-run MSE "
+        "of the linear model divided by that of each model; larger is better.",
+        (through_zero, ratios),
+        columns=2,
     )
 
 
-def ratios_table(parts: Sequence[Part]) -> Table:
-    """The paper's two ratios beside ours."""
-    rows = [row for part in parts for row in paper_ratios(part)]
+def _ratio(row: SummaryRow) -> float:
+    return float("nan") if row.better_unseen is None else row.better_unseen
+
+
+def paper_table(parts: Sequence[Part]) -> Table:
+    """The paper's Tables 1 and 2 beside the same errors of this study, and the ratios of both."""
+    rows = []
+    for part in parts:
+        ratios = {row.data: row for row in paper_ratios(part)}
+        for data, on in (("identification", part.on_identification), ("unseen", part.on_unseen)):
+            if data not in ratios:
+                continue
+            published, found = PAPER_MSE[part.name, data], ratios[data]
+            here = (number(on(model).row.simulation_mse) for model in (LINEAR, PAPER))
+            numbers = (*map(number, published), times(found.paper), *here, times(found.free_run), times(found.one_step))
+            rows.append((part.name, data, *numbers))
     return Table(
-        ("Study", "Data", "Paper", "Free run", "One step ahead"),
-        tuple((row.study, row.data, times(row.paper), times(row.free_run), times(row.one_step)) for row in rows),
-        "Linear MSE divided by nonlinear MSE, for the paper's two models (5.12) and (5.10).",
-        "The paper does not say whether its MSE (5.14) is of the free run or one step ahead.",
+        (
+            "Study",
+            "Data",
+            "Paper: linear MSE",
+            "Paper: nonlinear MSE",
+            "Paper: ratio",
+            "Here: linear MSE",
+            "Here: nonlinear MSE",
+            "Here: ratio in free run",
+            "Here: ratio one step ahead",
+        ),
+        tuple(rows),
+        "The paper's Tables 1 and 2 beside this study: linear model (5.12), nonlinear model (5.10).",
+        "Ratio: linear MSE divided by nonlinear MSE. The paper's motor is another one and its units are not stated, so "
+        "only ratios can be compared. It does not say whether its MSE (5.14) is of the free run or one step ahead.",
         text_columns=2,
+    )
+
+
+def models_table(rows: Mapping[str, Sequence[SummaryRow]], inputs: Sequence[InputRow]) -> Table:
+    """Every model with its free-run fit, its ratio to linear in each study, and over many inputs.
+
+    Args:
+        rows: the rows of each study, by its name; the first is the one for fits and the best model.
+        inputs: the survey of many inputs; empty where it does not speak of this motor.
+    """
+    first, *_ = rows.values()
+    models = {row.model: row for study in rows.values() for row in study}
+    found = {(name, row.model): row for name, study in rows.items() for row in study}
+    many = {row.model: row for row in inputs}
+    cells = []
+    for model, row in models.items():
+        of_first = next((each for each in first if each.model == model), None)
+        over = many.get(model)
+        cells.append(
+            (
+                model,
+                str(row.parameters),
+                "" if of_first is None else percent(of_first.fit_percent),
+                *(_times(found.get((name, model))) for name in rows),
+                *(("" if over is None else times(over.median),) if inputs else ()),
+                *(("" if over is None else f"{times(over.lowest)} to {times(over.highest)}",) if inputs else ()),
+                f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
+            )
+        )
+    best = max((row for row in first if not row.check), key=lambda row: row.better_unseen or 0.0).model
+    many_heads = ("Median, many inputs", "Lowest to highest") if inputs else ()
+    note = "Ratio: free-run MSE of the linear model divided by that of this model."
+    if inputs:
+        note += f" Many inputs: {inputs[0].inputs} pairs of two sines (1.5 to 3.5 V, 0.2 to 1.6 Hz) on the noisy bench."
+    return Table(
+        ("Model", "Parameters", "Free-run fit", *(f"Ratio, {name}" for name in rows), *many_heads, "Description"),
+        tuple(cells),
+        f"All models, in free run on unseen data; fit in the {first[0].study}.",
+        note,
+        ends_in_text=True,
+        emphasised=frozenset({list(models).index(best)}),
+    )
+
+
+def _times(row: SummaryRow | None) -> str:
+    """A ratio to the linear model; none in a check, whose error is only rounding."""
+    return "" if row is None else "check only" if row.check else times(row.better_unseen)
+
+
+def claims_table(found: Sequence[Finding], argument: Spelling = as_python) -> Table:
+    """What the paper says, what this study finds, and where it holds; findings about one claim share a row."""
+    rows: dict[str, list[Claim]] = {}
+    for each in (claim(finding, argument) for finding in found):
+        if each is not None:
+            rows.setdefault(each.paper, []).append(each)
+    return Table(
+        ("The paper", "This study", "Where it holds"),
+        tuple(
+            (paper, " ".join(each.found for each in same), "; ".join(each.where for each in same))
+            for paper, same in rows.items()
+        ),
+        "Claims of the paper, and what this study finds.",
+        text_columns=3,
     )
 
 

@@ -101,6 +101,7 @@ def _largest(rows: tuple[Largest, ...]) -> Finding:
     ]
     data = {
         "motors": usual.motors,
+        "readings": len(free),
         "usual": asdict(usual),
         "largest": asdict(best),
         "one_step": max(row.unseen for row in ahead if row.reading == usual.reading),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -95,7 +95,7 @@ def study_data(result: Study) -> dict[str, Any]:
     """The content of ``study.json``."""
     curve, richer, survey = result.load_friction, result.richer, result.survey
     data: dict[str, Any] = {
-        "schema": 3,
+        "schema": 4,
         "rows": [row.to_data() for row in result.rows],
         "summary": [asdict(row) for part in result.parts for row in summary(part, own_records=result.own_records)],
         "paper_ratios": [asdict(row) for part in result.parts for row in paper_ratios(part)],
@@ -111,33 +111,61 @@ def study_data(result: Study) -> dict[str, Any]:
     return content
 
 
+HEADLINE = ("study-paper-ratios", "study-even-terms", "study-what-decides", "study-best-model")
+"""The findings that sum up the study, in this order; the reason is one of the second and the third."""
+
+
+def headline(found: Sequence[Finding]) -> list[Finding]:
+    """What was found, in three findings at most: the paper's comparison, the reason, and the best model."""
+    by_code = {each.code: each for each in found}
+    if "study-even-terms" in by_code:
+        by_code.pop("study-what-decides", None)
+    return [by_code[code] for code in HEADLINE if code in by_code]
+
+
 def findings(result: Study) -> list[Finding]:
-    """Findings about each study, then about both."""
+    """Findings about both studies, then about each."""
     share = result.load_friction_mse / result.output_variance
     friction = about_load_friction(result.load_friction, result.load_friction_mse, share)
     return [
+        *_compared(result),
         *about_the_survey(result.survey, result.settings),
         *(finding for part in result.parts for finding in _of_part(result, part)),
         *([friction] if friction else []),
     ]
 
 
+def _compared(result: Study) -> Iterable[Finding]:
+    """The paper's comparison on its motor, the reason of its result, and the best model of the first study."""
+    parts = [part for part in result.parts if part.name == SIMULATION or not result.own_records]
+    ratios = [asdict(row) for part in parts for row in paper_ratios(part)]
+    if any(row["data"] == UNSEEN for row in ratios):
+        yield Finding("study-paper-ratios", PAPER, {"rows": ratios})
+    compared = [
+        (part, _better(part.on_unseen(LINEAR).row, part.on_unseen(PAPER).row)) for part in parts if PAPER in part.models
+    ]
+    studies = [
+        {"study": part.name, "better": better, "paper": paper_ratio(part.name, UNSEEN)}
+        for part, better in compared
+        if better is not None and better < NO_BETTER
+    ]
+    if studies and is_odd(result.settings.motor):
+        yield Finding("study-even-terms", PAPER, {"studies": studies})
+    rows = [row for row in summary(result.parts[0], own_records=result.own_records) if not row.check]
+    best = max(rows, key=lambda row: row.better_unseen or 0.0)
+    if best.better_unseen is not None:
+        data = {"study": best.study, "parameters": best.parameters}
+        data |= {"fit_percent": best.fit_percent, "ratio": best.better_unseen}
+        yield Finding("study-best-model", best.model, data)
+
+
 def _of_part(result: Study, part: Part) -> Iterable[Finding]:
-    known_motor = part.name == SIMULATION or not result.own_records
-    if PAPER in part.models and known_motor:
-        better = _better(part.on_unseen(LINEAR).row, part.on_unseen(PAPER).row)
-        if is_odd(result.settings.motor) and better is not None and better < NO_BETTER:
-            data = {"study": part.name, "better": better, "paper": paper_ratio(part.name, UNSEEN)}
-            yield Finding("study-even-terms", PAPER, data)
     if part.name == EXPERIMENT and not result.own_records:
         yield Finding("study-virtual-bench", part.name)
     if part.name == SIMULATION:
         yield Finding("study-noise-free", part.name)
     if TWO_MASSES in part.models:
         yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name, "fixed": list(FIXED)})
-    ratios = paper_ratios(part)
-    if ratios and known_motor:
-        yield Finding("study-paper-ratios", PAPER, {"study": part.name, "rows": [asdict(row) for row in ratios]})
     excited = about_excitation(part, result.richer if part.name == EXPERIMENT and not result.own_records else None)
     if excited:
         yield excited

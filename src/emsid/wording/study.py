@@ -2,51 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import listed
+
+
+def times(value: float) -> str:
+    """A number with three digits and commas.
+
+    >>> times(2034.5), times(0.9905)
+    ('2,030', '0.99')
+    """
+    return f"{float(f'{value:.3g}'):,.10g}"
 
 
 def ratio(value: float) -> str:
     """A ratio to the linear model, with three digits."""
-    return f"×{float(f'{value:.3g}'):,.10g}"
+    return f"×{times(value)}"
+
+
+def span(group: Mapping[str, Any]) -> str:
+    """The lowest and the highest ratio of a group."""
+    return f"{ratio(group['lowest'])} to {ratio(group['highest'])}"
 
 
 @words("study-load-friction")
 def load_friction(f: Finding, argument: Spelling) -> str:
+    """Data: mse, share, paper, at_most, unfair_from (or None), visible_from (or None), errors (two), difference."""
     d = f.data
-    most, (without, at_most) = 100 * d["at_most"], d["errors"]
-    cost = (
-        f"a linear–static–linear structure suits the motor as well with load friction up to {most:.3g} % of the "
-        f"rotor's: fitted again, its free-run MSE on unseen data is {without:.3g} without that friction and "
-        f"{at_most:.3g} with it"
+    suits = (
+        f"a linear–static–linear structure suits the motor up to {100 * d['at_most']:.3g} % of the rotor's friction"
         if d["unfair_from"] is None
-        else f"from a load friction of {100 * d['unfair_from']:.2g} % of the rotor's on, a linear–static–linear "
-        "structure "
-        "fitted to the motor has a larger free-run error by more than noise"
+        else f"a linear–static–linear structure is worse from {100 * d['unfair_from']:.2g} % of the rotor's friction on"
     )
-    seen = (
-        f"; without fitting it again, the friction costs as much as that error from {100 * d['visible_from']:.2g} % on"
-        if d["visible_from"] is not None
-        else ""
-    )
-    return (
-        f"Friction on the load side changes the speed by a mean square of {d['mse']:.3g} (rad/s)², "
-        f"{100 * d['share']:.2g} % of its variance (the paper's motor: {d['paper']:.3g}). That is small by the choice "
-        f"of the motor and says nothing about the structure. By its cost in free run, {cost}{seen}"
-    )
+    return f"Friction on the load makes up {percent(d['share'])} of the variance of the speed; {suits}"
 
 
 @words("study-paper-ratios")
 def paper_ratios(f: Finding, argument: Spelling) -> str:
-    """Data: study, rows (data, paper, free_run, one_step)."""
-    rows = [
-        f"on {row['data']} data {row['paper']:.3g} in the paper, "
-        f"{row['free_run']:.3g} here in free run and {row['one_step']:.3g} one step ahead"
-        for row in f.data["rows"]
-    ]
+    """Data: rows (study, data, paper, free_run, one_step), with those on unseen data."""
+    rows = [row for row in f.data["rows"] if row["data"] == "unseen"]
+    divisors = listed([f"{row['free_run']:.3g} in {row['study']} (paper: {row['paper']:.3g})" for row in rows])
+    return f"On unseen data, the paper's nonlinear model divides the linear model's free-run MSE by {divisors}"
+
+
+@words("study-best-model")
+def best_model(f: Finding, argument: Spelling) -> str:
+    """Data: study, parameters, fit_percent, ratio (1 for the linear model)."""
+    d = f.data
+    smaller = f", with an MSE {times(d['ratio'])} times smaller than the linear model's" if d["ratio"] != 1 else ""
     return (
-        f"Linear MSE divided by the MSE of {f.subject} ({f.data['study']}): {'; '.join(rows)}. The paper does not say "
-        "which of the two errors it means"
+        f"{f.subject} ({d['parameters']} parameters) is the best model of the {d['study']}: its free run fits to "
+        f"{d['fit_percent']:.1f} %{smaller}"
     )
 
 
@@ -62,69 +72,39 @@ def survey_recorded(f: Finding, argument: Spelling) -> str:
 def many_inputs(f: Finding, argument: Spelling) -> str:
     """Data: rows (model, parameters, inputs, median, lowest, highest)."""
     rows = f.data["rows"]
-    listed = "; ".join(
-        f"{row['model']} ({row['parameters']} parameters) {ratio(row['median'])}, "
-        f"{ratio(row['lowest'])} to {ratio(row['highest'])}"
-        for row in rows
-    )
-    return (
-        f"On the noisy bench, over {rows[0]['inputs']} pairs of inputs, the free-run MSE of the linear model divided "
-        f"by that of another is in the median, and from lowest to highest: {listed}"
-    )
+    medians = listed([f"{ratio(row['median'])} for {row['model']}" for row in rows])
+    return f"Over {rows[0]['inputs']} pairs of inputs on the noisy bench, the median ratio to linear is {medians}"
 
 
 @words("study-what-decides")
 def what_decides(f: Finding, argument: Spelling) -> str:
     """Data: even and odd (motors, lowest, highest; or None), always (by model, the smallest ratio)."""
     even, odd = f.data["even"], f.data["odd"]
-    parts = [
-        f"on {group['motors']} motors {where} its ratio to linear is {ratio(group['lowest'])} to "
-        f"{ratio(group['highest'])}"
-        for group, where in (
-            (odd, "that are the same in both directions"),
-            (even, "where a part of the linear model's error is the same for u and −u"),
-        )
-        if group
-    ]
-    always = ", ".join(f"{model} {ratio(least)}" for model, least in f.data["always"].items())
-    return (
-        f"Whether {f.subject} helps is decided by the error that is the same for u and −u, the only one that its "
-        f"quadratic terms can describe: {'; '.join(parts)}. On every motor the others reach at least: {always}"
-    )
+    where = "where the linear model's error is"
+    parts = [f"{span(even)} on {even['motors']} motors {where} partly even in u"] if even else []
+    if odd:
+        parts.append(f"{span(odd)} on {odd['motors']} {'others' if even else f'motors {where} not even in u'}")
+    return f"{f.subject} reaches ratios of {', '.join(parts)}"
 
 
 @words("study-largest-ratio")
 def largest_ratio(f: Finding, argument: Spelling) -> str:
-    """Data: motors, usual and largest (rows), one_step, published (two ratios), reached (readings)."""
+    """Data: motors, readings, usual and largest (rows), one_step, published (two ratios), reached (readings)."""
     d = f.data
-    usual, best = d["usual"], d["largest"]
-    first, second = (ratio(each) for each in d["published"])
-    reached = (
-        f"Both ratios of the paper's simulation, {first} and {second}, are reached by a motor of the family only with "
-        f"these inputs: {', '.join(d['reached'])}"
-        if d["reached"]
-        else f"Under no reading does a motor of the family reach both ratios of the paper's simulation, {first} and "
-        f"{second}"
-    )
     return (
-        f"The largest ratio of {f.subject} over {d['motors']} motors is {ratio(usual['unseen'])} in free run on unseen "
-        f"data ({ratio(usual['identification'])} on identification data) and {ratio(d['one_step'])} one step ahead, "
-        f"with the inputs of the study; over all readings it is {ratio(best['unseen'])} in free run "
-        f"({best['reading']}). {reached}"
+        f"The largest ratio of {f.subject} over {d['motors']} motors is {ratio(d['usual']['unseen'])} with the inputs "
+        f"of the study and {ratio(d['largest']['unseen'])} over {d['readings']} kinds of experiment"
     )
 
 
 @words("study-two-masses", Severity.WARNING)
 def two_masses(f: Finding, argument: Spelling) -> str:
     """Data: rows (record, parameters, covered, worst, error, interval), fixed (names)."""
-    rows = "; ".join(
-        f"{row['record']}: {row['covered']} of {row['parameters']}, largest error {percent(row['error'])} in "
-        f"{row['worst']} with an interval of ± {percent(row['interval'])}"
-        for row in f.data["rows"]
-    )
+    covered = [row["covered"] for row in f.data["rows"]]
     return (
-        f"{f.subject} on several records, and how many of its 95 % intervals contain the true value – {rows}. The "
-        f"intervals do not include the uncertainty of what is fixed: {', '.join(f.data['fixed'])}"
+        f"The 95 % intervals of {f.subject} contain {min(covered)} to {max(covered)} of "
+        f"{f.data['rows'][0]['parameters']} true values, depending on the record; they do not include the uncertainty "
+        "of fixed values"
     )
 
 
@@ -137,42 +117,25 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def mse(value: float | None) -> str:
-    """A mean square error, or that there is none."""
-    return "(diverges)" if value is None else f"{value:.3g}"
-
-
 @words("study-excitation")
 def excitation(f: Finding, argument: Spelling) -> str:
     """Data: study, order, parameters, condition, crest_factor, richer (or None)."""
-    d, richer = f.data, f.data["richer"]
-    enough = "enough for" if d["order"] >= d["parameters"] else "too few for"
-    text = (
-        f"The input of the {d['study']} study is persistently exciting of order {d['order']}, {enough} the "
-        f"{d['parameters']} parameters of the linear model; only nonlinearity and noise determine the rest"
-        if d["order"] < d["parameters"]
-        else f"The input of the {d['study']} study is persistently exciting of order {d['order']} or more, {enough} "
-        "the "
-        f"{d['parameters']} parameters of the linear model"
+    d = f.data
+    order, enough = (
+        (f"{d['order']}", "too few for") if d["order"] < d["parameters"] else (f"{d['order']} or more", "enough for")
     )
-    text += f" (condition number {d['condition']:.2g}, crest factor {d['crest_factor']:.3g})"
-    if richer is None:
-        return text
-    changes = ", ".join(f"{name} {mse(two)} to {mse(many)}" for name, (two, many) in richer["errors"].items())
     return (
-        f"{text}. A multisine of the same peak has order {richer['order']} or more, condition number "
-        f"{richer['condition']:.2g} and crest factor {richer['crest_factor']:.3g}; models fitted to it change their "
-        f"free-run MSE on the unseen record of two sines: {changes}"
+        f"The input of the {d['study']} study is persistently exciting of order {order}, {enough} the "
+        f"{d['parameters']} parameters of the linear model"
     )
 
 
 @words("study-even-terms")
 def even_terms(f: Finding, argument: Spelling) -> str:
-    d = f.data
+    """Data: studies (study, better, paper)."""
     return (
-        f"{f.subject} ({d['study']}): its free-run MSE is {1 / d['better']:.2f} times the linear model's, and "
-        f"{1 / d['paper']:.2g} times in the paper; quadratic terms are even functions and cannot describe the "
-        "dead zone and friction of this motor, which are the same in both directions"
+        f"The quadratic terms of {f.subject} are the same for u and −u, so they cannot describe a dead zone and "
+        "friction that are alike in both directions"
     )
 
 
@@ -211,19 +174,12 @@ def one_step(f: Finding, argument: Spelling) -> str:
 
 @words("study-recursive-and-batch")
 def recursive_and_batch(f: Finding, argument: Spelling) -> str:
+    """Data: study, difference, forgetting; where known condition, covariance, ridge, vanishes_at (or None)."""
     d = f.data
     share = format(100 * d["difference"], ".2g" if d["difference"] < 1 else ",.0f")
-    text = (
+    return (
         f"Recursive and batch least squares (forgetting factor {d['forgetting']:g}) differ by at most {share} % of the "
         f"free-run MSE in the {d['study']} study, in {f.subject}"
-    )
-    if d.get("covariance") is None:
-        return text
-    from_there = "at none of those tried" if d["vanishes_at"] is None else f"from P(0) = {d['vanishes_at']:.0e} on"
-    return (
-        f"{text}. P(0) = {d['covariance']:.0e} acts as a ridge of {1 / d['covariance']:.0e}, at a condition number of "
-        f"{d['condition']:.2g}: batch least squares with this ridge differs by {100 * abs(d['ridge']):.2g} %. The "
-        f"difference is below 1 % {from_there}"
     )
 
 

@@ -13,6 +13,7 @@ from emsid.cli.fork import meanwhile
 from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
+    Details,
     Json,
     Out,
     Pdf,
@@ -143,7 +144,6 @@ Profile = Annotated[
 Bootstrap = Annotated[
     int, typer.Option(metavar="N", help="Intervals and bands from N fits to drawn pieces of the data.", min=0)
 ]
-Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the drawn pieces.", min=0)]
 
 

@@ -1,6 +1,5 @@
 """``emsid study``."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,18 +8,19 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
+from emsid.cli.options import Details, Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, working
+from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, width_of_terminal, working
 from emsid.cli.writing import as_json, attempted, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
-    from emsid.findings import Finding
     from emsid.study import Study
 
-MAIN = ("study-many-inputs", "study-even-terms")
-"""Findings that are printed beside warnings; the report has all."""
+LEFT_OUT = ("Lowest to highest", "Description")
+"""Columns of the table of models that are only on the page."""
+NARROW = 100
+"""A terminal of fewer letters has no room for the fits and for the columns of many inputs."""
 
 Record = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
@@ -54,6 +54,7 @@ def study(
     knots: Knots = 12,
     transient: Transient = None,
     survey: Survey = False,
+    details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
 ) -> None:
@@ -64,8 +65,9 @@ def study(
     recorded; --survey repeats it. On records of your own, orders, knots and refinements are chosen as by emsid
     identify; the paper's models keep their orders.
 
-    Writes report.html, study.json and the figures as SVG. The options for columns and times apply to --record and
-    --validate.
+    It prints at most 30 lines: what was found, the ratio of every model, and warnings; --details prints all errors and
+    the claims of the paper, too. Writes report.html, study.json and the figures as SVG. The options for columns and
+    times apply to --record and --validate.
 
     \b
     Examples:
@@ -99,7 +101,7 @@ def study(
             if json:
                 say_json(as_json(study_data(result)))
             else:
-                _print(result)
+                _print(result, details)
     if unwritten is not None:
         raise unwritten
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
@@ -109,23 +111,28 @@ def study(
     INTERRUPTION.end(result.interrupted or not drawn)
 
 
-def _print(result: "Study") -> None:
-    """The tables of all parts, and what to know first."""
-    from emsid.report.study_page import summary_table
+def _print(result: "Study", details: bool) -> None:
+    """What was found, the ratios of all models beside those of the paper, and warnings; then all errors and claims."""
+    from emsid.report.study_page import lead_inputs, study_rows
+    from emsid.report.study_views import claims_table, models_table, paper_table
     from emsid.report.views.tables import results_table
-    from emsid.study.summary import findings
+    from emsid.study.summary import findings, headline
+    from emsid.wording import Severity, sentence, severity
+    from emsid.wording.first_screen import more
 
+    found = findings(result)
+    say(*(sentence(each, option) for each in headline(found)), "")
+    narrow = width_of_terminal() < NARROW
+    models = models_table(study_rows(result), () if narrow else lead_inputs(result))
+    show(text_table(models, (*LEFT_OUT, "Free-run fit") if narrow else LEFT_OUT))
+    say(*(f"- {sentence(each, option)}" for each in found if severity(each) is not Severity.INFO))
+    if not details:
+        say(more(option))
+        return
+    say("")
     for part in result.parts:
         caption = f"The {part.name} study."
         show(text_table(results_table(part.rows, unit=part.unseen.output_units[0], caption=caption)))
-        show(text_table(summary_table(part, own_records=result.own_records)))
-    say(EXPLAINED, "", *_noticed(findings(result)))
-
-
-def _noticed(found: "Sequence[Finding]") -> list[str]:
-    """The main findings and the warnings as lines, and how many there are besides."""
-    from emsid.wording import Severity, sentence, severity
-
-    shown = [each for each in found if each.code in MAIN or severity(each) is not Severity.INFO]
-    more = [f"- in the report: {len(found) - len(shown)} more findings"] if len(shown) < len(found) else []
-    return [*(f"- {sentence(each, option)}" for each in shown), *more]
+    say(EXPLAINED, "")
+    show(text_table(paper_table(result.parts)))
+    show(text_table(claims_table(found, option)))

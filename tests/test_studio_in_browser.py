@@ -1,50 +1,180 @@
-"""The page of the studio in headless Chromium: from an example to a model, with the keyboard and on a phone."""
+"""The page of the studio in headless Chromium: from a file to a model, in two tabs, by keys, narrow, live.
+
+With a folder in EMSID_PICTURES, the tests leave pictures of the page there, which the documentation shows.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import shutil
+import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from base64 import b64decode
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
+from urllib.request import urlopen
 
+import numpy as np
 import pytest
 
 pytest.importorskip("selenium")
 from selenium import webdriver
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from emsid.studio import uplot
+from live_sessions import lines
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="needs Debian's chromium and chromium-driver"),
     pytest.mark.skipif(not uplot.is_there(), reason="needs uPlot: python -m emsid.studio.uplot"),
+    pytest.mark.xdist_group("browser"),  # one browser and one server for all
 ]
 FLAGS = (
     "headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking "
-    "disable-component-update disable-sync"
+    "disable-component-update disable-sync hide-scrollbars"
 )
+CELLS = "return [...document.querySelectorAll('.scroll tbody tr')].map((row) => [...row.cells].map((x) => x.innerText))"
+PICTURES = os.environ.get("EMSID_PICTURES")
 
 
-@pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    words = [sys.executable, "-m", "emsid", "studio", "--session", str(tmp_path / "session"), "--no-browser"]
+@dataclass
+class Page:
+    """The page of a server in a browser."""
+
+    browser: Any
+    address: str
+
+    def post(self, path: str, content: dict[str, Any] | None = None, body: bytes | None = None) -> Any:
+        """Ask the server beside the page, as another page would."""
+        sent = json.dumps(content or {}).encode() if body is None else body
+        with urlopen(f"{self.address}api/{path}", sent, timeout=60) as answer:
+            return json.load(answer)
+
+    def state(self) -> dict[str, Any]:
+        with urlopen(f"{self.address}api/state", timeout=60) as answer:
+            found: dict[str, Any] = json.load(answer)
+        return found
+
+    def open(self, part: str) -> None:
+        """Load the page anew, at one of its parts."""
+        self.browser.get("about:blank")
+        self.browser.get(f"{self.address}#{part}")
+        self.find(f"#tab-{part}[aria-selected=true]")
+
+    def until(self, found: Callable[[], Any], seconds: float = 60) -> Any:
+        """What a function finds, as soon as that is something; elements that are replaced meanwhile are looked for."""
+        waiting = WebDriverWait(self.browser, seconds, 0.05, ignored_exceptions=[WebDriverException])
+        return waiting.until(lambda _: found())
+
+    def shows(self, check: Callable[[], None]) -> None:
+        """Wait until a check does not fail."""
+
+        def holds() -> bool:
+            with suppress(AssertionError):
+                check()
+                return True
+            return False
+
+        self.until(holds, 10)
+
+    def find(self, selector: str, count: int = 1) -> Any:
+        """The first element of a selector, once there are so many."""
+        return self.until(lambda: len(self.all(selector)) >= count and self.all(selector)[0])
+
+    def all(self, selector: str) -> list[Any]:
+        found: list[Any] = self.browser.find_elements(By.CSS_SELECTOR, selector)
+        return found
+
+    def press(self, text: str) -> None:
+        """Press the button with this text, once it is there."""
+
+        def pressed() -> bool:
+            self.browser.find_element(By.XPATH, f"//button[.='{text}']").click()
+            return True
+
+        self.until(pressed)
+
+    def type(self, label: str, text: str) -> None:
+        """Write into a field, and leave it."""
+
+        def typed() -> bool:
+            field = self.browser.find_element(By.CSS_SELECTOR, f"[aria-label='{label}']")
+            field.clear()
+            field.send_keys(text, Keys.TAB)
+            return True
+
+        self.until(typed)
+
+    def text(self) -> str:
+        return str(self.browser.find_element(By.ID, "main").text)
+
+    def says(self, text: str, seconds: float = 60) -> None:
+        self.until(lambda: text in self.text(), seconds)
+
+    def picture(self, name: str, dark: bool = False, width: int = 1280, height: int = 900) -> None:
+        """Keep a picture for the documentation."""
+        if PICTURES:
+            tell = self.browser.execute_cdp_cmd
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+            tell("Emulation.setDeviceMetricsOverride", size)
+            scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+            tell("Emulation.setEmulatedMedia", {"features": [scheme]})
+            time.sleep(0.5)  # plots are drawn anew in their size
+            content = b64decode(tell("Page.captureScreenshot", {"format": "png"})["data"])
+            (Path(PICTURES) / f"studio-{name}.png").write_bytes(content)
+            tell("Emulation.clearDeviceMetricsOverride", {})
+            tell("Emulation.setEmulatedMedia", {"features": []})
+
+
+@contextmanager
+def serving(session: Path) -> Iterator[str]:
+    """A server of a session, as a user starts it; its address."""
+    words = [sys.executable, "-m", "emsid", "studio", "--session", str(session), "--no-browser"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
-        yield server.stdout.readline().split()[-1]
-        server.terminate()
+        try:
+            yield server.stdout.readline().split()[-1]
+        finally:
+            server.terminate()
 
 
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Any]:
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("studio") / "session"
+
+
+@pytest.fixture(scope="module")
+def address(session: Path) -> Iterator[str]:
+    with serving(session) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def downloads(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("downloads")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory, downloads: Path) -> Iterator[Any]:
     options = webdriver.ChromeOptions()
     for flag in FLAGS.split():
         options.add_argument(f"--{flag}")
-    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
     options.binary_location = str(CHROMIUM)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER), env=dict(os.environ)))
@@ -52,33 +182,195 @@ def browser(tmp_path: Path) -> Iterator[Any]:
     driver.quit()
 
 
-def test_a_first_user_gets_from_a_file_to_a_comparison(address: str, browser: Any, tmp_path: Path) -> None:
-    def until(found: Any, seconds: float = 60) -> Any:
-        return WebDriverWait(browser, seconds).until(found)
-
-    def button(text: str) -> Any:
-        return until(lambda d: d.find_element(By.XPATH, f"//main//button[.='{text}']"))
-
-    file = tmp_path / "log.csv"
-    rows = [(k / 100, 3.0 if k // 25 % 2 else -2.0 + k // 100) for k in range(400)]
-    y, lines = 0.0, ["t,voltage,<img src=x onerror=document.title=1>"]
-    for t, u in rows:
-        lines.append(f"{t:.2f},{u},{y:.5f}")
-        y = 0.9 * y + 0.5 * u
-    file.write_text("\n".join(lines))
-    browser.get(address)
-    until(lambda d: d.find_element(By.ID, "pick")).send_keys(str(file))
-    until(lambda d: len(d.find_elements(By.CSS_SELECTOR, ".uplot")) == 2)
-    assert browser.title == "emsid studio"
-    browser.find_element(By.ID, "tab-models").click()
-    until(lambda d: d.find_element(By.XPATH, "//input[@value='arx']")).click()
-    browser.find_element(By.ID, "fit").click()
-    button("Compare").click()
-    until(lambda d: len(d.find_elements(By.CSS_SELECTOR, ".uplot")) == 2)
-    browser.refresh()  # the run is still there
-    until(lambda d: d.find_element(By.XPATH, "//main//pre[contains(., 'y(t)')]"))
-    browser.find_element(By.ID, "tab-play").click()
-    until(lambda d: "answered in" in d.find_element(By.ID, "main").text)
-    browser.set_window_size(500, 900)
-    until(lambda d: d.execute_script("return document.documentElement.scrollWidth <= window.innerWidth"), 10)
+@pytest.fixture
+def page(browser: Any, address: str) -> Iterator[Page]:
+    """The page without data; what it writes to the console fails the test."""
+    page = Page(browser, address)
+    page.post("edit", {"files": [], "models": [], "options": {}, "unseen": 0.3})
+    yield page
     assert [each["message"] for each in browser.get_log("browser")] == []
+
+
+def table(rows: int = 400, name: str = "speed") -> bytes:
+    rng = np.random.default_rng(3)
+    u, y = np.repeat(rng.uniform(-5, 5, rows // 10), 10), 0.0
+    text = [f't,voltage,"{name}"']
+    for k in range(rows):
+        text.append(f"{k / 100:.2f},{u[k]:.5f},{y + 0.01 * rng.standard_normal():.5f}")
+        y = 0.9 * y + 0.5 * u[k]
+    return "\n".join(text).encode()
+
+
+def test_a_first_user_gets_from_a_file_to_a_comparison(
+    page: Page, session: Path, downloads: Path, tmp_path: Path, command: Callable[..., int]
+) -> None:
+    """Load, correct a unit, mask, split, fit, compare, play, copy as command and run it, export, and reopen."""
+    file = tmp_path / "log.csv"
+    hostile = "<img src=x onerror=document.title=1>"
+    file.write_bytes(table(name=hostile))
+    page.open("data")
+    page.find("#pick").send_keys(str(file))
+    page.find(".uplot", 2)
+    assert page.browser.title == "emsid studio"
+    page.type(f"Unit of {hostile}", "rpm")
+    page.until(lambda: page.state()["data"]["records"][0]["channels"][1]["unit"] == "rad/s")
+    page.type("From [s]", "1")
+    page.type("To [s]", "1.19")
+    page.press("Leave out")
+    page.says("380 samples")
+    page.type("From [s]", "3")
+    page.press("Unseen from here on")
+    page.until(lambda: page.state()["step"]["unseen"] == pytest.approx(100 / 380))
+    page.press("Models")
+    page.find("input[value=arx]").click()
+    page.find("summary").click()
+    for order in ("Past outputs na", "Past inputs nb", "Delay nk [samples]"):
+        page.type(order, "1")
+    page.press("Fit")
+    page.press("Compare")
+    page.find(".uplot", 2)
+    page.browser.refresh()  # the run is still there
+    page.until(lambda: any("y(t)" in each.text or hostile in each.text for each in page.all("main pre")))
+    page.press("Play")
+    page.says("answered in")
+    compare_sliders(page)
+    page.browser.set_window_size(500, 900)
+    page.until(lambda: page.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), 10)
+    page.press("Copy as command")
+    words = shlex.split(page.find("dialog textarea").get_attribute("value"))
+    page.press("Close")
+    assert command(*words[1:], "--out", tmp_path / "again") == 0
+    run = page.state()["runs"][0]["number"]
+    own, again = (read(path / "result.json") for path in (session / "runs" / run, tmp_path / "again"))
+    assert (own["fits"], own["rows"]) == (again["fits"], again["rows"])
+    page.press("Models")
+    page.press("Export c99")
+    page.until(lambda: list(downloads.glob("*c99.zip")))
+    with serving(shutil.copytree(session, tmp_path / "copy")) as copy:
+        page.browser.get(f"{copy}#compare")
+        page.find(".uplot", 2)
+        page.browser.get("about:blank")
+
+
+def read(path: Path) -> Any:
+    return json.loads(path.read_bytes())
+
+
+def compare_sliders(page: Page) -> None:
+    """Every parameter has a slider with its name, and moving one changes the answer."""
+    run = page.state()["runs"][0]["number"]
+    with urlopen(f"{page.address}api/runs/{run}/sliders/arx", timeout=60) as answer:
+        names = [each["name"] for each in json.load(answer)]
+    assert [each.get_attribute("aria-label") for each in page.all("input[type=range]")] == names
+    assert "[object" not in page.text()
+    box = f"[aria-label='{names[0]} as a number']"
+    before = page.find(box).get_attribute("value")
+    page.find("input[type=range]").send_keys(Keys.PAGE_UP)
+    assert page.find(box).get_attribute("value") != before
+    page.press("As estimated")
+    assert page.find(box).get_attribute("value") == before
+
+
+def test_two_tabs_show_one_session_and_a_reload_in_the_middle_of_a_fit_finds_it(page: Page) -> None:
+    browser, progress = page.browser, "progress"
+    page.open("models")
+    page.says("no data yet")
+    first = browser.current_window_handle
+    browser.switch_to.new_window("tab")
+    page.open("models")
+    page.says("no data yet")
+    second = browser.current_window_handle
+    page.post("example", {"name": "motor"})
+    page.find("#fit")
+    browser.switch_to.window(first)  # it was told too
+    page.press("Fit")
+    page.find(progress)
+    browser.refresh()
+    page.find(progress)
+    browser.switch_to.window(second)
+    page.press("Cancel")
+    page.until(lambda: not page.all(progress))
+    number = page.state()["runs"][0]["number"]
+    assert f"Run {number}: " in page.text()
+    browser.switch_to.window(first)
+    page.until(lambda: not page.all(progress))
+    assert f"Run {number}: " in page.text()
+    browser.switch_to.window(second)
+    browser.close()
+    browser.switch_to.window(first)
+
+
+def test_arrows_change_the_part_and_keep_the_focus_on_its_tab(page: Page) -> None:
+    page.open("data")
+    chosen = []
+    page.browser.execute_script("document.getElementById('tab-data').focus()")
+    for key in (Keys.ARROW_RIGHT, Keys.END, Keys.ARROW_RIGHT, Keys.ARROW_LEFT, Keys.HOME):
+        page.browser.switch_to.active_element.send_keys(key)
+        found = page.browser.switch_to.active_element
+        assert found.get_attribute("aria-selected") == "true"
+        assert len(page.all("[role=tab][tabindex='0']")) == 1
+        chosen.append(found.get_attribute("id").removeprefix("tab-"))
+    assert chosen == ["models", "live", "data", "live", "data"]
+
+
+def test_arrows_move_a_plot_and_the_others_with_it(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.open("data")
+    page.find(".uplot", 2)
+    asked = "return performance.getEntriesByType('resource').map((each) => each.name)"
+
+    def drawn(first: float, last: float) -> None:
+        """Wait until this part of both channels is drawn."""
+        names = [name for name in page.browser.execute_script(asked) if "/window?" in name][-2:]
+        parts = [parse_qs(urlsplit(name).query) for name in names]
+        assert {part["channel"][0] for part in parts} == {"voltage", "speed"}
+        assert [float(part[end][0]) for part in parts for end in ("from", "to")] == pytest.approx([first, last] * 2)
+
+    for key, first, last in (("+", 0.9975, 2.9925), (Keys.ARROW_RIGHT, 1.49625, 3.49125), ("0", 0, 3.99)):
+        page.find(".plot").send_keys(key)
+        page.shows(partial(drawn, first, last))
+
+
+@contextmanager
+def source() -> Iterator[str]:
+    """A port that sends a first-order motor whose gain falls to half in the middle, faster than it would run."""
+    listener, content = (
+        socket.create_server(("127.0.0.1", 0)),
+        lines(4000, step=3000, dt=0.01).splitlines(keepends=True),
+    )
+
+    def send() -> None:
+        with suppress(OSError):
+            connection = listener.accept()[0]
+            with connection:
+                for k in range(0, len(content), 50):
+                    connection.sendall(b"".join(content[k : k + 50]))
+                    time.sleep(0.01)
+                time.sleep(60)  # the board is quiet, and still there
+
+    Thread(target=send, daemon=True).start()
+    with listener:
+        yield f"socket://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def test_a_running_source_is_followed_with_parameters_and_alarms(page: Page, session: Path) -> None:
+    page.open("live")
+    with source() as address:
+        page.type("Source", address)
+        page.type("na", "1")
+        page.type("nb", "1")
+        page.press("Follow")
+        page.says("4000 samples")
+        rows = page.browser.execute_script(CELLS)
+        page.picture("live")
+        page.press("Stop")
+        page.says("the source has ended")
+    assert {name: float(value) for name, value, _ in rows} == {
+        "a1": pytest.approx(-0.9, abs=0.03),
+        "b1": pytest.approx(0.1, abs=0.01),
+        "static gain over the range of the input": pytest.approx(1.0, abs=0.2),
+        "time constant": pytest.approx(0.0949, rel=0.2),
+    }
+    assert "has changed" in page.text()
+    written = {each.name for each in next(session.glob("live-*")).iterdir()}
+    assert {"report.html", "log.txt"} <= written

@@ -13,7 +13,17 @@ from typing import Any
 import msgspec
 
 from emsid.errors import DataError
+from emsid.findings import Finding
 from emsid.studio.session import Session
+from emsid.wording import as_python, sentence
+
+
+def worded(message: dict[str, Any]) -> dict[str, Any]:
+    """A message of a tracking, where it is a finding with its sentence."""
+    if message["kind"] != "finding":
+        return message
+    found = Finding(message["code"], message["subject"], message["data"])
+    return {**message, "text": sentence(found, as_python)}
 
 
 @dataclass
@@ -61,7 +71,7 @@ class Live:
         with process:
             for line in process.stdout:
                 with suppress(msgspec.DecodeError):
-                    self.announce({"kind": "live", "message": msgspec.json.decode(line)})
+                    self.announce({"kind": "live", "message": worded(msgspec.json.decode(line))})
             said = process.stderr.read().strip()
         self.problem = said if process.returncode > 0 else ""
         self.announce({"kind": "live", "message": {"kind": "ended", "problem": self.problem}})

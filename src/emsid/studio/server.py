@@ -48,7 +48,7 @@ REPORT_POLICY = (
 class Messages:
     """Messages to every open page, as server-sent events."""
 
-    queues: set[asyncio.Queue[bytes]] = field(default_factory=set)
+    queues: set[asyncio.Queue[bytes | None]] = field(default_factory=set)
     loop: asyncio.AbstractEventLoop | None = None
 
     def announce(self, message: Mapping[str, Any]) -> None:
@@ -63,19 +63,26 @@ class Messages:
             if queue.qsize() < 1000:  # a page that does not read misses progress, not results
                 queue.put_nowait(line)
 
+    def end(self) -> None:
+        """End all streams; the server waits for them."""
+        for queue in self.queues:
+            queue.put_nowait(None)
+
     async def stream(self, request: Request) -> Response:
         """The messages from now on."""
-        queue: asyncio.Queue[bytes] = asyncio.Queue()
+        queue: asyncio.Queue[bytes | None] = asyncio.Queue()
 
         async def lines() -> AsyncIterator[bytes]:
             self.queues.add(queue)
             try:
                 yield b"retry: 500\n\n"
-                while True:
+                line: bytes | None = b""
+                while line is not None:
+                    yield line
                     try:
-                        yield await asyncio.wait_for(queue.get(), 15)
+                        line = await asyncio.wait_for(queue.get(), 15)
                     except TimeoutError:
-                        yield b": still here\n\n"
+                        line = b": still here\n\n"
             finally:
                 self.queues.discard(queue)
 
@@ -257,6 +264,19 @@ def application(studio: Studio, messages: Messages, token: str, port: int) -> Gu
     return Guard(life, token, port)
 
 
+class Serving(uvicorn.Server):
+    """A server that ends the streams of messages when it is told to end."""
+
+    def __init__(self, config: uvicorn.Config, messages: Messages) -> None:
+        super().__init__(config)
+        self._messages = messages
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End."""
+        self._messages.end()
+        await super().shutdown(sockets)
+
+
 def serve(
     folder: Path,
     files: list[Path],
@@ -316,7 +336,7 @@ def serve(
         if browser:
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         try:
-            uvicorn.Server(config).run(sockets=[listening])
+            Serving(config, messages).run(sockets=[listening])
         finally:
             studio.runs.close()
             studio.live.stop()

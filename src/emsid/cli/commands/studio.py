@@ -93,5 +93,5 @@ def track_of(asked: Mapping[str, Any], folder: Path) -> list[str]:
     names = ("structure", "na", "nb", "nk", "header", "input", "output", "time", "dt", "baud", "forgetting")
     given = {name: str(asked.get(name) or "").strip() for name in names}
     words = [f"{option(name)}={text}" for name, text in given.items() if text]
-    program = [sys.executable, "-m", "emsid", "track", "--json", "--out", str(folder)]
-    return [*program, *words, "--", str(asked["source"])]
+    program = [sys.executable, "-m", "emsid", "track", "--json", "--every=0.05"]  # a plot that moves
+    return [*program, "--out", str(folder), *words, "--", str(asked["source"])]

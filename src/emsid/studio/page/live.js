@@ -15,18 +15,18 @@ export function liveMessage(message) {
       list.push(value);
       if (list.length > KEPT) list.shift();
     }
-  } else if (message.kind === "finding") live.alarms.unshift(`${number(message.time)} s: ${message.code.replaceAll("-", " ")} ${message.subject}`);
+  } else if (message.kind === "finding") live.alarms.unshift(message.text);
   else if (message.kind === "ended") live.alarms.unshift(message.problem || "the source has ended; record and report are in the session");
   show(message);
 }
 
 export function showLive(main, app) {
-  const field = (name, label, placeholder = "") => el("label", {}, label, el("input", { name, placeholder, "aria-label": label }));
+  const field = (name, label, placeholder = "", size = 10) => el("label", {}, label, el("input", { name, placeholder, size, "aria-label": label }));
   const form = el("form", { class: "options", onsubmit: (event) => {
     event.preventDefault();
     attempt(() => post("live", Object.fromEntries(new FormData(form))));
-  } }, field("source", "Source", "serial:///dev/ttyACM0"), field("structure", "Structure", "arx"), field("na", "na"), field("nb", "nb"),
-  field("header", "Columns without header"), field("input", "Input column"), field("output", "Output column"), field("time", "Time column"), field("dt", "Sample time"),
+  } }, field("source", "Source", "serial:///dev/ttyACM0", 28), field("structure", "Structure", "arx"), field("na", "na"), field("nb", "nb"),
+  field("header", "Columns without header", "t[ms],u[V],y[rpm]", 18), field("input", "Input column"), field("output", "Output column"), field("time", "Time column"), field("dt", "Sample time"),
   el("button", { class: "main" }, "Follow"), el("button", { type: "button", onclick: () => attempt(() => post("live/stop")) }, "Stop"));
   const upper = el("div", { class: "plot" }), lower = el("div", { class: "plot" }), below = el("div", { "aria-live": "polite" });
   main.append(el("h2", {}, "A running source"), form, upper, lower, below);

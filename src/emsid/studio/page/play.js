@@ -23,10 +23,8 @@ export async function showPlay(main, app) {
     onchange: (event) => { input[name] = Number(event.target.value); play(); } }));
   main.append(el("div", { class: "row" }, choose, el("label", {}, "Model ", pick), el("label", {}, "Input ", kind),
     field("amplitude", "Amplitude"), field("duration", "Duration [s]"), time), canvas, upper, lower);
-  const output = arrays(upper, ["simulated", "measured"], found.units[0], 260), given = arrays(lower, ["input"], "", 140);
-  const watch = new ResizeObserver(() => [[output, 260], [given, 140]].forEach(([plot, height]) => plot.setSize({ width: Math.max(main.clientWidth - 40, 200), height })));
-  watch.observe(document.body);
-  app.close = () => { watch.disconnect(); output.destroy(); given.destroy(); };
+  const output = arrays(upper, ["measured", "simulated"], found.units[0], 260), given = arrays(lower, ["input"], "", 140);
+  app.close = () => { output.destroy(); given.destroy(); };
   let busy = false, again = false;
   async function play() {
     if (busy) { again = true; return; }
@@ -34,7 +32,7 @@ export async function showPlay(main, app) {
     await attempt(async () => {
       const begun = performance.now();
       const { t, rows: [u, y, measured] } = unpack(await binary("play", { run, model, values, input, width: Math.max(upper.clientWidth, 200) }), null, true);
-      output.setData([t, y, measured]);
+      output.setData([t, measured, y]);
       given.setData([t, u]);
       time.textContent = `answered in ${Math.round(performance.now() - begun)} ms`;
     });
@@ -44,7 +42,7 @@ export async function showPlay(main, app) {
   draw(canvas, input, play);
   const sliders = rows.map((row) => slider(row, values, play));
   main.append(el("h2", {}, "Parameters"), el("button", { onclick: () => { sliders.forEach((each) => each.reset()); play(); } }, "As estimated"),
-    sliders.filter((each) => each.known).map((each) => each.element),
+    ...sliders.filter((each) => each.known).map((each) => each.element),
     sliders.every((each) => each.known) ? "" : el("details", {}, el("summary", {}, "Parameters that were not estimated"),
       sliders.filter((each) => !each.known).map((each) => each.element)));
   play();

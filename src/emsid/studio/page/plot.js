@@ -115,10 +115,16 @@ export class TimePlot {
 // A plot of arrays that are here already: live signals and played runs.
 export function arrays(place, labels, unit, height = 220) {
   const axis = { stroke: style("--ink"), grid: { stroke: style("--edge"), width: 0.5 } };
-  return new uPlot({
+  const plot = new uPlot({
     width: Math.max(place.clientWidth, 200), height,
     scales: { x: { time: false } },
+    hooks: { destroy: [() => watch.disconnect()] },
     axes: [{ ...axis, label: "Time [s]", labelSize: 20, size: 40 }, { ...axis, label: unit, labelSize: 20, size: 62 }],
     series: [{ label: "t" }, ...labels.map((label, k) => ({ label, stroke: color(k), width: 1.2 }))],
   }, [[], ...labels.map(() => [])], place);
+  const watch = new ResizeObserver(() => {
+    if (Math.abs(plot.width - place.clientWidth) > 4) plot.setSize({ width: Math.max(place.clientWidth, 200), height });
+  });
+  watch.observe(place);
+  return plot;
 }

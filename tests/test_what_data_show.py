@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -173,6 +176,24 @@ def test_models_of_it_are_ranked_by_predictions():
     assert why.data["ahead"] == said.data["horizon"]
     assert then.data["kind"] == "test-signal"
     assert not {each.code for each in result.next_steps} & {"next-reduce-noise", "next-check-data"}
+
+
+def test_the_first_line_says_that_it_is_unstable_and_no_line_gives_a_gain_or_a_time_constant(run, tmp_path):
+    known, log = levitated(seed=1), tmp_path / "levitation.csv"
+    columns = np.column_stack([known.time, known.input, known.output])
+    np.savetxt(log, columns, delimiter=",", header="t,u,y", comments="")
+    words = ("--input", "u", "--output", "y", "--time", "t", "--models", "arx,output-error", "--details")
+    status, printed, _ = run("identify", log, *words, "--out", tmp_path / "out")
+    assert status == 0
+    first, second = printed.splitlines()[:2]
+    assert first.startswith("the plant is unstable without its controller (a pole of 1.14 per sample)")
+    assert second.startswith("Recommended: arx, ")
+    data = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert data["characteristics"] == []
+    assert "unstable-in-loop" in [each["code"] for each in data["findings"]]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert not re.search(r"\bgain\b|time constant", printed)
+    assert not re.search(r">\s*gain\s*<|time constant", page)  # cells of a table; a caption explains what gains do
 
 
 # --- models that explain little --------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from independent.supported import PLANTS
-from independent.systems import MORE, OF_PLANTS, SYSTEMS, Disturbed, arx, equation, inner_noise
+from independent.systems import MORE, OF_PLANTS, SYSTEMS, Disturbed, Realisations, arx, equation, inner_noise
 
 FAMILIES = {"motors", "axes", "shafts", "joints", "linear", "regressions", "cascades", "feedback"}
 ONE = np.ones(8)
@@ -36,6 +36,13 @@ def test_the_truth_of_a_difference_equation_leaves_its_noise():
     errors = [case.noise * np.std(lfilter([1.0], [1.0, -1.5, 0.56], np.random.default_rng(k).standard_normal(990)))
               for k in range(20)]  # fmt: skip
     assert min(errors) < pair.noise < max(errors)
+
+
+def test_realisations_are_together_and_judged_without_the_noise_inside():
+    pair = Realisations(3, 512).pair(1)
+    assert [len(each) for each in pair.fitted.segments] == [512] * 3
+    assert len(pair.unseen) == 2 * 512
+    assert pair.noise == pytest.approx(0.01 * np.std(pair.fitted.output), rel=0.1)
 
 
 def test_equations_are_those_of_their_names():

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
-from emsid.record import Record
+from emsid.record import Record, concatenate
 from independent.cases import levels, sines
-from independent.process_noise import FIRST, SECOND
+from independent.process_noise import FIRST, SECOND, circuit
 from independent.supported import LOWER, PLANTS, REST, Input, Pair, Plant, motor, of_motor, shaft, solved, with_map
 
 Array = NDArray[np.float64]
@@ -59,6 +59,24 @@ class Disturbed:
             records.append(Record(u, self.run(u, e, factors), 0.01))
         errors = records[1].output[:, 0] - self.run(records[1].input[:, 0], np.zeros(self.samples), factors)
         return Pair(records[0], records[1], float(np.sqrt(np.mean(errors**2))))
+
+
+@dataclass(frozen=True)
+class Realisations:
+    """Records of one circuit with noise inside, judged without that noise on a multisine and a sweep together.
+
+    Attributes:
+        count: of the realisations of the multisine, in steady state.
+        period: samples of each.
+    """
+
+    count: int = 10
+    period: int = 2048
+
+    def pair(self, seed: int) -> Pair:
+        """All realisations of a seed, and both other records."""
+        made = circuit(self.count, self.period, seed=seed)
+        return Pair(concatenate(made.fitted), concatenate(list(made.unseen.values())), made.noise)
 
 
 def loaded(u: Array, dt: float, k: Array) -> Array:
@@ -184,6 +202,7 @@ MORE: dict[str, tuple[str, System]] = {
     ),
     "rectifier": ("cascades", with_map(lambda x: np.where(x > 0, x, 0.3 * x), True, True, levels, sines)),
     "noise inside": ("cascades", Disturbed(inner_noise, sines, levels, 0.08, hold=15, samples=2000)),
+    "ten realisations": ("cascades", Realisations()),
     "coupled drives": ("feedback", Plant(coupled, levels, sines, dt=0.02, hold=30)),
     "overflow": ("feedback", Plant(overflowing, levels, sines, dt=4.0, amplitude=3.0, centre=3.2, hold=20)),
     "dry oscillator": ("feedback", Plant(dry, levels, sines, noise=0.005)),

@@ -22,8 +22,8 @@ def worded(message: dict[str, Any]) -> dict[str, Any]:
     """A message of a tracking, where it is a finding with its sentence."""
     if message["kind"] != "finding":
         return message
-    found = Finding(message["code"], message["subject"], message["data"])
-    return {**message, "text": sentence(found, as_python)}
+    found = {name: message[name] for name in ("code", "subject", "data")}
+    return {**message, "text": sentence(Finding(**found), as_python)}
 
 
 @dataclass

@@ -22,7 +22,7 @@ studio: $(VENV)/installed
 
 # Tests of one file mostly stay in one process, where they share what their fixtures have fitted.
 test: $(VENV)/compiled
-	$(BIN)/pytest -n 4 --dist worksteal
+	$(BIN)/pytest -n 4 --dist worksteal $(TESTS)
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .

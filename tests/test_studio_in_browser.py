@@ -191,12 +191,14 @@ def page(browser: Any, address: str) -> Iterator[Page]:
     assert [each["message"] for each in browser.get_log("browser")] == []
 
 
-def table(rows: int = 400, name: str = "speed") -> bytes:
+def table(rows: int = 400, other: str = "other") -> bytes:
+    """A first-order motor, and a column without a meaning."""
     rng = np.random.default_rng(3)
     u, y = np.repeat(rng.uniform(-5, 5, rows // 10), 10), 0.0
-    text = [f't,voltage,"{name}"']
+    text = [f't,voltage,speed,"{other}"']
     for k in range(rows):
-        text.append(f"{k / 100:.2f},{u[k]:.5f},{y + 0.01 * rng.standard_normal():.5f}")
+        noise = 0.05 * rng.standard_normal(2)
+        text.append(f"{k / 100:.2f},{u[k]:.5f},{y + noise[0]:.5f},{noise[1]:.5f}")
         y = 0.9 * y + 0.5 * u[k]
     return "\n".join(text).encode()
 
@@ -207,12 +209,13 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     """Load, correct a unit, mask, split, fit, compare, play, copy as command and run it, export, and reopen."""
     file = tmp_path / "log.csv"
     hostile = "<img src=x onerror=document.title=1>"
-    file.write_bytes(table(name=hostile))
+    file.write_bytes(table(other=hostile))
     page.open("data")
     page.find("#pick").send_keys(str(file))
     page.find(".uplot", 2)
     assert page.browser.title == "emsid studio"
-    page.type(f"Unit of {hostile}", "rpm")
+    assert hostile in page.text()
+    page.type("Unit of speed", "rpm")
     page.until(lambda: page.state()["data"]["records"][0]["channels"][1]["unit"] == "rad/s")
     page.type("From [s]", "1")
     page.type("To [s]", "1.19")
@@ -221,8 +224,10 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     page.type("From [s]", "3")
     page.press("Unseen from here on")
     page.until(lambda: page.state()["step"]["unseen"] == pytest.approx(100 / 380))
+    page.picture("data", height=1300)
     page.press("Models")
     page.find("input[value=arx]").click()
+    page.find("input[value=output-error]").click()
     page.find("summary").click()
     for order in ("Past outputs na", "Past inputs nb", "Delay nk [samples]"):
         page.type(order, "1")
@@ -230,10 +235,12 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     page.press("Compare")
     page.find(".uplot", 2)
     page.browser.refresh()  # the run is still there
-    page.until(lambda: any("y(t)" in each.text or hostile in each.text for each in page.all("main pre")))
+    page.until(lambda: any("y(t) =" in each.text for each in page.all("main pre")))
+    page.picture("compare", dark=True, height=1300)
     page.press("Play")
     page.says("answered in")
     compare_sliders(page)
+    page.picture("play")
     page.browser.set_window_size(500, 900)
     page.until(lambda: page.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), 10)
     page.press("Copy as command")
@@ -258,8 +265,8 @@ def read(path: Path) -> Any:
 
 def compare_sliders(page: Page) -> None:
     """Every parameter has a slider with its name, and moving one changes the answer."""
-    run = page.state()["runs"][0]["number"]
-    with urlopen(f"{page.address}api/runs/{run}/sliders/arx", timeout=60) as answer:
+    run, model = page.state()["runs"][0]["number"], page.find("[aria-label=Model]").get_attribute("value")
+    with urlopen(f"{page.address}api/runs/{run}/sliders/{model}", timeout=60) as answer:
         names = [each["name"] for each in json.load(answer)]
     assert [each.get_attribute("aria-label") for each in page.all("input[type=range]")] == names
     assert "[object" not in page.text()

@@ -4,7 +4,8 @@ A page is run from top to bottom in an empty folder, in the process of Sphinx: l
 command would take seconds each. Blocks of Python share one namespace, as the cells of a notebook do. A page whose front
 matter has ``continues: NAME`` begins with the files and names with which that page ended; with ``needs: bench`` it has
 this folder of the repository. A picture on a page,
-``![what it shows](speed.svg)``, is the file that the commands have written.
+``![what it shows](speed.svg)``, is the file that the commands have written, or with ``pictures: test_NAME -k WHICH``
+one that these tests have taken; without the browser that they need, the page is without it.
 
 Only fences of the languages in `SHOWN` are not run. A line that fails, a warning of Python, or a program that is left
 running ends the build.
@@ -42,6 +43,8 @@ FENCE = re.compile(r"^(`{3,})(\w+)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)
 CONTINUES = re.compile(r"\A---\n.*?^continues: (\S+)$.*?^---\n", re.MULTILINE | re.DOTALL)
 NEEDS = re.compile(r"\A---\n.*?^needs: (\w+)$.*?^---\n", re.MULTILINE | re.DOTALL)
 """A folder of the repository that the commands of a page use."""
+PICTURES = re.compile(r"\A---\n.*?^pictures: (\w+) -k (.+)$.*?^---\n", re.MULTILINE | re.DOTALL)
+"""Tests that take the pictures of a page."""
 LONGEST = 60
 """Lines of output of a block that are shown; a page says so where there are more."""
 
@@ -92,6 +95,8 @@ class Runner:
             if found := NEEDS.search(text):
                 (page.folder / found[1]).symlink_to(self.source.parent / found[1])
             self._run(name, text, page)
+            if found := PICTURES.search(text):
+                take_pictures(self.source.parent / "tests" / f"{found[1]}.py", found[2], page, name)
             self.pages[name] = page
         return self.pages[name]
 
@@ -160,6 +165,24 @@ class Runner:
             path.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
             path.chmod(0o755)
         return ["bash", "-euo", "pipefail", "-c", f"PATH={shlex.quote(str(self.programs))}{os.pathsep}$PATH; {line}"]
+
+
+def take_pictures(tests: Path, which: str, page: Page, name: str) -> None:
+    """Run tests that leave pictures in the folder of a page; they are skipped where they have no browser.
+
+    Where EMSID_PICTURES names a folder, they have been run and their pictures are there.
+    """
+    if taken := os.environ.get("EMSID_PICTURES"):
+        for file in Path(taken).glob("*.png"):
+            shutil.copy(file, page.folder)
+        return
+    began = processor_time()
+    words = [sys.executable, "-m", "pytest", "-q", "-n", "0", str(tests), "-k", which]
+    setting = {**os.environ, "EMSID_PICTURES": str(page.folder)}
+    done = subprocess.run(words, cwd=tests.parent.parent, env=setting, capture_output=True, text=True)
+    if done.returncode not in (0, 5):  # 5: there is no test, as a package is missing
+        log.warning("%s fails:\n%s", tests.name, done.stdout[-2000:] + done.stderr[-2000:], location=name)
+    page.seconds += processor_time() - began
 
 
 @contextmanager
@@ -262,17 +285,20 @@ class ShowOutput(SphinxTransform):
             if node["language"] not in RUN:
                 log.warning("fences are of %s or %s: %s", RUN, SHOWN, node["language"], location=node)
         blocks = [node for node in blocks if node["language"] in RUN]
-        if not blocks and not CONTINUES.search(self.env.doc2path(name).read_text("utf-8")):
+        text = self.env.doc2path(name).read_text("utf-8")
+        if not (blocks or CONTINUES.search(text) or PICTURES.search(text)):
             return
         runner: Runner = self.app.runner  # type: ignore[attr-defined]
         page = runner.page(name)
         for node, printed in zip(blocks, page.printed, strict=False):
             if printed.strip():
                 node.parent.insert(node.parent.index(node) + 1, shown(printed))
-        for image in self.document.findall(nodes.image):
+        for image in list(self.document.findall(nodes.image)):
             file = page.folder / image["uri"]
             if file.is_file():
                 image["uri"] = os.path.relpath(file, Path(self.env.doc2path(name)).parent)
+            elif PICTURES.search(text):  # there is no browser here
+                image.parent.remove(image)
 
 
 def shown(printed: str) -> nodes.container:

@@ -212,7 +212,7 @@ def marks(record: Record) -> Iterator[dict[str, Any]]:
     time = record.time
     for edge in record.breaks[:MOST_MARKS]:
         yield {"kind": "gap", "first": float(time[edge - 1]), "last": float(time[edge])}
-    for channel in (*record.input_names, *record.output_names):
+    for channel in record.output_names:  # an input that is held at its extremes is a choice
         x = record.channel(channel)
         for low in (True, False):
             extreme = x == (x.min() if low else x.max())

@@ -17,7 +17,7 @@ from emsid.estimation import Control, Directional, Forgetting
 from emsid.live.board import Board
 from emsid.live.log import Log, read_from
 from emsid.live.protocol import LineParser
-from emsid.live.receiver import Receiver
+from emsid.live.receiver import Piece, Receiver
 from emsid.live.recorded import read_log
 from emsid.live.server import Server
 from emsid.live.session import Session, Settings, messages
@@ -286,6 +286,27 @@ def test_ten_thousand_samples_a_second_from_a_socket_without_loss(tmp_path: Path
     assert session.counts["lost"] == session.counts["skipped"] == 0
     assert len(read_log(log.path)) == 10_000
     assert [each for each in found if each["kind"] == "estimate"][-1]["prediction"] is not None
+
+
+def test_a_page_goes_on_while_many_pieces_wait() -> None:
+    """Where the tracker is behind, one call to the receiver brings all of them."""
+    rows = lines(8000).splitlines(keepends=True)
+
+    class Behind:
+        away, heard, pieces = (
+            0.0,
+            time.monotonic(),
+            [Piece("data", b"".join(rows[k : k + 200])) for k in range(0, 8000, 200)],
+        )
+
+        def wait(self, timeout: float) -> list[Piece]:
+            pieces, self.pieces = self.pieces, [Piece("ended")]
+            return pieces
+
+    session = Session(Tracker(RecursiveLeastSquares(arx(5, 5))), "board")
+    found = list(messages(session, Behind(), LineParser(), Settings(every=1e-3)))  # type: ignore[arg-type]
+    assert session.counts["samples"] == 8000 - 1
+    assert sum(each["kind"] == "estimate" for each in found) > 10
 
 
 def test_a_source_that_ends_without_samples_says_so(tmp_path: Path) -> None:

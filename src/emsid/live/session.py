@@ -169,6 +169,7 @@ def messages(
     while control.ending is None and not session.reason:
         for piece in receiver.wait(0.05):
             yield from work.take(piece)
+            yield from work.periodic(receiver.heard)  # where many pieces wait, what is shown goes on, too
             if session.reason or control.ending is not None:
                 break
         yield from work.periodic(receiver.heard)

@@ -144,6 +144,18 @@ def test_options_in_the_text_exist(name):
         assert [word for word in words if word.startswith("-") and word != "-" and word not in spelled] == [], line
 
 
+def test_the_page_for_programs_has_every_command():
+    """With or without `--json`, as it is."""
+    rows = re.findall(r"^\| ((?:`[a-z ]+`(?:, )?)+) \| (.*?) \|", PAGES["docs/howto/programs.md"], re.MULTILINE)
+    said = {name: "no `--json`" not in what for names, what in rows for name in re.findall(r"`([a-z ]+)`", names)}
+    known, found = typer.main.get_command(app), {}
+    for name, command in known.commands.items():
+        below = getattr(command, "commands", {})
+        for full, each in {f"{name} {n}": c for n, c in below.items()}.items() or {name: command}.items():
+            found[full] = any("--json" in option.opts for option in each.params)
+    assert said == found
+
+
 def test_every_finding_has_what_triggers_it_and_what_to_do():
     known = tomllib.loads((HOME / "docs" / "reference" / "triggers.toml").read_text("utf-8"))
     assert set(known) == set(CATALOGUE), "add it to docs/reference/triggers.toml, or remove it"

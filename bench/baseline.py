@@ -1,6 +1,6 @@
 """What ``emsid identify`` recommends for about fifty systems, to compare two states of the program.
 
-    python bench/baseline.py --out before.json                     # about an hour of CPU time
+    python bench/baseline.py --out before.json                     # half an hour of CPU time
     python bench/baseline.py --out after.json --against before.json
     python bench/baseline.py --only motor --seeds 3-5 --jobs 2
     python bench/baseline.py --recordings DIR --only recordings
@@ -163,6 +163,15 @@ def read(path: Path) -> list[Line]:
     return lines
 
 
+def write(line: Line, path: Path) -> None:
+    """Add a line to a file, whose last one may be cut off."""
+    with path.open("a+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - 1, 0))
+        begun = file.read() not in (b"", b"\n")
+        file.write(b"\n" * begun + json.dumps(asdict(line)).encode() + b"\n")
+
+
 def measured(tasks: Sequence[Callable[[], Line]], jobs: int, out: Path | None) -> Iterator[Line]:
     """The lines of all tasks as they are done, each written at once."""
     started, spawn = time.monotonic(), multiprocessing.get_context("spawn")
@@ -176,8 +185,7 @@ def measured(tasks: Sequence[Callable[[], Line]], jobs: int, out: Path | None) -
                     console.print(f"failed: {futures[future].args[0]}: {str(problem)[:120]}", highlight=False)  # type: ignore[attr-defined]
                     continue
                 if out:
-                    with out.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(asdict(line)) + "\n")
+                    write(line, out)
                 left = (time.monotonic() - started) / k * (len(tasks) - k) / 60
                 progress = f"{k} of {len(tasks)}, about {left:.0f} min left"
                 console.print(f"{progress}: {' '.join(cells(line)[1:])}", highlight=False)

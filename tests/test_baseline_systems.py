@@ -1,5 +1,10 @@
 """The systems of the baseline are complete, reproducible, and leave the true model the error that they say."""
 
+import json
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -53,3 +58,44 @@ def test_equations_are_those_of_their_names():
     z = equation(lambda y, u, t: 1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.04 * u[t - 1] + 0.02 * u[t - 2])(u, e, ONE)
     np.testing.assert_allclose(z, y, atol=1e-9)
     assert np.abs(inner_noise(50 * u, e, ONE)).max() < 2  # the saturation behind the noise
+
+
+# --- the bench -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def baseline(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "bench"))
+    import baseline
+
+    yield baseline
+    for name in ("baseline", "recordings", "arguments"):
+        sys.modules.pop(name, None)
+
+
+def test_a_file_that_was_cut_off_is_continued_and_compared(baseline, tmp_path, capsys, monkeypatch):
+    line = baseline.Line("motors", "motor", 0, "arx", 4, 2.0, 1.2, "arx", 1.2, "model-supported", ("few-levels",), 3.0)
+    wrong = replace(line, seed=1, ratio=1.31)
+    diverges = replace(line, seed=2, error=None, ratio=None)
+    assert [each.wrong for each in (line, wrong, diverges, replace(diverges, verdict="model-limited"))] == [
+        False, True, True, False,
+    ]  # fmt: skip
+    assert not replace(wrong, family=baseline.RECORDINGS).wrong
+    texts = [json.dumps(asdict(each)) for each in (line, wrong, diverges)]
+    path = tmp_path / "before.json"
+    path.write_text("\n".join([*texts, texts[0][:40]]), "utf-8")
+    assert baseline.read(path) == [line, wrong, diverges]
+    for each in (diverges, line):
+        baseline.write(each, path)
+    assert baseline.read(path) == [line, wrong, diverges, diverges, line]
+    new_file = tmp_path / "after.json"
+    baseline.write(line, new_file)
+    assert new_file.read_text("utf-8") == texts[0] + "\n"
+    monkeypatch.setattr("sys.argv", ["baseline.py", "--only", ": motor", "--out", str(path), "--against", str(path)])
+    baseline.main()
+    assert "median 1.000, 90 % quantile 1.000" in capsys.readouterr().out
+    better, new = replace(line, error=1.0), replace(wrong, verdict="model-limited")
+    baseline.compared([better, wrong, diverges], [line, new, diverges])
+    said = capsys.readouterr().out
+    assert "median 1.000" in said
+    assert "supported that were not: motor; newly wrong: motor" in said

@@ -152,7 +152,7 @@ def test_the_number_of_knots_is_limited_by_the_samples() -> None:
 
 def test_few_knots_move_to_where_the_map_bends() -> None:
     """Spread over the data, ten knots leave 3.8 times the noise."""
-    record, judge, noise = diode_circuit(seed=4, samples=4_000, noise=8e-4)
+    record, judge, noise = diode_circuit(seed=4, samples=1_500, noise=8e-4)
     structure = emsid.wiener_hammerstein((3, 3), static="spline", size=10, oversampling=2, delay=0)
     run = emsid.fit(structure, record).model.simulate(judge)
     assert np.sqrt(np.mean((run.output - judge.output)[run.counted] ** 2)) < 0.8 * noise

@@ -94,7 +94,7 @@ def test_a_given_number_of_maps_is_kept_though_one_is_enough() -> None:
     truth, rng = loop(), np.random.default_rng(2)
     u = rng.normal(size=400)
     record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
-    search = emsid.feedback(2, maps=2, delay=0, oversampling=1)
+    search = emsid.feedback(2, maps=2, static="polynomial", delay=0, oversampling=1)
     assert len(emsid.fit(search, record).model.maps) == 2
 
 

@@ -107,7 +107,7 @@ def test_parameters_that_follow_from_others_are_not_counted(name: str, make: Cal
 
 
 @pytest.mark.parametrize(
-    "name", ["spring", "dead zone", *(pytest.param(x, marks=pytest.mark.long) for x in ("saturation", *LONG))]
+    "name", ["dead zone", *(pytest.param(x, marks=pytest.mark.long) for x in ("spring", "saturation", *LONG))]
 )
 def test_every_interval_contains_the_true_value_as_often_as_it_says(name: str) -> None:
     """The short form of ``tests/coverage_feedback.py``: 60 records."""

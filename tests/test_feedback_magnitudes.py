@@ -93,6 +93,7 @@ def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
     assert found.error < 0.0105
 
 
+@pytest.mark.long
 def test_a_sensor_may_be_curved_and_slow() -> None:
     """Little more than the noise is left, also elsewhere; with a free curve and a limit it was 4 and 12 times it."""
     fit = emsid.fit(emsid.feedback(order=4), magnitudes(300, 32, bend=0.8, lag=0.03))
@@ -115,7 +116,7 @@ def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
     assert [type(each) for each in fit.model.maps] == [EvenSpline, EvenSpline]
 
 
-@pytest.mark.parametrize("maps", [1, 3])
+@pytest.mark.parametrize("maps", [1, pytest.param(3, marks=pytest.mark.long)])
 def test_a_given_number_of_maps_counts_the_sensor(maps: int) -> None:
     fit = emsid.fit(emsid.feedback(order=3, maps=maps, oversampling=1), magnitudes())
     assert fit.model.maps[0].loses_sign

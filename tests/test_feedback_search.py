@@ -496,8 +496,8 @@ def coasting(seed: int, samples: int = 1500) -> tuple[Record, float]:
 
 
 def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
-    """Damping by the command, beside friction: with the same maps of one signal each, three times the noise is left."""
-    record, noise = coasting(1)
+    """Damping by the command, beside friction."""
+    record, noise = coasting(1, 600)
     fit = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), record)
     model = fit.model
     assert list(model.multiplied) == [0]
@@ -506,6 +506,11 @@ def test_a_map_that_is_multiplied_by_a_signal_is_found() -> None:
     assert ")*g1(t)\n" in model.equation()
     (first, *_) = curves(fit, record)[-len(model.maps) :]
     assert first.name == "w1/g1"
+
+
+@pytest.mark.long
+def test_maps_of_one_signal_each_leave_three_times_the_noise_of_a_product() -> None:
+    record, noise = coasting(1)
     plain = emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1, static="two-slopes", maps=2), record)
     assert np.sqrt(plain.noise_variance) > 3 * noise
 

@@ -102,6 +102,7 @@ def test_a_dead_zone_elsewhere_is_no_friction_that_sticks() -> None:
     assert sticking_map(LINEAR[1]) is None
 
 
+@pytest.mark.long
 def test_a_motor_that_sticks_is_found_with_its_dead_zone() -> None:
     """Within noise on another record, with two dead zones and intervals; a saturation of the speed would creep."""
     record, noise = motor(1)

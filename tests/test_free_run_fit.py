@@ -174,11 +174,12 @@ def test_the_intervals_of_a_friction_model_contain_the_truth() -> None:
     assert np.mean(inside, axis=0).min() > 0.904
 
 
-def test_friction_models_of_simulated_motors_have_intervals() -> None:
-    """Also where the model lacks something of the motor and the residual is coloured; by exact derivatives 4 stall."""
+@pytest.mark.parametrize(("motors", "most"), [(4, 0), pytest.param(10, 1, marks=pytest.mark.long)])
+def test_friction_models_of_simulated_motors_have_intervals(motors: int, most: int) -> None:
+    """Also where the model lacks something and the residual is coloured; by exact derivatives 4 of 10 stall."""
     free_run = REGRESSIONS["friction-narx-free-run"]
-    fits = [free_run(motor(seed, 1000).fitted, emsid.Options()) for seed in range(10)]
-    assert sum(fit.ending is Ending.STALLED for fit in fits) <= 1
+    fits = [free_run(motor(seed, 1000).fitted, emsid.Options()) for seed in range(motors)]
+    assert sum(fit.ending is Ending.STALLED for fit in fits) <= most
 
 
 def test_a_search_that_stalls_far_from_its_minimum_has_no_intervals() -> None:

@@ -46,7 +46,10 @@ def fitted(truth: FeedbackModel, signal: Callable[[np.random.Generator, int], Ar
     return fit_feedback(truth, record), record
 
 
-@pytest.mark.parametrize(("truth", "signal"), [(SPRING, smooth), (MOTOR, held)], ids=["spring", "motor"])
+@pytest.mark.parametrize(
+    ("truth", "signal"),
+    [pytest.param(SPRING, smooth, id="spring", marks=pytest.mark.long), pytest.param(MOTOR, held, id="motor")],
+)
 def test_a_band_contains_the_true_map_as_often_as_it_says(truth, signal) -> None:
     """Of 20 records at least 16 at every point; four times the samples halve the band."""
     inside, width = [], {1000: [], 4000: []}

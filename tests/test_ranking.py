@@ -548,7 +548,7 @@ def limited(seed: int, large: int) -> emsid.Record:
     return emsid.Record(u, y + 0.005 * rng.standard_normal(len(y)), 0.01)
 
 
-@pytest.mark.parametrize("many", [all_data.MANY, 100])
+@pytest.mark.parametrize("many", [all_data.MANY, pytest.param(100, marks=pytest.mark.long)])
 def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_lacks(monkeypatch, many):
     monkeypatch.setattr(all_data, "MANY", many)
     result = emsid.identify(limited(1, 300), models="feedback")
@@ -566,6 +566,7 @@ def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
     assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
 
 
+@pytest.mark.long
 def test_refinements_of_a_motor_are_chosen_again_where_the_held_back_part_shows_what_it_lacks():
     case = motor(4406, 400)
     result = emsid.identify(replace(case.fitted, output_units=("rad/s",)), models="rigid-motor")

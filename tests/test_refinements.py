@@ -354,7 +354,7 @@ def test_a_plant_that_leaves_several_times_what_a_regression_leaves_is_not_refin
 
 def test_a_motor_model_of_a_nonlinear_oscillator_is_given_up_early():
     """A linear model leaves 21 % of this oscillator, too much to tell that the best motor, with 28 %, is none."""
-    record = duffing(8192, 2, noise=0.01, spread=0.2).unseen["another multisine"]
+    record = duffing(2048, 2, noise=0.01, spread=0.2).unseen["another multisine"]
     fit = candidates.CANDIDATES["rigid-motor"](record, Options())
     (found,) = (each for each in fit.findings if each.code == "probably-another-system")
     assert found.data["linear"] > 0.2

@@ -367,14 +367,19 @@ def test_the_error_of_the_chosen_model_is_from_data_that_did_not_choose_it(given
     assert finding.data["chosen_on"] == choice.best.row.samples
     assert finding.data["outputs"][0]["rmse"] == pytest.approx(result.on_unseen.best.row.simulation_rmse)
     assert {row["data"] for row in result.to_data()["rows"]} == {"identification", "choice", "unseen"}
-    assert len(which_model(result).tables) == 3
     other = replace(result, on_unseen=result.on_unseen.in_order_of(result.fits[::-1]))
     for each in (result, other):
-        table = which_model(each).tables[1]
-        errors = [float(row[table.header.index("Free-run RMSE")]) for row in table.rows]
+        (table,) = which_model(each).tables
+        (rmse,) = [k for k, head in enumerate(table.header) if head.startswith("RMSE")]
+        errors = [float(row[rmse]) for row in table.rows]
         assert errors == sorted(errors)
         assert {table.rows[k][0] for k in table.emphasised} == {each.chosen.model.name}
         assert [row.model for row in each.on_unseen.by_error.rows] == [row[0] for row in table.rows]
+        for name, on in (("unseen", each.on_unseen), ("choice", each.on_choice), ("used in fit", each.on_record)):
+            fits = {row.model: f"{row.fit_percent:.2f}" for row in on.rows}
+            assert {row[0]: row[table.header.index(f"Fit %, {name}")] for row in table.rows} == fits
+        verdicts = {row[0]: row[-1] for row in table.rows}
+        assert verdicts[each.chosen.model.name].startswith("recommended; ") == each.is_recommended
 
 
 def test_overlapping_records_are_seen():

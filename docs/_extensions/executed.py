@@ -5,7 +5,8 @@ command would take seconds each. Blocks of Python share one namespace, as the ce
 matter has ``continues: NAME`` begins with the files and names with which that page ended; with ``needs: bench`` it has
 this folder of the repository. A picture on a page,
 ``![what it shows](speed.svg)``, is the file that the commands have written, or with ``pictures: test_NAME -k WHICH``
-one that these tests have taken; without the browser that they need, the page is without it.
+one that these tests have taken; without the browser that they need, the page is without it. A page that they have
+written is shown in a frame by ```` ```{live} result/report.html ````, with what it shows as content.
 
 Only fences of the languages in `SHOWN` are not run. A line that fails, a warning of Python, or a program that is left
 running ends the build.
@@ -26,6 +27,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -34,6 +36,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
 
 RUN = ("bash", "python")
 """Languages of fences that are run."""
@@ -301,6 +304,26 @@ class ShowOutput(SphinxTransform):
                 image.parent.remove(image)
 
 
+class Live(SphinxDirective):
+    """A page that the commands have written, in a frame and by a link; its content says what it shows."""
+
+    required_arguments = 1
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """The frame, and a link to the page alone."""
+        name, runner = self.env.docname, self.env.app.runner  # type: ignore[attr-defined]
+        file = f"{name.replace('/', '-')}-{self.arguments[0].replace('/', '-')}"
+        folder = Path(self.env.app.outdir) / "_static" / "live"
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(runner.page(name).folder / self.arguments[0], folder / file)
+        address = f"{'../' * name.count('/')}_static/live/{file}"
+        title = escape(" ".join(self.content))
+        frame = f'<iframe class="live" src="{address}" title="{title}" loading="lazy"></iframe>'
+        link = f'<p><a href="{address}">{title}</a></p>'
+        return [nodes.raw("", frame + link, format="html")]
+
+
 def shown(printed: str) -> nodes.container:
     """Output as nodes: lines of text wrap on a narrow page, lines of tables do not."""
     lines = [line.rstrip() for line in printed.strip("\n").splitlines()]
@@ -336,4 +359,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", begin)
     app.connect("build-finished", report)
     app.add_transform(ShowOutput)
+    app.add_directive("live", Live)
     return {"parallel_read_safe": False}

@@ -22,12 +22,13 @@ from emsid.cli.terminal import (
     text_table,
 )
 from emsid.estimation.estimates import Status
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.identification.characteristics import determined
 from emsid.report.document import Table
 from emsid.units import in_unit, plain_unit
 from emsid.wording import Severity, sentence, severity
 from emsid.wording.first_screen import NOTHING_KNOWN, NOTHING_UNKNOWN, further, more, not_determined, other_reasons
 from emsid.wording.lists import listed
+from emsid.wording.verdict import IN_SHORT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,13 +56,6 @@ OF_THE_LOOP = frozenset(
     {"free-run-diverged", "diverges-beyond-range", "diverges-on-constant-input", "diverges-on-steps"}
 )
 """What every right model of a plant does that is unstable without its controller."""
-VERDICTS = {
-    "model-supported": "supported by these data",
-    "model-limited": "usable with limits",
-    "model-implausible": "implausible",
-    "model-unusable": "not usable",
-}
-"""The verdict on a model in the table of models."""
 
 
 def first_screen(result: Identification, details: bool = False) -> None:
@@ -121,7 +115,7 @@ def _values(result: Identification) -> list[tuple[str, str, str, str, str]]:
     of_sensor = ("sensor.", "drive.")
     plant = [
         (row.name, f"{row.value:.4g}", half_width(row), plain_unit(row.unit), _source(name, row.given))
-        for row in sorted(_determined(result.chosen), key=lambda row: row.name.startswith(of_sensor))
+        for row in sorted(determined(result.chosen), key=lambda row: row.name.startswith(of_sensor))
     ]
     inside = [each for each in plant if not each[0].startswith(of_sensor)]
     of_drive = [
@@ -136,16 +130,6 @@ def _values(result: Identification) -> list[tuple[str, str, str, str, str]]:
         if each.shown and each.significant and each.half_width is not None and isfinite(each.half_width)
     ]
     return [*inside, *of_drive, *plant[len(inside) :]]
-
-
-def _determined(fit: Fit[Any]) -> list[Any]:
-    """The rows of parameters of a physical model whose interval does not include zero."""
-    from emsid.models.plants.search.result import GreyBoxFit
-
-    if not isinstance(fit, GreyBoxFit):
-        return []
-    sure = [row for row in fit.shared if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and half_width(row)]
-    return [row for row in sure if row.standard_error is None or HALF_WIDTH * row.standard_error < abs(row.value)]
 
 
 def _source(model: str, given: Sequence[str]) -> str:
@@ -173,7 +157,7 @@ def _not_known(result: Identification) -> None:
 
 def _open(result: Identification) -> list[str]:
     """Names of the values that the chosen model has and the data do not determine."""
-    known = {row.name for row in _determined(result.chosen)}
+    known = {row.name for row in determined(result.chosen)}
     table = getattr(result.chosen, "shared", ())
     of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN)
     names = [row.name for row in table if row.name not in known and row.status not in of_search]
@@ -189,7 +173,7 @@ def models_table(result: Identification, most: int | None = None) -> Table:
     """
     several = any(row.outputs for row in result.rows)
     rmse = in_unit("free-run RMSE", "" if several else result.unseen.output_units[0])
-    verdicts = {each.model: VERDICTS[each.code] for each in result.model_verdicts}
+    verdicts = {each.model: IN_SHORT[each.code] for each in result.model_verdicts}
     rows = _few(result, most) if most else result.rows
     lines = []
     for row in rows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import isfinite
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.estimates import Estimate, Status
 from emsid.estimation.fit import Fit
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.blocks.cascade import Cascade
@@ -74,6 +75,22 @@ class Characteristic:
     def to_data(self) -> dict[str, Any]:
         """By name, in built-in types."""
         return asdict(self) | {"given": list(self.given)}
+
+
+def determined(fit: Fit[Any]) -> list[Estimate]:
+    """The physical parameters of a model that the data determine: their intervals do not include zero.
+
+    None for a model without a table of such parameters.
+    """
+    rows: Sequence[Estimate] = getattr(fit, "shared", ())
+    return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and _excludes_zero(row)]
+
+
+def _excludes_zero(row: Estimate) -> bool:
+    """Whether a parameter has an interval, and zero is not in it."""
+    if row.standard_error is not None:
+        return 0 < HALF_WIDTH * row.standard_error < abs(row.value)
+    return row.interval is not None and row.interval[0] * row.interval[1] > 0
 
 
 def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:

@@ -7,8 +7,9 @@ from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from emsid.errors import EmsidError
-from emsid.identification.characteristics import Characteristic
+from emsid.errors import EmsidError, listed
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.identification.characteristics import Characteristic, determined
 from emsid.identification.result import Identification
 from emsid.record import Record
 from emsid.report import views
@@ -16,13 +17,14 @@ from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import estimate, first_up, number, percent
 from emsid.report.views import terms
 from emsid.report.views.conventions import in_words
-from emsid.report.views.front import front_figure, front_table, record_table, region_tables
+from emsid.report.views.front import front_figure, models_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.chances import chance
 from emsid.wording.lists import NOT_SHOWN
 
 if TYPE_CHECKING:
+    from emsid.estimation.estimates import Estimate
     from emsid.estimation.fit import Fit
     from emsid.validation.bands import Band
 
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
 BANDED, MOST = 3, 1_000_000
 DRAWN, BASELINE = 3, "arx"
 """Free runs and residuals of this many of the best models and of the linear one are drawn."""
-# At most this many characteristics, and notices about the data and the recommended model, are on the first screen.
-CHARACTERISTICS, NOTICES = 6, 6
+# At most this many physical parameters, values together, and notices about data and model, are on the first screen.
+PARAMETERS, CHARACTERISTICS, NOTICES = 6, 8, 6
 
 
 def report(result: Identification, argument: Spelling = as_python) -> Report:
@@ -61,7 +63,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
         sections=(
             which_model(result),
-            where_errors_are(result),
+            *(each for each in (where_errors_are(result),) if each is not None),
             verdicts(result, argument),
             *([Section("More findings", remarks=others)] if others else []),
             *([] if result.interrupted else in_detail(result)),
@@ -131,8 +133,7 @@ def facts(result: Identification) -> list[Fact]:
     ]
     if isfinite(best.row.simulation_rmse) and len(errors) == 1:
         found.append(Fact(with_unit(number(best.row.simulation_rmse), unit), "RMSE of that free run"))
-    shown = result.characteristics[:CHARACTERISTICS]
-    found += [_fact(each, best.row.model) for each in shown]
+    found += values(result)
     for each in result.verdicts:
         of = f" of {each.data['output']}" if len(errors) > 1 else ""
         share = each.data.get("share")
@@ -144,6 +145,44 @@ def facts(result: Identification) -> list[Fact]:
         )
         found.append(Fact(value, meaning))
     return found
+
+
+def values(result: Identification) -> list[Fact]:
+    """The physical parameters of a recommended plant, then characteristics, as far as they have room.
+
+    Sensor and drive come last. A value that is equal forward and backward stands there once.
+    """
+    best = result.chosen.model.name
+    rows = determined(result.chosen) if result.is_recommended else []
+    plant = [_parameter(row) for row in sorted(rows, key=lambda row: row.name.startswith(("sensor.", "drive.")))]
+    plant = _once(plant)[:PARAMETERS]
+    drive = _once([_fact(each, best) for each in result.characteristics])
+    return [*plant, *drive[: CHARACTERISTICS - len(plant)]]
+
+
+def _parameter(row: Estimate) -> Fact:
+    """A physical parameter with its interval."""
+    meaning = f"{first_up(row.description)}{f', given {listed(row.given)}' if row.given else ''}"
+    if row.standard_error is None and row.interval is not None:
+        low, high = (number(each) for each in row.interval)
+        return Fact(with_unit(number(row.value), row.unit), meaning, f"{low} to {high}")
+    half = HALF_WIDTH * (row.standard_error or 0.0)
+    return Fact(with_unit(estimate(row.value, half), row.unit), meaning, half_interval(half))
+
+
+def half_interval(half: float) -> str:
+    """Half an interval with two digits."""
+    return f"± {number(float(f'{half:.2g}'))}"
+
+
+def _once(facts: Sequence[Fact]) -> list[Fact]:
+    """The facts, with those that are equal forward and backward joined."""
+    joined: dict[tuple[str, str, str], Fact] = {}
+    for fact in facts:
+        key = (fact.value, fact.interval, fact.meaning.replace(" backward", " forward"))
+        both = fact.meaning.replace(" backward", ", both directions")
+        joined[key] = replace(fact, meaning=both) if key in joined else fact
+    return list(joined.values())
 
 
 def _fact(each: Characteristic, best: str) -> Fact:
@@ -158,54 +197,27 @@ def _fact(each: Characteristic, best: str) -> Fact:
         interval = with_unit(f"{number(each.value)} ± {number(each.half_width)}", each.unit)
         return Fact("not significant", meaning, interval)
     value = estimate(each.value, each.half_width)
-    return Fact(with_unit(value, each.unit), meaning, f"± {float(f'{each.half_width:.2g}'):.4g}")
+    return Fact(with_unit(value, each.unit), meaning, half_interval(each.half_width))
 
 
 def which_model(result: Identification) -> Section:
-    """All models with their errors."""
-    unit, best = _unit(result), result.chosen.model.name
-    bold = "recommended" if result.is_recommended else "best"
+    """All models in one table, with their errors in a picture and against their number of parameters."""
+    drawn = front_figure(result.front)
     return Section(
         "Which model",
-        terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
-        tables=(
-            *(
-                views.results_table(
-                    on.by_error.rows,
-                    unit=unit,
-                    caption=f"On the unseen data that chose, {on.best.record.name}.",
-                    emphasised=best,
-                )
-                for on in (result.on_choice,)
-                if on is not None
-            ),
-            views.results_table(
-                result.rows,
-                unit=unit,
-                caption=f"On {result.ranked_on}, {result.unseen.name}; the {bold} model is in bold.",
-                emphasised=best,
-            ),
-            views.results_table(
-                result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."
-            ),
-        ),
-        figures=(views.ranking(result.on_choice or result.on_unseen),),
+        terms=(terms.ONE_STEP,),
+        tables=(models_table(result),),
+        figures=(views.ranking(result.on_choice or result.on_unseen), *([] if drawn is None else [drawn])),
     )
 
 
-def where_errors_are(result: Identification) -> Section:
-    """Accuracy against number of parameters, and errors by operating region and by record."""
-    front = result.front
-    drawn = front_figure(front)
-    return Section(
-        "Size, regions and records",
-        tables=(
-            *([front_table(front)] if len(front) > 1 else []),
-            *region_tables(result.by_region, f"on {result.ranked_on}"),
-            *([record_table(result.by_record)] if result.by_record else []),
-        ),
-        figures=() if drawn is None else (drawn,),
+def where_errors_are(result: Identification) -> Section | None:
+    """Errors by operating region and by record; None where there are neither."""
+    tables = (
+        *region_tables(result.by_region, f"on {result.ranked_on}"),
+        *([record_table(result.by_record)] if result.by_record else []),
     )
+    return Section("Regions and records", tables=tables) if tables else None
 
 
 def verdicts(result: Identification, argument: Spelling) -> Section:

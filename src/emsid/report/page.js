@@ -189,15 +189,21 @@ document.documentElement.classList.remove("no-script");
 const plots = [...document.querySelectorAll(".area")].map(prepare);
 plots.forEach(listen);
 
-// A table or a text that scrolls can be reached and scrolled with the keyboard in every browser.
+// A table or a text that scrolls can be reached and scrolled with the keyboard in every browser, and shows where it goes on.
+function more(box) {
+  box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+}
+
 function reach() {
-  for (const box of document.querySelectorAll(".scroll, pre, .diagram")) {
+  for (const box of document.querySelectorAll(".scroll, pre")) {
+    if (box.matches(".scroll")) more(box);
     if (box.scrollWidth > box.clientWidth || box.scrollHeight > box.clientHeight) box.tabIndex = 0;
     else box.removeAttribute("tabindex");
   }
 }
 reach();
 addEventListener("resize", reach);
+document.querySelectorAll(".scroll").forEach(box => box.addEventListener("scroll", () => more(box), {passive: true}));
 
 // A click on the head of a column, or Enter, sorts the rows of a table by it, and once more the other way round.
 function prepareTable(table) {

@@ -17,6 +17,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
 from emsid.report.page_plots import page_figure
+from emsid.report.palette import DARK, LIGHT, variable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -27,7 +28,8 @@ PAGE = "report.html"
 def page(report: Report) -> str:
     """The report as HTML."""
     template = templates().get_template("page.html.j2")
-    return template.render(report=report, plots=page_figure, script=any(report.figures))
+    colours = {"light": LIGHT, "dark": DARK}
+    return template.render(report=report, plots=page_figure, script=any(report.figures), colours=colours)
 
 
 @cache
@@ -43,6 +45,7 @@ def templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["flowing"] = _flowing
+    environment.filters["variable"] = variable
     return environment
 
 

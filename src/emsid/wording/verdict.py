@@ -13,6 +13,14 @@ from emsid.wording.lists import listed
 
 Reason = Mapping[str, Any]
 
+IN_SHORT = {
+    "model-supported": "supported by these data",
+    "model-limited": "usable with limits",
+    "model-implausible": "implausible",
+    "model-unusable": "not usable",
+}
+"""The verdict on a model in a table of models."""
+
 
 def _of_lag(d: Reason) -> str:
     """A correlation with its limit."""

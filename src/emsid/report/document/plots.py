@@ -21,7 +21,7 @@ class Ink(Enum):
     RED = "#d1242f"
     NAVY = "#0b2f6b"
     GREEN = "#00875a"
-    ORANGE = "#d98300"
+    ORANGE = "#c47500"
     PURPLE = "#9a4f96"
     GREY = "#8a8f98"
     BLACK = "#22262e"

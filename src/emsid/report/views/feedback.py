@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.models.feedback.coordinates import Visited, free_lines
 from emsid.models.feedback.model import FeedbackModel
@@ -60,6 +61,10 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
 
 
+ROOM, NEAREST = 1.2, 1e-3
+"""Half the axis as a multiple of that of the poles, and the least half: poles closer together are drawn as one."""
+TURN = 2000
+"""Points of the unit circle, of which the axes may show a small part."""
 SQUARE = 1.83
 """Height of a plot that takes half the width of a figure and is as high as wide."""
 
@@ -81,19 +86,33 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     return Figure(f"{prefix}-poles", text, plots, columns=2)
 
 
+def around(poles: NDArray[np.complex128]) -> tuple[Axis, Axis]:
+    """Axes of one scale that show these poles with some room around them; the real axis is in the middle.
+
+    >>> [axis.range for axis in around(np.array([0.9, 1.0]))]
+    [(0.89, 1.01), (-0.06, 0.06)]
+    """
+    low, high = float(poles.real.min()), float(poles.real.max())
+    reach = ROOM * max((high - low) / 2, float(np.abs(poles.imag).max()), NEAREST)
+    middle = (low + high) / 2
+    real = (round(middle - reach, 6), round(middle + reach, 6))
+    return Axis("Real part", "1", range=real), Axis("Imaginary part", "1", range=(-round(reach, 6), round(reach, 6)))
+
+
 def _poles_along(model: FeedbackModel, seen: Visited, k: int) -> Plot:
     """The poles in the samples of a run in which the input of one map has certain levels."""
     n, z, g = model.states, seen.z, model.factor(seen.x, seen.u)
-    name, turn, reach = model.numbered("z")[k], np.linspace(0, 2 * np.pi, 200), 1.1
+    name, turn = model.numbered("z")[k], np.linspace(0, 2 * np.pi, TURN)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
     order = np.argsort(z[:, k], kind="stable")
+    drawn = []
     for quantiles, ink, size in LEVELS:
         at = order[np.round(quantiles * (len(order) - 1)).astype(int)]
         found = np.concatenate([np.linalg.eigvals(model.linearised(z[t], g[t])[:n, :n]) for t in at])
         ends = [f"{z[t, k]:.3g}" for t in (at[0], at[-1])]
         label = f"{name} = {' to '.join(dict.fromkeys(ends))}"
         marks.append(Points(found.real.copy(), found.imag.copy(), label, ink, size=size))
-        reach = max(reach, 1.05 * float(np.abs(found).max()))
-    real, imaginary = (Axis(part, "1", range=(-reach, reach)) for part in ("Real part", "Imaginary part"))
+        drawn.append(found)
+    real, imaginary = around(np.concatenate(drawn))
     title = "Poles" if len(model.maps) == 1 else f"Poles, by map {k + 1}"
     return Plot(tuple(marks), real, imaginary, title, height=SQUARE)

@@ -139,10 +139,20 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
     relative = "; with several outputs, by the mean of MSE divided by variance" * several
     return Figure(
         name,
-        f"Errors on {record.name}, {data}. Models are ranked by the free run{relative}. "
-        "One-step errors are small for almost any model.",
+        f"Errors on {record.name}, {data}. Models are ranked by the free run{relative}.{_ahead(rows)}",
         tuple(_ranking_plot(comparison, channel) for channel in channels(record)),
     )
+
+
+def _ahead(rows: Sequence[Row]) -> str:
+    """How one-step errors compare with those of the free run, in these models."""
+    pairs = [errors for row in rows for errors in (row.outputs or (row,))]
+    shares = [float(np.sqrt(each.one_step_mse / each.simulation_mse)) for each in pairs if each.simulation_mse > 0]
+    known = sorted(share for share in shares if np.isfinite(share))
+    if not known:
+        return ""
+    low, high = (f"{share:.2g}" for share in (known[0], known[-1]))
+    return f" The error one step ahead is {low if low == high else f'{low} to {high}'} times that of the free run."
 
 
 def _ranking_plot(comparison: Comparison, channel: int) -> Plot:

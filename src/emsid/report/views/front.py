@@ -1,8 +1,9 @@
-"""Accuracy against number of parameters, and errors by operating region and by record."""
+"""The table of models, accuracy against number of parameters, and errors by operating region and by record."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,14 @@ from numpy.typing import NDArray
 from emsid.identification.ranking import FrontRow
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Points, Stroke, Table
 from emsid.report.numbers import first_up, number
-from emsid.units import in_unit
+from emsid.report.views.conventions import channel_axis
+from emsid.units import in_unit, plain_unit
 from emsid.validation.regions import REGIONS, RecordError, RegionError
+from emsid.wording.verdict import IN_SHORT
+
+if TYPE_CHECKING:
+    from emsid.identification.result import Identification
+    from emsid.validation.comparison import OutputErrors, Row
 
 Array = NDArray[np.float64]
 WIDE = 6.0
@@ -23,37 +30,78 @@ COLUMNS = 6
 GREY = Stroke(Ink.GREY, width=1.0)
 
 
-def front_table(rows: Sequence[FrontRow]) -> Table:
-    """Every model with its parameters and its error over all folds, numbered as in the figure."""
-    lines = tuple(
-        (f"{k} {each.model}", str(each.parameters), percent_of(each.error), error_range(each), place(each))
-        for k, each in enumerate(rows, 1)
-    )
-    folds = rows[0].folds
-    where = f"over {folds} parts of the data, by fits without and with each" if folds > 1 else "on unseen data"
+CV = (
+    "CV error: RMSE of the free run over {} parts of the data, each left out of a fit in turn, in % of the deviation "
+    "of the output, with one standard error either way."
+)
+
+
+def models_table(result: Identification) -> Table:
+    """Every model with its errors, its number of parameters and the verdict on it, the smallest error first.
+
+    With several outputs, each has a line. The numbers are those of `front_figure`.
+    """
+    several = any(row.outputs for row in result.rows)
+    axis = channel_axis(result.unseen.output_names[0], result.unseen.output_units[0])
+    unit = f" [{plain_unit(axis.unit)}]" if plain_unit(axis.unit) and not several else ""
+    others = {"choice": result.on_choice, "used in fit": None if result.seen else result.on_record}
+    on = {name: {row.model: row for row in each.rows} for name, each in others.items() if each is not None}
+    folds = result.front[0].folds if result.front else 0
+    lines: list[tuple[str, ...]] = []
+    bold: set[int] = set()
+    for row in result.rows:
+        start, shared = _about(result, row.model, with_folds=folds > 1)
+        outputs: Sequence[Row | OutputErrors] = row.outputs or (row,)
+        for k, errors in enumerate(outputs):
+            bold |= {len(lines)} if row.model == result.chosen.model.name else set()
+            output = (in_unit(row.outputs[k].output, row.outputs[k].unit),) if several else ()
+            fits = (_fit(errors), *(_fit(_of(rows.get(row.model), k)) for rows in on.values()))
+            rmse = (number(errors.simulation_rmse), number(float(np.sqrt(errors.one_step_mse))))
+            lines.append((row.model, *output, start, str(row.parameters), *fits, *shared[:-1], *rmse, shared[-1]))
+    fitted = (f"Fit %, {'data of the fit' if result.seen else 'unseen'}", *(f"Fit %, {name}" for name in on))
+    errors_heads = (*("CV error %",) * (folds > 1), f"RMSE{unit}", f"One-step RMSE{unit}")
+    diverged = [
+        f"The free run of {row.model} diverged at sample {row.diverged_at}."
+        for row in result.rows
+        if row.diverged_at is not None
+    ]
+    bold_is = "recommended" if result.is_recommended else "best"
     return Table(
-        ("Model", "Parameters", "Error %", "± one standard error", "Remark"),
-        lines,
-        f"Accuracy against number of parameters: RMSE of the free run {where}, in % of the output's deviation.",
-        "A model on the front is better by more than noise than every simpler one on it.",
+        ("Model", *("Output",) * several, "No.", "Parameters", *fitted, *errors_heads, "Verdict"),
+        tuple(lines),
+        f"On {result.ranked_on}, {result.unseen.name}, the smallest error first; the {bold_is} model is in bold. A "
+        "click on a heading sorts the rows.",
+        " ".join(["No.: in the figure of error over parameters.", *[CV.format(folds)] * (folds > 1), *diverged]),
+        text_columns=1 + several,
         ends_in_text=True,
-        emphasised=frozenset(k for k, each in enumerate(rows) if each.recommended),
+        emphasised=frozenset(bold),
     )
 
 
-def percent_of(share: float) -> str:
-    """A share in percent, three digits."""
-    return number(100 * share) if np.isfinite(share) else "diverges"
+def _about(result: Identification, model: str, *, with_folds: bool) -> tuple[str, tuple[str, ...]]:
+    """The number of a model in the figure; its error over the folds, if there are several, and the verdict on it."""
+    numbered = {each.model: (str(k), cv_error(each)) for k, each in enumerate(result.front, 1)}
+    place, error = numbered.get(model, ("–", "–"))
+    (verdict,) = [IN_SHORT[each.code] for each in result.model_verdicts if each.model == model] or ["–"]
+    preferred = result.is_recommended and model == result.chosen.model.name
+    return place, (*((error,) if with_folds else ()), f"{'recommended; ' * preferred}{verdict}")
 
 
-def error_range(row: FrontRow) -> str:
-    """One standard error either way, in percent."""
-    return f"{number(100 * row.low)} to {number(100 * row.high)}" if np.isfinite(row.low) else "–"
+def _of(row: Row | None, output: int) -> Row | OutputErrors | None:
+    """The errors of an output, or of the only one."""
+    return row.outputs[output] if row is not None and row.outputs else row
 
 
-def place(row: FrontRow) -> str:
-    """Whether a model is on the front, and recommended."""
-    return ", ".join(["on the front"] * row.on_front + ["recommended"] * row.recommended)
+def _fit(errors: Row | OutputErrors | None) -> str:
+    return f"{errors.fit_percent:.2f}" if errors is not None and np.isfinite(errors.fit_percent) else "–"
+
+
+def cv_error(row: FrontRow) -> str:
+    """The error over all parts left out with one standard error either way, in percent."""
+    if not np.isfinite(row.error):
+        return "diverges"
+    spread = f" ({number(100 * row.low)} to {number(100 * row.high)})" if np.isfinite(row.low) else ""
+    return f"{number(100 * row.error)}{spread}"
 
 
 def front_figure(rows: Sequence[FrontRow]) -> Figure | None:
@@ -82,7 +130,7 @@ def front_figure(rows: Sequence[FrontRow]) -> Figure | None:
     return Figure(
         "front",
         "Error of the free run over the number of parameters, one standard error either way; the numbers are those of "
-        "the table.",
+        "the table of models.",
         (
             Plot(
                 (*bars, *([steps] if len(front) > 1 else []), *points),

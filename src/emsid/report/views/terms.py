@@ -8,7 +8,7 @@ FREE_RUN = Term(
 )
 ONE_STEP = Term(
     "One step ahead",
-    "the model predicts the next sample from the measured past. These errors are small for almost any model.",
+    "the model predicts the next sample from the measured past; models are not ranked by this error.",
 )
 FIT = Term(
     "Fit",

@@ -377,7 +377,7 @@ def test_the_error_of_the_chosen_model_is_from_data_that_did_not_choose_it(given
         assert [row.model for row in each.on_unseen.by_error.rows] == [row[0] for row in table.rows]
         for name, on in (("unseen", each.on_unseen), ("choice", each.on_choice), ("used in fit", each.on_record)):
             fits = {row.model: f"{row.fit_percent:.2f}" for row in on.rows}
-            assert {row[0]: row[table.header.index(f"Fit %, {name}")] for row in table.rows} == fits
+            assert {row[0]: row[table.header.index(f"Fit % {name}")] for row in table.rows} == fits
         verdicts = {row[0]: row[-1] for row in table.rows}
         assert verdicts[each.chosen.model.name].startswith("recommended; ") == each.is_recommended
 

@@ -68,7 +68,7 @@ def test_one_table_has_all_models_with_fits_errors_and_verdicts(result):
     assert set(rows) == {"arx", "rigid-motor"}
     for label, comparison in (("unseen", result.on_unseen), ("used in fit", result.on_record)):
         for row in comparison.rows:
-            assert rows[row.model][f"Fit %, {label}"] == f"{row.fit_percent:.2f}"
+            assert rows[row.model][f"Fit % {label}"] == f"{row.fit_percent:.2f}"
             assert rows[row.model]["Parameters"] == str(row.parameters)
     numbers = {each.model: str(k) for k, each in enumerate(result.front, 1)}
     assert {row["Model"]: row["No."] for row in rows.values()} == {"arx": "–", "rigid-motor": "–"} | numbers

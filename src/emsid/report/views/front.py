@@ -58,7 +58,7 @@ def models_table(result: Identification) -> Table:
             fits = (_fit(errors), *(_fit(_of(rows.get(row.model), k)) for rows in on.values()))
             rmse = (number(errors.simulation_rmse), number(float(np.sqrt(errors.one_step_mse))))
             lines.append((row.model, *output, start, str(row.parameters), *fits, *shared[:-1], *rmse, shared[-1]))
-    fitted = (f"Fit %, {'data of the fit' if result.seen else 'unseen'}", *(f"Fit %, {name}" for name in on))
+    fitted = (f"Fit % {'data of the fit' if result.seen else 'unseen'}", *(f"Fit % {name}" for name in on))
     errors_heads = (*("CV error %",) * (folds > 1), f"RMSE{unit}", f"One-step RMSE{unit}")
     diverged = [
         f"The free run of {row.model} diverged at sample {row.diverged_at}."

@@ -156,6 +156,18 @@ def test_the_page_for_programs_has_every_command():
     assert said == found
 
 
+MATLAB = (
+    "compare", "resid", "predict", "forecast", "step", "impulse", "bode", "present", "getpvec", "setpar", "d2c", "c2d",
+    "procest", "spa", "advice", "idplot",
+)  # fmt: skip
+
+
+def test_every_task_of_the_toolbox_takes_at_most_two_lines():
+    blocks = re.findall(r"^\*\*(.*?)```python\n(.*?)```", PAGES["docs/howto/tasks.md"], re.MULTILINE | re.DOTALL)
+    lines = {verb: len(code.splitlines()) for said, code in blocks for verb in re.findall(r"`(\w+)`", said)}
+    assert [verb for verb in MATLAB if not 1 <= lines.get(verb, 0) <= 2] == []
+
+
 def test_every_finding_has_what_triggers_it_and_what_to_do():
     known = tomllib.loads((HOME / "docs" / "reference" / "triggers.toml").read_text("utf-8"))
     assert set(known) == set(CATALOGUE), "add it to docs/reference/triggers.toml, or remove it"

@@ -22,7 +22,7 @@ studio: $(VENV)/installed
 
 # Tests of one file mostly stay in one process, where they share what their fixtures have fitted.
 test: $(VENV)/compiled
-	$(BIN)/pytest -n 4 --dist worksteal $(TESTS)
+	$(BIN)/pytest -n 3 --dist worksteal $(TESTS)
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .
@@ -51,7 +51,9 @@ coverage: $(VENV)/tested-with
 	$(BIN)/pytest -m long
 
 # What lint, pages and tests need, so that no installation runs beside them.
-environment: $(VENV)/tested-with $(VENV)/documented-with
+environment: $(VENV)/installed
+	$(INSTALL) -e '.[dev,docs]'
+	@touch $(VENV)/tested-with $(VENV)/documented-with
 
 kernels: $(VENV)/compiled
 

@@ -68,7 +68,7 @@ def test_no_knots_are_added_where_noise_hides_what_they_show(name: str, noise: f
 
 
 @pytest.mark.parametrize(
-    "name", ["hyperbolic tangent", "dead zone", pytest.param("saturation", marks=pytest.mark.long)]
+    "name", ["dead zone", *(pytest.param(x, marks=pytest.mark.long) for x in ("hyperbolic tangent", "saturation"))]
 )
 def test_without_options_the_error_is_the_noise_of_a_thousandth(name: str) -> None:
     record, judge, noise = records(MAPS[name], 1, 0.001)

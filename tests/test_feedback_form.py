@@ -136,7 +136,7 @@ def test_intervals_are_as_narrow_as_the_band_of_the_map(truth: FeedbackModel, si
 
 def test_the_cubic_spring_of_an_oscillator_is_known_to_one_percent() -> None:
     """It was 30 % in the unit of a single element."""
-    fit = emsid.fit(emsid.feedback(2, delay=0), duffing(samples=4096).fitted)
+    fit = emsid.fit(emsid.feedback(2, delay=0), duffing(samples=2048).fitted)
     at = fit.names.index("f.c3")
     assert 1.96 * fit.standard_error[at] < 0.01 * abs(fit.estimate[at])
 

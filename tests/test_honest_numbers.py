@@ -39,6 +39,7 @@ from emsid.validation.comparison import assess_model
 from emsid.validation.correlation import cross_correlation
 from emsid.validation.nonlinear_correlation import nonlinear_terms, nonlinear_tests
 from independent.fitting import START, fitted
+from independent.misfits import FREE, MISFITS
 from independent.regressions import EQUATIONS, Equation
 from independent.settings import DT, RESISTANCE, SETTINGS, TRUTH, mass_of
 
@@ -312,6 +313,18 @@ def test_the_coverage_program_counts_what_claims_to_be_unconditional():
     found = coverage_settings.shares(WRONG, 3)
     assert [found[name].given for name in TRUTH] == [False, True, True, False]
     assert not any(share.wrong for share in found.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "conditional"),
+    [("no dead zone", False), ("jittered stamps", False), ("Stribeck, not modelled", True), ("random walk", True)],
+)
+def test_intervals_of_a_small_structure_hold_the_truth_or_a_finding_limits_them(name, conditional):
+    found = coverage_settings.shares(MISFITS[name], 3)
+    assert set(found) == set(FREE)
+    assert all(share.given == conditional and not share.wrong for share in found.values())
+    if name == "Stribeck, not modelled":
+        assert min(share.covered for share in found.values()) < 0.5
 
 
 # --- one-step errors, unseen data, correlation with powers -----------------------------------------------------------

@@ -51,6 +51,7 @@ LEVEL = {package: level for level, packages in enumerate(LAYERS) for package in 
 # Inside a package: a part (left) knows nothing of its siblings (right).
 STRANGERS = {
     "estimation.linear": ("estimation.nonlinear", "estimation.uncertainty"),
+    "models.capabilities": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.model": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.free_run": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.extrapolation": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
@@ -66,7 +67,9 @@ STRANGERS = {
 SEARCHES = ("models.regression.search", "models.blocks.search", "models.feedback.search", "models.plants.search")
 SEARCHERS = (
     "models.feedback.search",
-    "models.refitting",
+    "models.blocks.capabilities",
+    "models.feedback.capabilities",
+    "models.plants.capabilities",
     "models.verbs",
     "identification",
     "study",
@@ -335,6 +338,28 @@ def test_nobody_asks_for_the_type_or_the_name_of_a_plant() -> None:
         return questions
 
     assert [module for module in offenders(found) if not within(module, "models.plants")] == []
+
+
+# What is no kind of model, or only tells a model from what is none, such as arguments in the wrong order.
+NO_KIND = {"models.model.Model", "models.linear.system.LinearSystem", "models.plants.datasheet.Given"}
+
+
+def test_only_the_models_ask_for_the_kind_of_a_model() -> None:
+    """All others ask what it can do (`emsid.models.capabilities`), so that another kind needs its own files only."""
+
+    def found(module: str) -> list[str]:
+        models = {name.rpartition(".")[2] for name in imports(module) if name.startswith("emsid.models.")}
+        models -= {name.rpartition(".")[2] for name in NO_KIND}
+        questions = []
+        for node in nodes(module):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+                asked = {each.id for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}
+                questions += [ast.unparse(node)] if asked & models else []
+            elif isinstance(node, ast.Attribute) and node.attr == "__mro__":
+                questions.append(ast.unparse(node))
+        return questions
+
+    assert {module: asked for module, asked in offenders(found).items() if not within(module, "models")} == {}
 
 
 # Functions may be this long, without their docstring.

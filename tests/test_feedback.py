@@ -11,7 +11,7 @@ import pytest
 
 import emsid
 from emsid import ModelError, Record
-from emsid.identification.map_ranges import about_the_maps, map_inputs
+from emsid.identification.map_ranges import about_the_maps
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
@@ -24,12 +24,13 @@ from emsid.models.feedback.coordinates import (
     in_coordinates,
     whitened,
 )
+from emsid.models.feedback.curves import feedback_at_rest, rounded_equation, visited_in_free_run
+from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
 from emsid.models.feedback.search.magnitudes import as_feedback
-from emsid.validation.feedback_curves import feedback_at_rest, rounded_equation, visited_in_free_run
-from emsid.validation.feedback_curves import visited as visited_in
+from emsid.models.kinds import capabilities_of
 from feedback_models import Array, U, X, loop, multiplied
 from model_examples import DT, LOOP, MAPS, TWO_LOOPS
 
@@ -166,7 +167,8 @@ def test_signals_of_a_slow_model_are_those_of_its_free_run() -> None:
     record = Record(u, run.y, DT)
     assert np.abs(model.resting(u[0])).max() > 10 * np.abs(run.z).max()
     np.testing.assert_allclose(visited_in_free_run(model, record).z, run.z, atol=1e-3)
-    np.testing.assert_array_equal(map_inputs(model, record), visited_in_free_run(model, record).z)
+    used = capabilities_of(model).maps_in_use(model, record)
+    np.testing.assert_array_equal(np.column_stack([each.input for each in used]), visited_in_free_run(model, record).z)
     assert about_the_maps(model, record[:300], record[300:], False) == []
 
 

@@ -14,12 +14,12 @@ from coverage_feedback import CASES, Signal, fitted, noisy, white
 from emsid import FeedbackModel
 from emsid.blocks import Polynomial
 from emsid.models.feedback.coordinates import always_fixed, free_lines
+from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
 from emsid.models.feedback.observer_form import observer_form
 from emsid.models.feedback.search.magnitudes import as_feedback
-from emsid.validation.feedback_curves import visited as visited_in
-from emsid.validation.map_bands import map_band
 from feedback_models import Array, U, X, loop, multiplied
 from independent.nonlinear_systems import duffing
 from model_examples import DT, MAPS

@@ -9,11 +9,12 @@ import emsid
 from emsid import Record
 from emsid.findings import Finding
 from emsid.identification import identify
-from emsid.identification.map_ranges import about_the_maps, map_inputs
+from emsid.identification.map_ranges import about_the_maps
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import Polynomial
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.kinds import capabilities_of
 
 DT = 0.01
 RESONANT = Rational([0.0, 0.1], [-1.7, 0.9])
@@ -35,7 +36,7 @@ def test_a_map_is_continued_where_a_resonance_makes_its_input_larger(model: Casc
     assert about_the_maps(model, low, high, True) == []
     (found,) = about_the_maps(model, low, high, False)
     assert (found.code, found.subject, found.data["map"]) == ("map-beyond-range", model.name, None)
-    z, known = map_inputs(model, high)[:, 0], map_inputs(model, low)[:, 0]
+    z, known = (capabilities_of(model).maps_in_use(model, record)[0].input for record in (high, low))
     assert (found.data["low"], found.data["high"]) == (z.min(), z.max())
     assert z.max() > 1.5 * known.max()
     slack = 0.1 * np.ptp(known)

@@ -9,8 +9,8 @@ from scipy.signal import cont2discrete, lfilter
 import emsid
 from emsid.identification.characteristics import of_fit
 from emsid.identification.curves import curves
-from emsid.models.plants.visited import Needs, RestsOn, Visited
 from emsid.models.poles import oscillation, time_constants
+from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.report.identification_page import _fact
 
 DT, N = 0.02, 1500

@@ -20,8 +20,10 @@ from emsid.identification import ranking as ranking_module
 from emsid.identification.options import Options
 from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked, within_noise
 from emsid.identification.recommendation import recommended
+from emsid.models.capabilities import Capabilities
 from emsid.models.free_run import free_run_error
-from emsid.models.refitting import REFITTED, better_refit, refitted
+from emsid.models.kinds import KINDS, capabilities_of
+from emsid.models.refitting import better_refit, refitted
 from emsid.record.holding_back import left_out_once, stretches_in_turn
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure
@@ -101,7 +103,8 @@ def fits():
 
 
 def test_every_kind_of_model_can_be_fitted_again(fits):
-    assert {type(fit.model) for fit in fits} == set(REFITTED)
+    can = {each.model for each in KINDS if type(each).refitted is not Capabilities.refitted}
+    assert {type(fit.model) for fit in fits} == can
 
 
 def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
@@ -180,7 +183,7 @@ def test_numbers_out_of_range_are_a_problem_of_the_model(fits, monkeypatch):
     def fails(*_):
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setitem(REFITTED, emsid.Cascade, fails)
+    monkeypatch.setattr(type(capabilities_of(fits[2].model)), "refitted", fails)
     with pytest.raises(emsid.ModelError, match="out of range"):
         refitted(fits[2], drive(0, 400))
 
@@ -188,7 +191,7 @@ def test_numbers_out_of_range_are_a_problem_of_the_model(fits, monkeypatch):
 def test_a_cancelled_refit_is_stopped(fits):
     with pytest.raises(Stopped):
         refitted(fits[0], drive(0), control=Control(cancelled=lambda: True))
-    with pytest.raises(emsid.ModelError, match="cannot be fitted again"):
+    with pytest.raises(emsid.ModelError, match="no way to be fitted again"):
         refitted(replace(fits[0], model=object()), drive(0))
 
 
@@ -591,9 +594,9 @@ def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
 
 def test_a_structure_of_magnitudes_is_chosen_by_its_search_in_short_records(monkeypatch):
     """The search compares models on data left out; a smaller one is chosen though it follows all data less closely."""
-    assert all_data._of_magnitudes(before_sensor())
-    assert not all_data._of_magnitudes(loop())
-    monkeypatch.setattr(all_data, "_of_magnitudes", lambda model: True)
+    for model, hides in ((before_sensor(), True), (loop(), False)):
+        assert capabilities_of(model).hides_the_sign(model) is hides
+    monkeypatch.setattr(Capabilities, "hides_the_sign", lambda self, model: True)
     worse = {"arx": lambda record, options, control: emsid.fit(emsid.arx(1, 1, nk=40), record)}
     monkeypatch.setattr(all_data, "CANDIDATES", worse)
     for shortest, taken in ((1201, True), (1200, False)):

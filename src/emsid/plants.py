@@ -30,7 +30,7 @@ from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import Servo
 from emsid.models.plants.state import PlantState
-from emsid.models.plants.visited import Needs, RestsOn
+from emsid.models.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
 from emsid.plant.load_friction import LoadFriction

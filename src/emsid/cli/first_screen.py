@@ -206,19 +206,17 @@ def _few(result: Identification, most: int) -> tuple[Row, ...]:
 
 def _details(result: Identification) -> None:
     """Parameters of physical models with their intervals, and the equation of the best model if it is another one."""
-    from emsid.models.feedback.model import FeedbackModel
-    from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.models.kinds import capabilities_of
+    from emsid.models.plants.search.result import has_physical_parameters
     from emsid.report.views.physical_parameters import own_parameters
-    from emsid.validation.feedback_curves import rounded_equation
 
     for fit in _in_detail(result):
-        if isinstance(fit, GreyBoxFit):
+        if has_physical_parameters(fit):
             show(physical_table(fit))
             if fit.by_record:
                 show(text_table(own_parameters(fit)))
         else:
-            is_loop = isinstance(fit.model, FeedbackModel)
-            text = rounded_equation(fit, result.data_of(fit)) if is_loop else fit.model.equation()
+            text = capabilities_of(fit.model).equation(fit, result.data_of(fit))
             lines = text.splitlines()
             say(f"{fit.model.name}:")
             say(*(x if len(x) <= LONGEST else f"{x[:LONGEST]}… (in full in the report)" for x in lines), "")
@@ -226,10 +224,10 @@ def _details(result: Identification) -> None:
 
 def _in_detail(result: Identification) -> list[Fit[Any]]:
     """The models with details on the screen, the best one first."""
-    from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.models.plants.search.result import has_physical_parameters
 
     few = len(result.fits) <= IN_FULL
-    return [fit for fit in result.fits if fit is result.chosen or (few and isinstance(fit, GreyBoxFit))]
+    return [fit for fit in result.fits if fit is result.chosen or (few and has_physical_parameters(fit))]
 
 
 def _first(result: Identification) -> list[Finding]:

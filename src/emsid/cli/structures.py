@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from emsid.errors import DataError
 
@@ -81,12 +81,13 @@ def _in_file(path: str) -> "Structure":
         DataError: for another kind of model.
     """
     from emsid.io import load_model
-    from emsid.models.regression.narx import Narx
+    from emsid.models.kinds import capabilities_of
 
-    model = load_model(path)
-    if not isinstance(model, Narx):
+    model: Any = load_model(path)
+    if not capabilities_of(model).linear_in_parameters:
         raise DataError(f"{path}: a {model.name} is not linear in its parameters; name a regression")
-    return model.structure
+    structure: Structure = model.structure
+    return structure
 
 
 def _numbers(text: str | None) -> tuple[float, ...]:

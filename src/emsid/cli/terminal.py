@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from emsid.estimation.nonlinear.control import Control
-    from emsid.identification.characteristics import Characteristic
+    from emsid.models.characteristics import Characteristic
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.report import document
 

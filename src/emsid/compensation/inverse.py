@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import DataError, ModelError
-from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
+from emsid.models.plants.sampling import Inside, Outer
 from emsid.models.starting import start
 from emsid.models.verbs import as_model
 from emsid.plant import DeadZoneLaw
@@ -198,8 +198,8 @@ def compensate(
         raise ModelError(f"a sample time of {dt!r} s; give a positive number", arguments=("dt",))
     if dt is None and subject.dt is None:
         raise ModelError(f"{subject.name} has no sample time of its own; give the controller's", arguments=("dt",))
-    sampler = getattr(start(_without_inductance(subject), dt=dt), "sampler", None)
-    if not isinstance(sampler, OneMassSampler):
+    sampler: Any = getattr(start(_without_inductance(subject), dt=dt), "sampler", None)
+    if not getattr(sampler, "of_one_mass", False):
         raise ModelError(
             f"{subject.name} has no inverse here: that is known for a plant of one mass (rigid-motor, "
             "joint, linear-axis) and for the static map of a cascade; identify one of these"

@@ -14,7 +14,6 @@ from typing import Any
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
 from emsid.exports.mechanics import NEUTRAL
-from emsid.models.plants.sampling import OneMassSampler
 from emsid.models.starting import start
 from emsid.plant.friction import coulomb_stribeck
 from emsid.plant.gaussian_stribeck import gaussian_excess
@@ -45,8 +44,8 @@ def modelica(export: Export) -> tuple[Files, list[str]]:
     if export.name in WORDS:
         raise ModelError(f"{export.name!r} is a word of Modelica; give another name", arguments=("name",))
     plant: Any = getattr(export.model, "plant", None)
-    sampler = getattr(start(export.model, dt=export.dt or 1e-3), "sampler", None)
-    if not isinstance(sampler, OneMassSampler):
+    sampler: Any = getattr(start(export.model, dt=export.dt or 1e-3), "sampler", None)
+    if not getattr(sampler, "of_one_mass", False):
         raise ModelError(
             f"{export.model.name} is no plant of one mass, which alone has a form in Modelica; export it as fmu"
         )

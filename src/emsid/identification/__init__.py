@@ -1,12 +1,13 @@
 """Identification: fit several models to records and rank them."""
 
-from emsid.identification.characteristics import Characteristic
-from emsid.identification.curves import BandedCurve, curves
+from emsid.identification.curves import curves
 from emsid.identification.fitting import Elsewhere
 from emsid.identification.options import Options
 from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
 from emsid.identification.workflow import identify
+from emsid.models.characteristics import Characteristic
+from emsid.models.curves import BandedCurve
 from emsid.selection.improvement import StretchErrors
 
 __all__ = [

@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.identification.candidates import CANDIDATES, Feedback, Physical
+from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
 from emsid.identification.options import Options
 from emsid.identification.ranking import MANY, in_turn
 from emsid.identification.verdict import larger_on_unseen
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.refitting import better_refit, is_safe
 from emsid.record import Record
@@ -63,7 +63,8 @@ def from_all_data(
     Returns:
         None where the data are so many that it would change little, or where no fit simulates them better.
     """
-    few, of_magnitudes = len(held_back) < MANY, _of_magnitudes(judged.best.model) and len(whole) < SHORT
+    few, best = len(held_back) < MANY, judged.best.model
+    of_magnitudes = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
     larger = len(whole) < MOST and _structure_is_doubtful(judged)
     if not (few or larger or of_magnitudes):
         return None
@@ -95,16 +96,11 @@ def _refit(judged: Compared, whole: Record, options: Options, control: Control) 
 
 
 def _structure_is_doubtful(judged: Compared) -> bool:
-    """Whether the recommended model is a feedback model or a plant whose error is much larger on unseen data."""
+    """Whether the error of the recommended model is much larger on unseen data; its kind is then searched anew."""
     name = judged.best.model.name
     fitted = next(each for each in judged.on_record.assessments if each.row.model == name)
     unseen = judged.on_unseen.best
-    return isinstance(CANDIDATES.get(name), (Feedback, Physical)) and larger_on_unseen(unseen, fitted) is not None
-
-
-def _of_magnitudes(model: Model) -> bool:
-    """Whether it is a feedback model before a sensor that loses the sign."""
-    return isinstance(model, FeedbackModel) and model.sensor is not None
+    return getattr(CANDIDATES.get(name), "searched_anew", False) and larger_on_unseen(unseen, fitted) is not None
 
 
 def _searched(name: str, whole: Record, options: Options, control: Control) -> Fit[Any] | None:

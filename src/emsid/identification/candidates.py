@@ -42,7 +42,6 @@ from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.by_name import names_had
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike, elsewhere
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.neutral import neutral
@@ -53,7 +52,7 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import OF_JOINT, OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
@@ -126,6 +125,7 @@ class Feedback:
 
     summary: str
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold", "held_back")
+    searched_anew: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""
@@ -165,6 +165,7 @@ class Physical:
     plant: Plant
     refinements: tuple[Refinement, ...] = REFINEMENTS
     uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "per_record", "profile")
+    searched_anew: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose the refinements unless ``free`` is given, then fit to the whole record.
@@ -172,16 +173,17 @@ class Physical:
         A plant with a shaft is one mass where that, with its own refinements, has a smaller error.
         """
         plant = self.coded(options).for_command(with_unit_of_name(record))
-        if isinstance(plant, DrivenPlant) and plant.turn:
+        if plant.driven is not None and plant.driven.turn:
             _check_turn(record, options)
         weighting: Weighting = all_alike
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
         by_record = any("[" in name for name in options.fixed)  # refinements are for one value in all records
-        if options.free or by_record or not isinstance(plant, DrivenPlant):
+        driven = plant.driven
+        if options.free or by_record or driven is None:
             return simulation_error(
-                neutral(plant) if isinstance(plant, DrivenPlant) else plant,
+                plant if driven is None else neutral(driven),
                 record,
                 free=options.free or None,
                 fixed=options.fixed,
@@ -195,7 +197,7 @@ class Physical:
         linear = baseline(record, options.nk, ORDERS)
         try:
             fit = choose(
-                plant,
+                driven,
                 record,
                 fixed=options.fixed,
                 datasheet=options.datasheet,
@@ -226,7 +228,7 @@ class Physical:
             fit = CANDIDATES[less[0].name](record, options, control)
         except (EmsidError, Stopped):
             return None
-        return fit if isinstance(fit, GreyBoxFit) else None
+        return fit if has_physical_parameters(fit) else None
 
     def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Fit the same plant to the whole record, from the estimates of the part.
@@ -234,7 +236,7 @@ class Physical:
         Raises:
             ModelError: where records have parameters of their own.
         """
-        if not isinstance(fit, GreyBoxFit) or fit.by_record:
+        if not has_physical_parameters(fit) or fit.by_record:
             raise ModelError(f"{fit.model.name}: a fit with parameters by record cannot be continued")
         plant, signals = fit.model.plant, fit.model.signals
         return simulation_error(
@@ -252,7 +254,8 @@ class Physical:
 
     def coded(self, options: Options) -> Plant:
         """The plant to begin with; its drive, if it has one, has the codes that are no commands."""
-        return self.plant.with_drive(codes=options.codes) if isinstance(self.plant, DrivenPlant) else self.plant
+        driven = self.plant.driven
+        return self.plant if driven is None else driven.with_drive(codes=options.codes)
 
 
 def _check_turn(record: Record, options: Options) -> None:
@@ -299,7 +302,7 @@ class _Candidates(MutableMapping[str, ModelKind]):
             return self.given[name]
         kind = PLANTS[name]
         start = kind.start
-        if isinstance(start, DrivenPlant) and start.turn:
+        if start.driven is not None and start.driven.turn:
             tried = OF_JOINT
         else:
             tried = REFINEMENTS if kind.refined else OF_SHAFT if start.secondary else ()
@@ -387,15 +390,14 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
 
 def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:
     """Whether a record is of this joint: an angle in rad that hangs."""
-    if not isinstance(plant, DrivenPlant) or not plant.turn or record.output_units[0] != "rad":
+    joint = plant.driven
+    if joint is None or not joint.turn or record.output_units[0] != "rad":
         return False
-    if not _may_be_of(plant, record, known):
-        return False
-    return hanging(record) is not None
+    return _may_be_of(plant, record, known) and hanging(record) is not None
 
 
 def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:
-    if not isinstance(plant, DrivenPlant) or plant.secondary:
+    if plant.driven is None or plant.secondary:
         return False
     if _is_of_a_process(record):
         return False

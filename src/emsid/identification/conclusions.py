@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.result import has_physical_parameters
 from emsid.record import Record
 from emsid.validation.comparison import Assessment
 from emsid.validation.correlation import autocorrelation
@@ -164,7 +164,7 @@ def next_steps(
     depends = any(each.code == "residual-depends-on-input" for each in found)
     looped = any(each.code == "feedback-likely" for each in found)
     failed = {each.subject for each in found if each.code == "model-failed"}
-    physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)
+    physical = any(has_physical_parameters(each) for each in fits) or not failed.isdisjoint(PLANTS)
     unstable = any(each.code == "unstable-in-loop" for each in found)
     if chosen.input_moves and not fit >= POOR and not unstable:
         tested = not any(each.code == "residual-not-tested" for each in found)

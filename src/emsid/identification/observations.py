@@ -12,12 +12,9 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.map_ranges import about_the_maps
 from emsid.identification.plausibility import Plausibility
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.search.diagnostics import advice
+from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
-from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.diagnostics import Profile
-from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.record import Record
 from emsid.record.overlap import has_common_samples
 from emsid.selection.improvement import NEGLIGIBLE
@@ -133,9 +130,9 @@ def length_trusted(fit: Fit[Any], model: Model, whole: Record) -> list[Finding]:
         model: the same for later use.
         whole: all data.
     """
-    if not isinstance(model, GreyBox) or {"free-run-drifts", "load-drifts"} & {each.code for each in fit.findings}:
+    if {"free-run-drifts", "load-drifts"} & {each.code for each in fit.findings}:
         return []
-    return trusted_length_over(model, whole)
+    return capabilities_of(model).trusted_length(model, whole)
 
 
 def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
@@ -192,7 +189,7 @@ def about_nonlinear_terms(best: Assessment) -> list[Finding]:
     It must explain a part of the residual that matters: in a long record a test also sees the rounding of an encoder. A
     plant says itself what it lacks, by a score of every known effect (`emsid.models.plants.search.missing`).
     """
-    if isinstance(best.fit.model, GreyBox):
+    if capabilities_of(best.fit.model).says_what_it_lacks:
         return []
     findings = []
     for channel, output in enumerate(best.record.output_names):
@@ -237,7 +234,7 @@ def about_the_fits(fits: Iterable[Fit[Any]], record: Record) -> list[Finding]:
     found: list[Finding] = []
     plausibility = Plausibility(record)
     for fit in fits:
-        noticed = [*fit.findings, *(advice(fit, record) if isinstance(fit.model, Cascade) else ())]
+        noticed = [*fit.findings, *capabilities_of(fit.model).advice(fit, record)]
         found += [each.about(fit.model.name) for each in noticed]
         found += plausibility.findings(fit)
     return found

@@ -120,7 +120,11 @@ def options_of(options: Options | None, keywords: Mapping[str, Any]) -> Options:
 
 
 class ModelKind(Protocol):
-    """A kind of model that can be fitted to a record."""
+    """A kind of model that can be fitted to a record.
+
+    The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
+    it lacks.
+    """
 
     @property
     def summary(self) -> str:

@@ -9,7 +9,7 @@ range, or while the largest or the smallest input is held, is another.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -21,15 +21,10 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import response
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.capabilities import MapInUse
 from emsid.models.extrapolation import LARGER, Extremes, diverges
 from emsid.models.free_run import free_run
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.plants.grey_box import GreyBox
-from emsid.models.regression.narx import Narx
+from emsid.models.kinds import capabilities_of
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -114,62 +109,42 @@ class Plausibility:
         if self.record.input.shape[1] != 1 or self.record.output.shape[1] != 1:
             return []
         found: list[Finding] = []
-        if not isinstance(model, GreyBox) and diverges(model, self.beyond):
-            found.append(Finding(DIVERGES, model.name, {"factor": LARGER}))
-        if not isinstance(model, GreyBox) and free_run(model, self.held).diverged_at is not None:
-            found.append(Finding(DIVERGES_HELD, model.name))
-        if not isinstance(model, GreyBox) and free_run(model, self.steps).diverged_at is not None:
-            found.append(Finding("diverges-on-steps", model.name))
-        if isinstance(model, Cascade):
-            found += [each for k, x in self._entering(model) for each in self._of_map(model, k, x)]
-            poles = [pole for block in model.blocks if isinstance(block, Rational) for pole in block.poles]
-            found += [*_too_fast(poles), *self._too_late(_delay_of(model))]
-        elif isinstance(model, Narx):
-            below, above = model.linear_part()
-            poles = list(np.roots(below)) if len(below) > 1 else []
-            found += self._too_late(_first_lag(model))
-            if model.is_linear:
-                found += [*_cancelled(poles, list(np.roots(above[0]))), *(_too_fast(poles) if model.start else ())]
-        elif isinstance(model, PolynomialModel):
-            poles = list(np.roots(np.convolve(np.append(1.0, model.a), np.append(1.0, model.f[0]))))
-            found += [*_cancelled(poles, list(np.roots(model.b[0]))), *_too_fast(poles), *self._too_late(model.delay)]
-        elif isinstance(model, StateSpaceModel):
-            direct = bool(model.d.any())
-            above = model.coefficients(direct, noise=False)[1][model.order : -1]
-            poles = list(model.poles)
-            found += [*_cancelled(poles, list(np.roots(above))), *_too_fast(poles)]
+        kind = capabilities_of(model)
+        if kind.may_run_away:
+            found += self._running_away(model)
+        found += [each for used in kind.judged_maps(model, self.record) for each in self._of_map(model.name, used)]
+        modes = kind.modes(model)
+        found += [*_cancelled(*modes.pairs), *_too_fast(modes.poles), *self._too_late(modes.delay)]
         return [each.about(model.name) for each in found]
 
-    def _entering(self, model: Cascade) -> Iterator[tuple[int, Array]]:
-        """The index and the input signal of every static map, for the input of the record."""
-        at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
-        pieces = [segment.input[:, 0] for segment in self.record.segments]
-        with np.errstate(all="ignore"):
-            signals = [model.signals_from_rest(u) for u in pieces]
-        for k in at:
-            x = np.concatenate([each[k] for each in signals])
-            x = x[np.isfinite(x)]
-            if len(x) and np.ptp(x) > 0:
-                yield k, x
+    def _running_away(self, model: Any) -> Iterator[Finding]:
+        """A free run that diverges where the record does not."""
+        if diverges(model, self.beyond):
+            yield Finding(DIVERGES, model.name, {"factor": LARGER})
+        if free_run(model, self.held).diverged_at is not None:
+            yield Finding(DIVERGES_HELD, model.name)
+        if free_run(model, self.steps).diverged_at is not None:
+            yield Finding("diverges-on-steps", model.name)
 
-    def _of_map(self, model: Cascade, k: int, x: Array) -> Iterator[Finding]:
-        """A map that turns, or leaves the range of the output, where its input (m,) has hardly any data."""
-        block = model.blocks[k]
-        assert isinstance(block, StaticMap)
-        grid = np.unique(np.concatenate([np.linspace(x.min(), x.max(), GRID), block.marks()[0]]))
-        values, sparse = block.value(grid), _sparse(grid, x)
+    def _of_map(self, name: str, used: MapInUse) -> Iterator[Finding]:
+        """A map that turns, or leaves the range of the output, where its input has hardly any data."""
+        x = used.input[np.isfinite(used.input)]
+        if not len(x) or np.ptp(x) == 0 or used.output_at_rest is None:
+            return
+        grid = np.unique(np.concatenate([np.linspace(x.min(), x.max(), GRID), used.marks]))
+        values, sparse = used.value(grid), _sparse(grid, x)
         if not sparse.any() or sparse.all() or not np.isfinite(values).all():
             return
         turn = _turn(values, sparse)
         if turn is not None:
-            yield Finding("map-turns-without-data", model.name, {"block": k + 1, "at": float(grid[turn])})
+            yield Finding("map-turns-without-data", name, {"block": used.number, "at": float(grid[turn])})
         y = self.record.output[:, 0]
-        outputs = np.array([_at_rest_after(model, k, float(value)) for value in values])
+        outputs = np.array([used.output_at_rest(float(value)) for value in values])
         beyond = np.where(sparse, np.maximum(outputs - y.max(), y.min() - outputs), -np.inf)
         worst = int(np.argmax(beyond))
         if beyond[worst] > BEYOND * np.ptp(y):
-            data = {"block": k + 1, "at": float(grid[worst]), "value": float(outputs[worst])}
-            yield Finding("map-leaves-range", model.name, data | {"low": float(y.min()), "high": float(y.max())})
+            data = {"block": used.number, "at": float(grid[worst]), "value": float(outputs[worst])}
+            yield Finding("map-leaves-range", name, data | {"low": float(y.min()), "high": float(y.max())})
 
     def _too_late(self, delay: int) -> Iterator[Finding]:
         """A delay longer than the rise time of the record, and longer than the delay that the record shows."""
@@ -213,34 +188,16 @@ def _turn(values: Array, sparse: NDArray[np.bool_]) -> int | None:
     return worst if worst is not None and sizes[worst] > enough else None
 
 
-def _at_rest_after(model: Cascade, k: int, value: float) -> float:
-    """The output at rest where the output of block k is constant."""
-    for block in model.blocks[k + 1 :]:
-        _, value = block.resting(value)
-    return value + model.output_offset
-
-
-def _too_fast(poles: list[complex]) -> Iterator[Finding]:
+def _too_fast(poles: Sequence[complex]) -> Iterator[Finding]:
     """A real pole whose time constant is shorter than the sample time."""
     fast = [float(pole.real) for pole in poles if abs(pole.imag) < 1e-9 and IMMEDIATE < pole.real < FASTEST]
     if fast:
         yield Finding("faster-than-sampling", "", {"pole": min(fast), "samples": float(-1 / np.log(min(fast)))})
 
 
-def _cancelled(poles: list[complex], zeros: list[complex]) -> Iterator[Finding]:
+def _cancelled(poles: Sequence[complex], zeros: Sequence[complex]) -> Iterator[Finding]:
     """Poles that a zero nearly cancels."""
     for pole in poles:
         near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
         if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
             yield Finding("zero-cancels-pole", "", {"pole": [float(pole.real), float(pole.imag)]})
-
-
-def _delay_of(model: Cascade) -> int:
-    """The delay of a cascade in samples, with that of its filters."""
-    return model.delay + sum(block.delay for block in model.blocks if isinstance(block, Rational)) // model.oversampling
-
-
-def _first_lag(model: Narx) -> int:
-    """The smallest lag of an input."""
-    lags = [f.lag for regressor in model.structure.regressors for f in regressor.factors if f.channel]
-    return min(lags, default=0)

@@ -14,7 +14,7 @@ from emsid.identification.fitting import of_one_model
 from emsid.identification.observations import profile_failure
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def profiles_of(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control
     profiles: dict[str, tuple[Profile, ...]] = {}
     failed: list[Finding] = []
     for fit in fits:
-        if not isinstance(fit, GreyBoxFit):
+        if not has_physical_parameters(fit):
             continue
         model = fit.model.name
         asked = _parts_of(fit, names)

@@ -14,7 +14,7 @@ import numpy as np
 from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES, Blocks, Feedback, Physical, left_out
+from emsid.identification.candidates import CANDIDATES, Physical, left_out
 from emsid.identification.options import Options
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
@@ -189,7 +189,7 @@ def unused_requests(
         findings += [
             Finding("knots-not-used", name, {"model": name, "family": family.name})
             for name in models
-            if isinstance(CANDIDATES[name], Blocks | Feedback)
+            if "static" in CANDIDATES[name].uses
         ]
     return findings + _about_codes(plants, models, options, record)
 

@@ -9,11 +9,13 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from emsid.findings import Finding, plain
-from emsid.identification.characteristics import Characteristic, characteristics
+from emsid.identification.characteristics import characteristics
 from emsid.identification.conclusions import next_steps, verdicts
-from emsid.identification.curves import BandedCurve, curves
+from emsid.identification.curves import curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
+from emsid.models.characteristics import Characteristic
+from emsid.models.curves import BandedCurve
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.channels import ChannelNames

@@ -13,7 +13,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -25,17 +25,9 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit, fit_or_problem
-from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.fitting import fit_cascade, fixed_in
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
-from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
-from emsid.models.regression.free_run_fit import fit_free_run
-from emsid.models.regression.narx import Narx
+from emsid.models.kinds import capabilities_of
 from emsid.record import Record, concatenate
 from emsid.record import segments as segments_of
 
@@ -51,8 +43,6 @@ FEWEST = 10
 """The fewest pieces, and the fewest draws."""
 ENOUGH = 0.8
 """The share of the draws that must give a model."""
-STEPS = 20
-"""Gauss–Newton steps of a fit to drawn pieces, which begins at the estimate."""
 
 
 def bootstrap(
@@ -93,7 +83,7 @@ def bootstrap(
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < FEWEST:
         raise ModelError(f"bootstrap: {count!r} draws; give a whole number of at least {FEWEST}", arguments=("count",))
     several = [records] if isinstance(records, Record) else list(records)
-    _refit_of(fit, several)  # refused before anything is drawn
+    capabilities_of(fit.model).repeated(fit, several)  # refused before anything is drawn
     cut = pieces_of(fit, list(segments_of(several)), pieces)
     draws = rng.integers(len(cut), size=(int(count), len(cut)))
     in_turn = map if executor is None else executor.map
@@ -118,7 +108,7 @@ def _estimate(fit: Fit[Any], records: Sequence[Record], cut: Sequence[Record], d
     """The estimate from one draw of pieces; None where it gives no model."""
     drawn = concatenate([cut[k] for k in draw], "drawn pieces")
     try:
-        again = fit_or_problem(partial(_refit_of(fit, records), drawn))
+        again = fit_or_problem(partial(capabilities_of(fit.model).repeated(fit, records), drawn))
     except EmsidError:
         return None
     return again.estimate if again.names == fit.names and np.isfinite(again.estimate).all() else None
@@ -157,29 +147,3 @@ def pieces_of(fit: Fit[Any], segments: Sequence[Record], pieces: int | None) -> 
             f"bootstrap of {len(fit.estimate)} parameters needs {least}; record longer"
         )
     return cut
-
-
-def _refit_of(fit: Fit[Any], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-    """The same estimator for other data, beginning at the estimate.
-
-    Raises:
-        ModelError: for a model of another kind.
-    """
-    model = fit.model
-    if isinstance(model, Narx) and model.start:
-        return lambda record: fit_free_run(
-            model.structure, record, start=fit.estimate, max_iterations=STEPS, covariances=False
-        )
-    if isinstance(model, Narx) and fit.method == "ls":
-        plain = least_squares(model.structure, records).estimate
-        if np.allclose(plain, fit.estimate, rtol=1e-6, atol=1e-9 * np.abs(plain).max()):  # no ridge
-            return lambda record: least_squares(model.structure, record)
-    if isinstance(model, PolynomialModel):
-        structure = PolynomialStructure.of(fit)
-        return lambda record: fit_polynomials(structure, record, start=fit.estimate, max_iterations=STEPS)
-    if isinstance(model, StateSpaceModel) and fit.method != "subspace":
-        of_states, noise = StateSpaceStructure.of(model), bool(model.k.any())
-        return lambda record: fit_state_space(of_states, record, free_run=not noise, max_iterations=STEPS)
-    if isinstance(model, Cascade):
-        return lambda record: fit_cascade(model, record, fixed=fixed_in(fit), max_iterations=STEPS)
-    raise ModelError(f"{model.name}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")

@@ -2,38 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.stepping import CascadeStepper
-from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.stepping import FeedbackStepper
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.process_model import ProcessModel
-from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.linear.stepping import LinearStepper
-from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.stepping import PlantStepper
-from emsid.models.regression.narx import Narx
-from emsid.models.regression.stepping import RegressionStepper
-from emsid.models.stepping import PlainStepper, Stepper
+from emsid.models.kinds import capabilities_of
+from emsid.models.stepping import Stepper
 from emsid.models.verbs import as_model
 from emsid.record import Record
-
-STEPPERS: dict[type, Callable[[Any, Any, int], Stepper]] = {
-    Narx: lambda model, state, _: RegressionStepper(model, state),
-    StateSpaceModel: lambda model, state, _: LinearStepper(model, state),
-    PolynomialModel: lambda model, state, _: LinearStepper(model, state),
-    ProcessModel: lambda model, state, _: LinearStepper(model, state),
-    Cascade: lambda model, state, _: CascadeStepper.of(model, state),
-    FeedbackModel: lambda model, state, _: FeedbackStepper.of(model, state),
-    GreyBox: PlantStepper.of,
-}
-"""How each kind of model runs sample by sample, from the model, its state and the number of inputs."""
 
 
 def start(model: Any, level: ArrayLike = 0.0, dt: float | None = None, *, record: Record | None = None) -> Stepper:
@@ -60,17 +37,12 @@ def start(model: Any, level: ArrayLike = 0.0, dt: float | None = None, *, record
         DataError: for a record that is too short or has no outputs.
     """
     subject = as_model(model, record)
+    kind = capabilities_of(subject)
     if record is None:
         state = subject.at_rest(level, dt)
-        inputs = max(np.size(level), _inputs(subject))
+        inputs = max(np.size(level), kind.inputs(subject))
     else:
         subject.check_record(record)
         last = record.segments[-1]
         state, inputs = subject.initial(last, len(last)), record.input.shape[1]
-    kind = next((kind for kind in type(subject).__mro__ if kind in STEPPERS), None)
-    return PlainStepper(subject, state, inputs) if kind is None else STEPPERS[kind](subject, state, inputs)
-
-
-def _inputs(model: Any) -> int:
-    """The number of inputs of a model that has one for each row of a matrix; one for others."""
-    return model.structure.inputs if isinstance(model, Narx) else 1
+    return kind.stepper(subject, state, inputs)

@@ -1,7 +1,7 @@
 """`fit` and `simulate`: the two functions that accept a model of any kind.
 
-`fit` takes a `Structure`, a cascade or a plant; `FITTED` has one line for every kind. It also accepts any object with a
-method ``fit(records, **options)``.
+`fit` takes a `Structure`, a cascade or a plant; `emsid.models.kinds` knows the estimators. It also accepts any object
+with a method ``fit(records, **options)``.
 """
 
 from __future__ import annotations
@@ -18,17 +18,10 @@ from numpy.typing import ArrayLike
 from emsid.arguments import did_you_mean
 from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.fit import Fit
-from emsid.estimation.linear.least_squares import least_squares
-from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.fitting import fit_cascade
-from emsid.models.feedback.fitting import fit_feedback
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.capabilities import Estimator
 from emsid.models.free_run import as_record
-from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
-from emsid.models.linear.process_model import ProcessStructure, fit_process
-from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
+from emsid.models.kinds import ESTIMATORS, capabilities_of
 from emsid.models.model import Model
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
@@ -41,14 +34,8 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import refinements_of
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.regression.free_run_fit import fit_free_run
-from emsid.models.regression.instruments import fit_instruments
-from emsid.models.regression.intervals import with_robust_intervals
-from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
 from emsid.record import ChannelNames, Record, concatenate
-
-Estimator = Callable[..., Fit[Any]]
 
 
 def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[Any]:
@@ -97,40 +84,6 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     found = estimator(subject, data, **_checked(what, estimator, options))
     first = data if isinstance(data, Record) else data[0] if isinstance(data, Sequence) else None
     return replace(found, channels=ChannelNames.of(first)) if first is not None and isinstance(found, Fit) else found
-
-
-def _regression(
-    structure: Structure,
-    records: Record | Iterable[Record],
-    *,
-    ridge: float = 0.0,
-    forgetting: float | None = None,
-    history: bool = False,
-    threads: int | None = None,
-    free_run: bool = False,
-    instruments: bool = False,
-    start: ArrayLike | None = None,
-    transient: int | None = None,
-    control: Control = FREE,
-) -> Fit[Narx]:
-    """Least squares; recursive with a forgetting factor or a history; Gauss–Newton steps for the free run."""
-    recursive = forgetting is not None or history
-    if sum((bool(ridge), recursive, free_run, instruments)) > 1 and (free_run or instruments):
-        raise ModelError("ridge, forgetting (or history), free_run and instruments exclude each other; choose one")
-    if instruments:
-        begin = None if start is None else np.asarray(start, dtype=float)
-        return fit_instruments(structure, records, start=begin, control=control)
-    if free_run:
-        return fit_free_run(structure, records, start=start, transient=transient, control=control, restarts=True)
-    if start is not None or transient is not None:
-        raise ModelError("start and transient are for a fit to the free run; give free_run=True, or leave them out")
-    if not recursive:
-        several = (records,) if isinstance(records, Record) else tuple(records)
-        fit = least_squares(structure, several, ridge=ridge, threads=threads)
-        return fit if ridge else with_robust_intervals(fit, several)
-    if ridge:
-        raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
-    return recursive_least_squares(structure, records, forgetting=forgetting or 1.0, history=history)
 
 
 def fit_plant(
@@ -185,16 +138,6 @@ def fit_plant(
     )  # fmt: skip
 
 
-FITTED: dict[type, Estimator] = {
-    Structure: _regression,
-    StateSpaceStructure: fit_state_space,
-    PolynomialStructure: fit_polynomials,
-    ProcessStructure: fit_process,
-    Cascade: fit_cascade,
-    FeedbackModel: fit_feedback,
-    Motor: simulation_error,
-}
-"""The estimator of each kind of model; it takes the model, the records, and options by name."""
 DRIVEN: dict[type, Callable[[Any], Any]] = {Motor: DrivenMotor}
 """Types that need a drive and a sensor for a simulation, and the functions that add them."""
 
@@ -208,8 +151,8 @@ def _estimator(what: Any) -> tuple[Estimator, Any]:
     if isinstance(what, type):
         raise ModelError(f"{what.__name__} is a class; make a value of it first: {what.__name__}(…)")
     for kind in type(what).__mro__:
-        if kind in FITTED:
-            return FITTED[kind], what
+        if kind in ESTIMATORS:
+            return ESTIMATORS[kind], what
     if is_plant(what):
         return fit_plant, what
     if callable(getattr(what, "fit", None)):
@@ -221,10 +164,8 @@ def _estimator(what: Any) -> tuple[Estimator, Any]:
         given, advice = repr(what), "give a value, not a name: emsid.arx(na=2, nb=2), emsid.plants.rigid_motor()"
     elif isinstance(what, Fit):
         given, advice = "a Fit", "it has been fitted; to begin another search there, give fit.model, or its plant"
-    elif isinstance(what, GreyBox):
-        advice = "give its plant: model.plant"
-    elif isinstance(what, Narx):
-        advice = "give its structure: model.structure"
+    elif capabilities_of(what).fitted_by:
+        advice = f"give {capabilities_of(what).fitted_by}"
     elif inspect.isroutine(what):
         given, advice = f"the function {what.__name__}", f"call it: {what.__name__}(…)"
     else:

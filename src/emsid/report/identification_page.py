@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import EmsidError, listed
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
-from emsid.identification.characteristics import Characteristic, determined
+from emsid.identification.characteristics import determined
 from emsid.identification.result import Identification
+from emsid.models.characteristics import Characteristic
 from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
@@ -26,7 +27,7 @@ from emsid.wording.lists import NOT_SHOWN
 if TYPE_CHECKING:
     from emsid.estimation.estimates import Estimate
     from emsid.estimation.fit import Fit
-    from emsid.validation.bands import Band
+    from emsid.models.bands import Band
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, MOST = 3, 1_000_000

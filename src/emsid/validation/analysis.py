@@ -1,7 +1,7 @@
 r"""Everyday analysis of any model in one call: what it does to a step, its poles, its residuals, its forecast.
 
 A function takes a model or a fit. Of a fit, curves have a confidence band. A model that lacks what is asked for says
-so. The linear part of each kind of model is in `LINEAR`.
+so.
 
 **Forecast.** From the last measured sample on, the error of the forecast k samples ahead is
 
@@ -13,7 +13,6 @@ parameters comes on top. A model without a noise model has hⱼ = 0: its error i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,29 +21,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.filters import Rational
-from emsid.models.feedback.model import FeedbackModel
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.process_model import ProcessModel
-from emsid.models.linear.state_space import StateSpaceModel, observer_form
+from emsid.models.bands import Band, with_error
+from emsid.models.kinds import capabilities_of
 from emsid.models.linear.system import LinearSystem
-from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.grey_box import GreyBox
-from emsid.models.regression.narx import Narx
 from emsid.models.starting import start
 from emsid.models.verbs import as_model
 from emsid.record import Record
 from emsid.validation.bands import (
     LONGEST,
-    Band,
     FrequencyResponse,
     frequency_response_band,
     step_response_band,
-    with_error,
 )
 from emsid.validation.comparison import as_fit, assess
-from emsid.validation.frequency_responses import about_rest, linearised
 from emsid.validation.nonlinear_correlation import NonlinearTest
 from emsid.validation.residual_test import ResidualTest, residual_tests
 
@@ -56,75 +45,6 @@ NUDGE = 1e-3
 
 
 # --- linear parts ----------------------------------------------------------------------------------------------------
-
-
-def _of_states(model: StateSpaceModel, at: float) -> LinearSystem:
-    return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
-
-
-def _of_regression(model: Narx, at: float) -> LinearSystem:
-    below, above = model.linear_part() if model.is_linear else linearised(model, at)[:2]
-    a, columns = observer_form(below, list(above))
-    return LinearSystem(a, columns, np.eye(1, len(a)), above[:, :1].T.copy(), model.dt, name=model.name)
-
-
-def _of_process(model: ProcessModel, at: float) -> LinearSystem:
-    a, b, c, d = model.continuous
-    return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
-
-
-def _of_cascade(model: Cascade, at: float) -> LinearSystem:
-    """The filters with the slopes of the maps at rest; in steps of the blocks, with the delay aside."""
-    if model.dt is None:
-        raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
-    dt = model.dt / model.oversampling
-    system = LinearSystem(
-        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)), dt, model.delay * model.dt, model.name
-    )
-    x = at - model.input_offset
-    for block in model.blocks:
-        if isinstance(block, Rational):
-            b, a = block.transfer
-            own, columns = observer_form(a, [b])
-            n, m = len(system.a), len(own)
-            joined = np.zeros((n + m, n + m))
-            joined[:n, :n], joined[n:, :n], joined[n:, n:] = system.a, columns @ system.c, own
-            entering = np.vstack([system.b, columns @ system.d])
-            shown = np.hstack([b[0] * system.c, np.eye(1, m)])
-            system = replace(system, a=joined, b=entering, c=shown, d=b[0] * system.d)
-        else:
-            slope = float(block.slope(np.array([x]))[0])  # type: ignore[attr-defined]
-            system = replace(system, c=slope * system.c, d=slope * system.d)
-        x = block.resting(x)[1]
-    return system
-
-
-def _of_feedback(model: FeedbackModel, at: float) -> LinearSystem:
-    if model.dt is None:
-        raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
-    n, (_, matrix) = model.states, about_rest(model, at)
-    parts = matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
-    return LinearSystem(*parts, model.dt / model.oversampling, model.delay * model.dt, model.name)
-
-
-def _of_plant(model: GreyBox, at: float) -> LinearSystem:
-    part = model.plant.linearised(model.signals)
-    if part is None:
-        raise ModelError(f"{model.name} has no linear part that is known; linearise its functions yourself")
-    late = model.plant.drive.delay if isinstance(model.plant, DrivenPlant) else 0.0
-    return LinearSystem(*part[:4], None, late, model.name)
-
-
-LINEAR: dict[type, Callable[[Any, float], LinearSystem]] = {
-    StateSpaceModel: _of_states,
-    PolynomialModel: lambda model, at: _of_states(model.form, at),
-    ProcessModel: _of_process,
-    Narx: _of_regression,
-    Cascade: _of_cascade,
-    FeedbackModel: _of_feedback,
-    GreyBox: _of_plant,
-}
-"""The linear part of each kind of model at a constant input."""
 
 
 def linearize(model: Any, at: float = 0.0) -> LinearSystem:
@@ -140,10 +60,7 @@ def linearize(model: Any, at: float = 0.0) -> LinearSystem:
         ModelError: for a model without a linear part, or that does not come to rest at this input.
     """
     subject = as_model(model)
-    for kind in type(subject).__mro__:
-        if kind in LINEAR:
-            return LINEAR[kind](subject, at)
-    raise ModelError(f"{subject.name} has no linear part")
+    return capabilities_of(subject).linear_part(subject, at)
 
 
 def poles(model: Any, at: float = 0.0) -> Complex:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
+from emsid.models.kinds import capabilities_of
 from emsid.models.plants.by_name import full_names
-from emsid.models.plants.grey_box import GreyBox
 from emsid.models.verbs import as_model, fit
 from emsid.validation.comparison import Assessment, Row, assess, assess_model
 
@@ -83,8 +83,8 @@ def reestimate(
         ModelError: for a model without physical parameters, an unknown parameter, or a part that is no fraction.
         DataError: for a record that does not suit the model, or a part in which nothing moves.
     """
-    grey = as_model(model)
-    if not isinstance(grey, GreyBox):
+    grey: Any = as_model(model)
+    if not capabilities_of(grey).physical:
         raise ModelError(
             f"{grey.name} has no physical parameters to estimate again; give a fit of a plant", arguments=("free",)
         )

@@ -137,6 +137,16 @@ class Cascade(OneChannelMethods):
         """(p,) the parameters of all blocks, then u₀ and y₀."""
         return np.concatenate([*(block.parameters for block in self.blocks), [self.input_offset, self.output_offset]])
 
+    @property
+    def filters(self) -> dict[int, Rational]:
+        """The linear filters by their places among the blocks, from 0."""
+        return {k: block for k, block in enumerate(self.blocks) if isinstance(block, Rational)}
+
+    @property
+    def maps(self) -> dict[int, StaticMap]:
+        """The static maps by their places among the blocks, from 0."""
+        return {k: block for k, block in enumerate(self.blocks) if isinstance(block, StaticMap)}
+
     @cached_property
     def spans(self) -> tuple[slice, ...]:
         """The slice of the parameters that belongs to each block."""

@@ -99,6 +99,14 @@ class Rational:
         a[0], a[1 : 1 + len(self.denominator)] = 1.0, self.denominator
         return b, a
 
+    def meaning(self, name: str) -> str:
+        """What a parameter multiplies, for tables."""
+        j, numerator = self.names.index(name), len(self.numerator)
+        if j >= numerator:
+            return f"× −output(t-{j - numerator + 1})"
+        lag = j + self.delay
+        return f"× input(t-{lag})" if lag else "× input(t)"
+
     @property
     def poles(self) -> NDArray[np.complex128]:
         """(na,) roots of A."""

@@ -131,6 +131,9 @@ class FeedbackModel(OneChannelMethods):
     sensor: int | None = None
 
     models_noise: ClassVar[bool] = False
+    band_steps: ClassVar[tuple[float, ...]] = (0.01, 0.001)
+    """Steps of its bands in standard errors, see `emsid.models.bands`. They are small: elements of its matrices may be
+    known badly where what it does is known well, so that it is bent over a step of one standard error."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "maps", tuple(self.maps))

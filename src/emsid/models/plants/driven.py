@@ -49,6 +49,11 @@ class DrivenPlant(Plant):
     steps: int
 
     @property
+    def driven(self) -> Self:
+        """The plant itself."""
+        return self
+
+    @property
     def states(self) -> int:
         """Speed, position, speed reading of the sensor, and whether it is held at rest."""
         return HELD + 1

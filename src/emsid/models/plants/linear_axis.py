@@ -28,7 +28,7 @@ from emsid.models.plants.plant import Channels, Quantity, Sampler, StaticCharact
 from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
-from emsid.models.plants.visited import Needs, RestsOn
+from emsid.models.visited import Needs, RestsOn
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Parameter
 
 Array = NDArray[np.float64]

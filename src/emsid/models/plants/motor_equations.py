@@ -11,7 +11,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.parameters import TINY, Signal
 from emsid.models.plants.plant import Quantity
-from emsid.models.plants.visited import Needs, RestsOn
+from emsid.models.visited import Needs, RestsOn
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Motor
 
 GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"

@@ -20,7 +20,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, with_numbers
 from emsid.models.plants.state import NO_ROWS, PlantState
-from emsid.models.plants.visited import RestsOn
+from emsid.models.visited import RestsOn
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
 from emsid.record import Record
@@ -219,6 +219,11 @@ class Plant(ABC):
 
     def own_parameter(self, name: str) -> tuple[str, int] | None:
         """Of a parameter that differs by record its name in every record, and the record; else None."""
+        return None
+
+    @property
+    def driven(self) -> Any:
+        """The plant with its drive and its sensor, to which parts can be added; None: it has neither."""
         return None
 
     @property

@@ -11,7 +11,7 @@ the tests hold them to the same numbers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,9 @@ class Inside(NamedTuple):
 
 class OneMassSampler:
     """One mass between two samples."""
+
+    of_one_mass: ClassVar[bool] = True
+    """Whether its numbers are those of a friction law on one mass, which can be inverted and written elsewhere."""
 
     __slots__ = (
         "_arrays",

@@ -20,8 +20,8 @@ from emsid.units import with_unit
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
+    from emsid.models.bands import Band as Computed
     from emsid.record import Record
-    from emsid.validation.bands import Band as Computed
 
 
 WIDEST = 1.0

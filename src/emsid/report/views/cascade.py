@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +16,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
-from emsid.models.blocks.static_maps import Scaling, StaticMap
+from emsid.models.blocks.static_maps import Scaling
 from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import capital, slug
@@ -26,7 +26,6 @@ from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
-    from emsid.models.blocks.block import Block
     from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -57,7 +56,7 @@ def static_maps(fit: Fit[Cascade], record: Record, *, name: str = "") -> Figure 
         ModelError: for a record of other channels.
     """
     model = fit.model
-    at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
+    at = list(model.maps)
     if not at:
         return None
     check_one_channel(model.name, record)
@@ -88,11 +87,11 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, name: str = "") -> Figu
     """
     model = fit.model
     inside = dt / model.oversampling
-    filters = [(k, block) for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
+    filters = model.filters
     if not filters:
         return None
-    f = _frequencies([block for _, block in filters], dt, inside, fit.samples * dt)
-    shown = [_filter_response(fit, k, f, inside) for k, _ in filters]
+    f = _frequencies(list(filters.values()), dt, inside, fit.samples * dt)
+    shown = [_filter_response(fit, k, f, inside) for k in filters]
     late = (
         f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not included."
         if model.delay
@@ -132,8 +131,7 @@ class _FilterResponse(NamedTuple):
 
 
 def _filter_response(fit: Fit[Cascade], k: int, f: Array, inside: float) -> _FilterResponse:
-    block, name = fit.model.blocks[k], block_name(fit.model, k)
-    assert isinstance(block, Rational)
+    block, name = fit.model.filters[k], block_name(fit.model, k)
     response = block.response(f, inside)
     relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
     undetermined = fit.has_bands and bool(np.all(relative[0] > TOO_WIDE))  # the rest is only rounding
@@ -166,21 +164,22 @@ def cascade_equations(model: Cascade) -> str:
     """One line per block, as `Cascade.equation`, with the number of knots in place of a long list of them."""
     lines = model.equation().split("\n")
     first = len(lines) - len(model.blocks)
-    for k, block in enumerate(model.blocks):
-        if isinstance(block, StaticMap):
-            entering = lines[first + k - 1].partition(" = ")[0] if first + k else "u(t)"
-            long = block.expression(entering)
-            lines[first + k] = lines[first + k].replace(long, block.summary(entering))
+    for k, block in model.maps.items():
+        entering = lines[first + k - 1].partition(" = ")[0] if first + k else "u(t)"
+        long = block.expression(entering)
+        lines[first + k] = lines[first + k].replace(long, block.summary(entering))
     return "\n".join(lines)
 
 
 def block_column(fit: Fit[Cascade]) -> dict[str, tuple[str, ...]]:
     """A column of `parameter_table`: the meaning of every parameter of a cascade."""
     model = fit.model
+    explained: dict[int, Callable[[str], str]] = {k: each.meaning for k, each in model.filters.items()}
+    explained |= {k: each.meaning for k, each in model.maps.items()}
     meaning: dict[str, str] = {"u0": "input offset", "y0": "output offset"}
     for k, (block, span) in enumerate(zip(model.blocks, model.spans, strict=True)):
         for own, name in zip(block.names, model.names[span], strict=True):
-            meaning[name] = f"{_meaning(block, own)} (block {k + 1})"
+            meaning[name] = f"{explained[k](own) if k in explained else 'own block'} (block {k + 1})"
     return {"Meaning": tuple(meaning.get(name, "") for name in fit.names)}
 
 
@@ -188,16 +187,6 @@ def block_name(model: Cascade, k: int) -> str:
     """The prefix of the parameter names of a block: G1, f."""
     names = model.names[model.spans[k]]
     return names[0].split(".")[0] if names else "f"
-
-
-def _meaning(block: Block, name: str) -> str:
-    if isinstance(block, Rational):
-        j, numerator = block.names.index(name), len(block.numerator)
-        if j >= numerator:
-            return f"× −output(t-{j - numerator + 1})"
-        lag = j + block.delay
-        return f"× input(t-{lag})" if lag else "× input(t)"
-    return block.meaning(name) if isinstance(block, StaticMap) else "own block"
 
 
 def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
@@ -216,8 +205,7 @@ def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
 
 def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
     model = fit.model
-    block = model.blocks[k]
-    assert isinstance(block, StaticMap)
+    block = model.maps[k]
     low, high = float(seen.min()), float(seen.max())
     room = BEYOND * (high - low) or 0.05 * abs(high) or 1.0
     low, high = low - room, high + room
@@ -254,13 +242,11 @@ def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:
     fixed = set(fixed_gains(model))
 
     def carries(j: int) -> bool:
-        block = model.blocks[j]
-        return j in fixed or (isinstance(block, StaticMap) and block.scaling is Scaling.JOINT)
+        return j in fixed or (j in model.maps and model.maps[j].scaling is Scaling.JOINT)
 
     into = record.input_units[0] if all(carries(j) for j in range(k)) else CONVENTIONAL
     out = record.output_units[0] if all(carries(j) for j in range(k + 1, len(model.blocks))) else CONVENTIONAL
-    block = model.blocks[k]
-    if isinstance(block, StaticMap) and block.scaling is Scaling.JOINT:
+    if model.maps[k].scaling is Scaling.JOINT:
         out = into if out == CONVENTIONAL else out
         into = out if into == CONVENTIONAL else into
     return into, out
@@ -298,8 +284,7 @@ def _relative_deviation(fit: Fit[Cascade], k: int, f: Array, inside: float) -> A
     With H = B/A in z⁻¹ = exp(−j2πfΔt), δH/H = Σ z⁻ʲ δbⱼ/B − Σ z⁻ʲ δaⱼ/A.
     """
     model = fit.model
-    block, span = model.blocks[k], model.spans[k]
-    assert isinstance(block, Rational)
+    block, span = model.filters[k], model.spans[k]
     z = np.exp(-2j * np.pi * f * inside)
     nb, na = len(block.numerator), len(block.denominator)
     above = np.polynomial.polynomial.polyval(z, block.numerator)

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.models.feedback.coordinates import Visited, free_lines
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.curves import visited_in_free_run
+from emsid.models.feedback.map_bands import map_band
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import reach, with_band
 from emsid.report.views.conventions import BAND
 from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
-from emsid.validation.feedback_curves import visited_in_free_run
-from emsid.validation.map_bands import map_band
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
+    from emsid.models.feedback.model import FeedbackModel
     from emsid.record import Record
 
 
@@ -35,10 +35,10 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
     """Every static map of a feedback model with its band, over a histogram of its input in the record.
 
     Returns:
-        None for another kind of model, or one without maps.
+        None for one without maps.
     """
     model = fit.model
-    if not isinstance(model, FeedbackModel) or not model.maps:
+    if not model.maps:
         return None
     seen, plots = visited_in_free_run(model, record), []
     z, w = model.numbered("z"), model.names_of_outputs
@@ -73,10 +73,10 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     """The poles of a feedback model, linearised where the input of each of its maps has small, middle and large values.
 
     Returns:
-        None for another kind of model, or one without maps or states.
+        None for one without maps or states.
     """
     model = fit.model
-    if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
+    if not model.maps or not model.states:
         return None
     seen = visited_in_free_run(model, record)
     step = "step" if model.oversampling > 1 else "sample"

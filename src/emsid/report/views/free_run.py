@@ -18,7 +18,7 @@ from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import with_unit
 
 if TYPE_CHECKING:
-    from emsid.validation.bands import Band as Computed
+    from emsid.models.bands import Band as Computed
     from emsid.validation.comparison import Assessment, Comparison, OutputErrors, Row
 
 Array = NDArray[np.float64]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from emsid.errors import EmsidError
-from emsid.report.document import Figure, Section
+from emsid.report.document import Figure, Section, Table
 from emsid.report.numbers import sentence, slug
 from emsid.report.views.tables import parameter_table, regressor_column
 from emsid.wording import Spelling, as_python
@@ -17,9 +18,11 @@ from emsid.wording import sentence as worded
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.plants.search.diagnostics import Profile
+    from emsid.models.plants.search.result import GreyBoxFit
     from emsid.record import Record
 
 
+Drawing = Callable[[], Figure | None]
 View = Callable[["Fit[Any]", "Record", str], Figure | None]
 VIEWS: list[View] = []
 """Further figures of a model: each takes a fit, a record and the beginning of the figure's name."""
@@ -48,45 +51,70 @@ def model_section(
         argument: how names of arguments are written in its findings.
         drawn: whether it has figures.
     """
-    from emsid.models.blocks.cascade import Cascade
-    from emsid.models.feedback.model import FeedbackModel
-    from emsid.models.plants.search.result import GreyBoxFit
-    from emsid.report.views.cascade import block_column, cascade_equations, frequency_responses, static_maps
-    from emsid.report.views.feedback import maps_in_feedback, poles_by_level
-    from emsid.report.views.grey_box import dead_zone, friction, likelihood, sticking
-    from emsid.report.views.physical_parameters import physical_table, plant_equations, units_taken
-    from emsid.validation.feedback_curves import rounded_equation
+    from emsid.models.kinds import capabilities_of
 
     model, prefix = fit.model, slug(name or fit.model.name)
-    paragraphs: tuple[str, ...] = ()
     remarks = tuple(sentence(worded(finding, argument)) for finding in fit.findings)
-    if isinstance(fit, GreyBoxFit):
-        equations, tables = plant_equations(fit), physical_table(fit)
-        paragraphs = tuple(filter(None, (units_taken(fit),)))
-        drawings: list[Callable[[], Figure | None]] = [
-            lambda: sticking(fit, name=f"{prefix}-sticking"),
-            lambda: friction(fit, name=f"{prefix}-friction"),
-            lambda: dead_zone(fit, name=f"{prefix}-dead-zone"),
-            *(partial(likelihood, fit, each, name=f"{prefix}-profile-{slug(each.name)}") for each in profiles),
-        ]
-    elif isinstance(model, Cascade):
-        equations = (cascade_equations(model),)
-        tables = (parameter_table(fit, columns=block_column(fit)),)
-        drawings = [
-            lambda: static_maps(fit, record, name=f"{prefix}-static-maps"),
-            lambda: frequency_responses(fit, record.dt, name=f"{prefix}-filters"),
-        ]
-    elif isinstance(model, FeedbackModel):
-        equations, tables = (rounded_equation(fit, record),), (parameter_table(fit),)
-        drawings = [
-            lambda: maps_in_feedback(fit, record, prefix),
-            lambda: poles_by_level(fit, record, prefix),
-        ]
-    else:
-        equations, drawings = (model.equation(),), []
-        tables = (parameter_table(fit, columns=regressor_column(fit)),)
-    drawings = [*drawings, *(partial(view, fit, record, prefix) for view in VIEWS)]
-    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings if drawn else ()), remarks)
+    parts = SECTIONS[capabilities_of(model).section(fit)](fit, record, prefix, profiles)
+    drawings: list[Drawing] = [*parts.drawings, *(partial(view, fit, record, prefix) for view in VIEWS)]
+    figures = _drawable(drawings if drawn else ())
+    return Section(name or model.name, parts.paragraphs, parts.equations, parts.tables, figures, remarks)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a section consists of: equations, tables, paragraphs, and what draws its figures."""
+
+    equations: tuple[str, ...]
+    tables: tuple[Table, ...]
+    drawings: tuple[Drawing, ...] = ()
+    paragraphs: tuple[str, ...] = ()
+
+
+def _of_equation(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
+    return Parts((fit.model.equation(),), (parameter_table(fit, columns=regressor_column(fit)),))
+
+
+def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
+    from emsid.report.views.grey_box import dead_zone, friction, likelihood, sticking
+    from emsid.report.views.physical_parameters import physical_table, plant_equations, units_taken
+
+    drawings: tuple[Drawing, ...] = (
+        partial(sticking, fit, name=f"{prefix}-sticking"),
+        partial(friction, fit, name=f"{prefix}-friction"),
+        partial(dead_zone, fit, name=f"{prefix}-dead-zone"),
+        *(partial(likelihood, fit, each, name=f"{prefix}-profile-{slug(each.name)}") for each in profiles),
+    )
+    units = units_taken(fit)
+    return Parts(plant_equations(fit), physical_table(fit), drawings, (units,) if units else ())
+
+
+def _of_blocks(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
+    from emsid.report.views.cascade import block_column, cascade_equations, frequency_responses, static_maps
+
+    drawings = (
+        partial(static_maps, fit, record, name=f"{prefix}-static-maps"),
+        partial(frequency_responses, fit, record.dt, name=f"{prefix}-filters"),
+    )
+    return Parts((cascade_equations(fit.model),), (parameter_table(fit, columns=block_column(fit)),), drawings)
+
+
+def _of_feedback(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
+    from emsid.models.feedback.curves import rounded_equation
+    from emsid.report.views.feedback import maps_in_feedback, poles_by_level
+
+    drawings = (partial(maps_in_feedback, fit, record, prefix), partial(poles_by_level, fit, record, prefix))
+    return Parts((rounded_equation(fit, record),), (parameter_table(fit),), drawings)
+
+
+SECTIONS: dict[str, Callable[..., Parts]] = {
+    "equation": _of_equation,
+    "plant": _of_plant,
+    "blocks": _of_blocks,
+    "feedback": _of_feedback,
+}
+"""The sections that kinds of models name, see `emsid.models.capabilities`: of a fit, the record in which its signals
+are shown, the beginning of the names of its figures, and the likelihood profiles of its parameters."""
 
 
 def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:

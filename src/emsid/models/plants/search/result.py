@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import TOLERABLE, Conditions, unasked
 from emsid.models.plants.search.task import Task
-from emsid.models.plants.visited import RestsOn, Visited
+from emsid.models.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
 from emsid.record import Record
 
@@ -393,3 +393,8 @@ def combinations(
             given = conditions.given(shift, error, quantity.value)
             found.append(Combination(quantity, error, moving, given))
     return tuple(found)
+
+
+def has_physical_parameters(fit: Fit[Any]) -> TypeGuard[GreyBoxFit]:
+    """Whether a fit has a table of physical parameters, with units and what is known of each."""
+    return isinstance(fit, GreyBoxFit)

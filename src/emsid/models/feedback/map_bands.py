@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
+from emsid.models.bands import Band, with_error
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import Visited, free_lines
+from emsid.models.feedback.curves import visited_alongside
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import power_of, squared_gains
 from emsid.record import Record
-from emsid.validation.bands import Band, with_error
-from emsid.validation.feedback_curves import visited_alongside
 
 Array = NDArray[np.float64]
 

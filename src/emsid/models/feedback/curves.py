@@ -21,8 +21,8 @@ from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import from_rest
 from emsid.models.start_states import starting
+from emsid.models.steady_state import settled
 from emsid.record import Record
-from emsid.validation.frequency_responses import about_rest, output_at_rest
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,12 @@ STATE_STEPS, STATE_SAMPLES = 3, 2_000
 EQUATION, UNCHANGED, MOST_DIGITS = 10_000, 0.01, 8
 """An equation has the digits of its intervals, and at most so many more: as many as its free run over so many samples
 needs to change by less than this share of its residual; on other data it may change ten times as much."""
+
+
+def about_rest(model: FeedbackModel, level: float) -> tuple[Array, Array]:
+    """The state (n,) at rest, and the linear part there, (n + 1, n + 1) from (x, u) to (x⁺, y)."""
+    rest = model.resting(level)
+    return rest, model.linearised_at(rest, level)[1]
 
 
 def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:
@@ -61,7 +67,7 @@ def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackM
         if _oscillates(model, float(level), rest):
             found.append((np.full(OSCILLATION, level), rest, np.zeros(n)))
             continue
-        output_at_rest(model, float(level))
+        settled(model, float(level))
         back = np.linalg.solve((np.eye(n) - whole[:n, :n]).T, whole[n, :n])
         found.append((np.full(1, level), rest, np.asarray(back, dtype=np.float64)))
 

@@ -1,0 +1,156 @@
+r"""A curve of a fitted model with its confidence band, from the covariance of the estimate.
+
+With P = L·Lᵀ, a curve c(θ) changes by δⱼ = ½[c(θ + Lⱼ) − c(θ − Lⱼ)] over a standard error in the direction of column
+Lⱼ, and its variance is Σ δⱼ². For a curve that is linear in θ this is the delta method; otherwise the finite steps
+average its slope over the interval (the sigma points of Julier and Uhlmann). Where one side cannot be run, the
+other one counts; where neither can, the step is shortened. A model that a step of one standard error may bend has steps
+of its own, as ``band_steps``.
+
+References:
+    Julier, Uhlmann, *Unscented filtering and nonlinear estimation*, Proceedings of the IEEE 92 (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.record.frames import frame
+
+Array = NDArray[np.float64]
+Curve = Callable[[Any], NDArray[Any]]
+
+NEGLIGIBLE = 1e-12
+"""Directions of the scaled covariance with a smaller share of the largest variance are rounding."""
+SHORTER = (1.0, 0.125, 0.015625)
+"""Steps that are tried, in standard errors."""
+POINTS = 201
+"""Points of a static map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A curve with its confidence band.
+
+    Attributes:
+        x: (m,) time in s, frequency in Hz, or the input of a map.
+        value: (m,) or (m, ny) the curve.
+        standard_error: of the same shape, to first order; NaN where the fit has no intervals.
+        level: of the band.
+    """
+
+    x: Array
+    value: Array
+    standard_error: Array
+    level: float
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a band, or only a curve."""
+        return bool(np.isfinite(self.standard_error).any())
+
+    @property
+    def half(self) -> Array:
+        """Half the width of the band."""
+        from scipy.special import ndtri
+
+        return float(ndtri(0.5 + self.level / 2)) * self.standard_error
+
+    @property
+    def low(self) -> Array:
+        """The lower edge."""
+        return self.value - self.half
+
+    @property
+    def high(self) -> Array:
+        """The upper edge."""
+        return self.value + self.half
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with ``x``, ``value``, ``low`` and ``high``; of several outputs, these are numbered.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        columns = {"x": self.x}
+        for name, values in (("value", self.value), ("low", self.low), ("high", self.high)):
+            each = values[:, None] if values.ndim == 1 else values
+            columns |= {name if each.shape[1] == 1 else f"{name}_{k + 1}": column for k, column in enumerate(each.T)}
+        return frame(columns, library)
+
+
+def banded(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
+    """A curve over x (m,) with its band."""
+    value, error = with_error(fit, curve)
+    return Band(x, value, error, level)
+
+
+def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
+    """A curve and its standard error."""
+    here = np.asarray(curve(fit.model), dtype=float)
+    if not fit.has_bands or fit.method == "file":  # a model alone has no estimates
+        return here, np.full_like(here, np.nan)
+    variance, directions = np.zeros_like(here), _directions(fit.covariance)
+    if directions:
+        _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
+    steps = getattr(fit.model, "band_steps", SHORTER)
+    for direction in directions:
+        for step in steps:
+            change = _change(fit, curve, here, step * direction)
+            if change is not None:
+                variance += (change / step) ** 2
+                break
+    return here, np.sqrt(variance)
+
+
+def _directions(covariance: Array) -> list[Array]:
+    """The columns of L with P = L·Lᵀ, for the parameters of finite variance."""
+    deviation = np.sqrt(np.diag(covariance))
+    known = np.flatnonzero(np.isfinite(deviation) & (deviation > 0))
+    if not len(known):
+        return []
+    scale = deviation[known]
+    size, axes = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(scale, scale))
+    columns = []
+    for k in np.flatnonzero(size > NEGLIGIBLE * size[-1]):
+        column = np.zeros(len(covariance))
+        column[known] = scale * np.sqrt(size[k]) * axes[:, k]
+        columns.append(column)
+    return columns
+
+
+def _change(fit: Fit[Any], curve: Curve, here: Array, move: Array) -> Array | None:
+    """The change of a curve over a move of the estimate; None where it cannot be computed."""
+    above, below = (_moved(fit, curve, here, fit.estimate + side * move) for side in (1, -1))
+    if above is not None and below is not None:
+        return (above - below) / 2
+    return above - here if above is not None else here - below if below is not None else None
+
+
+def _moved(fit: Fit[Any], curve: Curve, here: Array, theta: Array) -> Array | None:
+    """The curve of the model with another estimate; None where that cannot be run, or diverges."""
+    try:
+        with np.errstate(all="ignore"):
+            found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)
+    except (EmsidError, Infeasible, ValueError, ArithmeticError):
+        return None
+    return found if np.isfinite(found[np.isfinite(here)]).all() else None
+
+
+def _move_of(model: Any) -> Callable[[Sequence[str], Array], Any]:
+    """The method of a model that gives it other estimates.
+
+    Raises:
+        ModelError: for a model without one.
+    """
+    move = getattr(model, "with_estimates", None)
+    if move is None:
+        raise ModelError(f"{model.name}: the parameters of this kind of model cannot be moved, so it has no band")
+    return move  # type: ignore[no-any-return]

@@ -1,0 +1,114 @@
+"""Characteristics of a drive with intervals: gain, time constant, dead zone, friction.
+
+A quantity q(θ) of the estimate has the variance ∇qᵀ·Σ·∇q to first order (the delta method).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Fit
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.models.poles import oscillation, time_constants
+from emsid.record import Record
+from emsid.units import per_unit
+
+Array = NDArray[np.float64]
+Make = Callable[[str, Callable[[Any], float], str], "Characteristic"]
+"""Makes a characteristic from its name, the function that computes it, and its unit."""
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One characteristic of a drive.
+
+    Attributes:
+        name: what it is.
+        value: in the unit.
+        half_width: half the width of its 95 % interval, to first order; None where it is not known.
+        unit: of value and interval.
+        model: the model that gives it.
+        shown: whether the record approaches the threshold, the direction or the speeds that it rests on; else there is
+            no number, only an extrapolation.
+        given: the kept values that it depends on, by name; its interval holds only if they are right.
+    """
+
+    name: str
+    value: float
+    half_width: float | None
+    unit: str
+    model: str
+    shown: bool = True
+    given: tuple[str, ...] = ()
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is larger than half of its interval; one without an interval counts as significant."""
+        return self.half_width is None or self.half_width <= abs(self.value)
+
+    def unknown(self) -> Characteristic:
+        """The same without a number, where the record does not approach what it rests on."""
+        return replace(self, value=float("nan"), half_width=None, shown=False)
+
+    def to_data(self) -> dict[str, Any]:
+        """By name, in built-in types."""
+        return asdict(self) | {"given": list(self.given)}
+
+
+def modes(
+    make: Make,
+    poles: Callable[[Any], NDArray[Any]],
+    at: Any,
+    dt: float,
+) -> list[Characteristic]:
+    """The slowest time constant, and natural frequency and damping ratio of the slowest pair, as far as there are any.
+
+    Args:
+        make: makes a characteristic.
+        poles: of a model or an estimate.
+        at: the model or the estimate.
+        dt: time between the samples of the poles, in s.
+    """
+
+    def of_pair(which: int) -> Callable[[Any], float]:
+        return lambda model: (oscillation(poles(model), dt) or (np.nan, np.nan))[which]
+
+    found = []
+    if time_constants(poles(at), dt):
+        found.append(make("time constant", lambda model: (time_constants(poles(model), dt) or [np.nan])[0], "s"))
+    if oscillation(poles(at), dt):
+        found.append(make("natural frequency", of_pair(0), "rad/s"))
+        found.append(make("damping ratio", of_pair(1), "1"))
+    return found
+
+
+def gain_unit(record: Record) -> str:
+    """The unit of a gain from the first input to the first output."""
+    return per_unit(record.output_units[0], record.input_units[0])
+
+
+def half_of(error: float | None) -> float | None:
+    """Half the width of the interval; None without one, as of a quantity whose parameters are fixed or at a bound."""
+    return HALF_WIDTH * error if error and isfinite(error) else None
+
+
+def by_estimate(fit: Fit[Any], name: str, quantity: Callable[[Array], float], unit: str) -> Characteristic:
+    """A function of the estimate with its interval by the delta method: var q = ∇qᵀ·Σ·∇q; none of a biased one."""
+    theta = np.asarray(fit.estimate, dtype=float)
+    steps = 1e-6 * np.maximum(np.abs(theta), 1e-9)
+    slope = np.array(
+        [
+            (quantity(theta + step * unit_vector) - quantity(theta - step * unit_vector)) / (2 * step)
+            for step, unit_vector in zip(steps, np.eye(len(theta)), strict=True)
+        ]
+    )
+    known = slope != 0
+    variance = float(slope[known] @ fit.covariance[np.ix_(known, known)] @ slope[known]) if known.any() else np.nan
+    error = float(np.sqrt(variance)) if isfinite(variance) and variance >= 0 and not fit.biased else None
+    return Characteristic(name, quantity(theta), half_of(error), unit, fit.model.name)

@@ -1,0 +1,117 @@
+"""What feedback models can do; see `emsid.models.capabilities`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
+from emsid.models.bands import POINTS
+from emsid.models.c_form import CForm
+from emsid.models.capabilities import Capabilities, MapInUse
+from emsid.models.curves import BandedCurve, banded_curve
+from emsid.models.feedback import curves, fitting
+from emsid.models.feedback.c_form import c_form
+from emsid.models.feedback.map_bands import map_band
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.stepping import FeedbackStepper
+from emsid.models.linear.system import LinearSystem
+from emsid.models.model import Model
+from emsid.models.one_channel import segments_longer_than
+from emsid.models.refit_data import SAVING, STEPS, Data
+from emsid.models.steady_state import check_channel
+from emsid.models.stepping import Stepper
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class OfFeedbackModels(Capabilities[FeedbackModel]):
+    """Linear systems with static maps in their feedback."""
+
+    kind = "feedback"
+    model = FeedbackModel
+    estimators: ClassVar = {FeedbackModel: fitting.fit_feedback}
+
+    def stepper(self, model: FeedbackModel, state: Any, inputs: int) -> Stepper:
+        return FeedbackStepper.of(model, state)
+
+    def c_form(self, stepper: Any) -> CForm:
+        return c_form(stepper)
+
+    def linear_part(self, model: FeedbackModel, at: float) -> LinearSystem:
+        if model.dt is None:
+            raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
+        n, (_, matrix) = model.states, curves.about_rest(model, at)
+        parts = matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
+        return LinearSystem(*parts, model.dt / model.oversampling, model.delay * model.dt, model.name)
+
+    def frequency_response(
+        self, model: FeedbackModel, f: Array, dt: float, output: int, input: int, around: float
+    ) -> Complex:
+        """Near the rest. A held input passes all steps of a sample at once; an interpolated one is a sine at each."""
+        check_channel(model, "output", output, 1)
+        check_channel(model, "input", input, 1)
+        n, steps = model.states, model.oversampling
+        whole = curves.about_rest(model, around)[1]
+        a, b = whole[:n, :n], whole[:n, n:]
+        if model.held:
+            powers = [np.linalg.matrix_power(a, k) for k in range(steps)]
+            a, b = a @ powers[-1], np.sum(powers, axis=0) @ b
+        rate = dt if model.held else dt / steps
+        return LinearSystem(a, b, whole[n:, :n], whole[n:, n:], rate, model.delay * dt).response(f)[:, 0, 0]
+
+    def maps_in_use(self, model: FeedbackModel, record: Record) -> tuple[MapInUse, ...]:
+        """The maps with their inputs from the states that the first samples of every segment show."""
+        seen = curves.visited_in_free_run(model, record).z
+        return tuple(MapInUse(z, k, each.value) for k, (z, each) in enumerate(zip(seen.T, model.maps, strict=True), 1))
+
+    def _at_rest(self, model: FeedbackModel, levels: Array) -> Callable[[Any], Array]:
+        return curves.feedback_at_rest(model, levels)
+
+    def curves(self, fit: Fit[FeedbackModel], record: Record) -> Iterator[Callable[[], list[BandedCurve]]]:
+        yield from super().curves(fit, record)
+        yield partial(_maps_in_feedback, fit, record)
+
+    def free_run_error(self, fit: Fit[FeedbackModel], record: Record, transient: int | None) -> Array | None:
+        """Its derivatives are exact, and its start takes a search."""
+        return curves.feedback_run_error(fit, record, transient)
+
+    def hides_the_sign(self, model: FeedbackModel) -> bool:
+        return model.sensor is not None
+
+    def equation(self, fit: Fit[FeedbackModel], record: Record) -> str:
+        return curves.rounded_equation(fit, record)
+
+    def section(self, fit: Fit[FeedbackModel]) -> str:
+        return "feedback"
+
+    def refitted(self, fit: Fit[FeedbackModel], data: Data) -> Model:
+        """Among the models that do not run away, as in the search for the structure."""
+        from emsid.models.feedback.search import trials
+
+        segments, control = segments_longer_than(fit.model.memory, fit.model, data.records), data.control.quietly()
+        refused, out = trials.runs_away, data.by_segment
+        found = fitting.searched(
+            fit.model, segments, fit.model.edge, STEPS, 0.1, control, SAVING, refused=refused, left_out=out
+        )
+        return found.model
+
+    def specification(self, fit: Fit[FeedbackModel]) -> tuple[Any, dict[str, Any]]:
+        return fit.model, {}
+
+
+def _maps_in_feedback(fit: Fit[FeedbackModel], record: Record) -> list[BandedCurve]:
+    """The maps over their inputs in the record, in the coordinates of the model."""
+    model, found = fit.model, []
+    seen = curves.visited_in_free_run(model, record).z
+    for k, (z, w) in enumerate(zip(model.numbered("z"), model.names_of_outputs, strict=True)):
+        x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
+        found.append(banded_curve(fit, record, "map in feedback", map_band(fit, record, k, x), (z, ""), (w, "")))
+    return found

@@ -1,0 +1,156 @@
+"""What linear models of several kinds can do; see `emsid.models.capabilities`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Fit
+from emsid.models.c_form import CForm
+from emsid.models.capabilities import Capabilities, Modes
+from emsid.models.characteristics import Characteristic, gain_unit, modes
+from emsid.models.linear.c_form import c_form
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
+from emsid.models.linear.process_model import ProcessModel, ProcessStructure, fit_process
+from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.stepping import LinearStepper
+from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
+from emsid.models.linear.system import LinearSystem
+from emsid.models.model import Model
+from emsid.models.refit_data import REPEATED_STEPS, STEPS, Data
+from emsid.models.steady_state import check_channel
+from emsid.models.stepping import Stepper
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+L = TypeVar("L", StateSpaceModel, PolynomialModel, ProcessModel)
+
+
+class OfLinearModels(Capabilities[L]):
+    """What all of them share: a response, and a state-space form that runs and is written in C."""
+
+    def stepper(self, model: L, state: Any, inputs: int) -> Stepper:
+        return LinearStepper(model, state)
+
+    def c_form(self, stepper: Any) -> CForm:
+        return c_form(stepper)
+
+    def frequency_response(self, model: L, f: Array, dt: float, output: int, input: int, around: float) -> Complex:
+        found = model.response(f)
+        check_channel(model, "output", output, found.shape[1])
+        check_channel(model, "input", input, found.shape[2])
+        return np.asarray(found[:, output, input])
+
+
+class OfStateSpaces(OfLinearModels[StateSpaceModel]):
+    """Models in state space."""
+
+    kind = "state-space"
+    model = StateSpaceModel
+    estimators: ClassVar = {StateSpaceStructure: fit_state_space}
+
+    def linear_part(self, model: StateSpaceModel, at: float) -> LinearSystem:
+        return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
+
+    def modes(self, model: StateSpaceModel) -> Modes:
+        above = model.coefficients(bool(model.d.any()), noise=False)[1][model.order : -1]
+        return Modes(list(model.poles), (list(model.poles), list(np.roots(above))))
+
+    def characteristics(self, fit: Fit[StateSpaceModel], record: Record) -> tuple[Characteristic, ...]:
+        return _characteristics(fit, record, fit.model, fit.model.poles)
+
+    def refitted(self, fit: Fit[StateSpaceModel], data: Data) -> Model:
+        """By a subspace method again: its start needs no search."""
+        return fit_state_space(
+            StateSpaceStructure.of(fit.model),
+            data.records,
+            free_run=not fit.model.k.any(),
+            max_iterations=STEPS,
+            control=data.control,
+            left_out=data.by_segment,
+        ).model
+
+    def specification(self, fit: Fit[StateSpaceModel]) -> tuple[Any, dict[str, Any]]:
+        return StateSpaceStructure.of(fit.model), {"free_run": not fit.model.k.any()}
+
+    def repeated(self, fit: Fit[StateSpaceModel], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
+        if fit.method == "subspace":
+            return super().repeated(fit, records)
+        structure, noise = StateSpaceStructure.of(fit.model), bool(fit.model.k.any())
+        return lambda record: fit_state_space(structure, record, free_run=not noise, max_iterations=REPEATED_STEPS)
+
+
+class OfPolynomials(OfLinearModels[PolynomialModel]):
+    """ARMAX and Box–Jenkins models."""
+
+    kind = "polynomials"
+    model = PolynomialModel
+    estimators: ClassVar = {PolynomialStructure: fit_polynomials}
+
+    def linear_part(self, model: PolynomialModel, at: float) -> LinearSystem:
+        form = model.form
+        return LinearSystem(form.a, form.b, form.c, form.d, form.dt, name=form.name)
+
+    def modes(self, model: PolynomialModel) -> Modes:
+        poles = list(_poles(model))
+        return Modes(poles, (poles, list(np.roots(model.b[0]))), model.delay)
+
+    def characteristics(self, fit: Fit[PolynomialModel], record: Record) -> tuple[Characteristic, ...]:
+        return _characteristics(fit, record, fit.model.form, _poles(fit.model))
+
+    def refitted(self, fit: Fit[PolynomialModel], data: Data) -> Model:
+        return fit_polynomials(
+            PolynomialStructure.of(fit),
+            data.records,
+            start=fit.estimate,
+            max_iterations=STEPS,
+            control=data.control,
+            left_out=data.by_segment,
+        ).model
+
+    def specification(self, fit: Fit[PolynomialModel]) -> tuple[Any, dict[str, Any]]:
+        return PolynomialStructure.of(fit), {}
+
+    def repeated(self, fit: Fit[PolynomialModel], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
+        structure = PolynomialStructure.of(fit)
+        return lambda record: fit_polynomials(structure, record, start=fit.estimate, max_iterations=REPEATED_STEPS)
+
+
+class OfProcesses(OfLinearModels[ProcessModel]):
+    """Gain, time constants and dead time."""
+
+    kind = "process"
+    model = ProcessModel
+    estimators: ClassVar = {ProcessStructure: fit_process}
+
+    def linear_part(self, model: ProcessModel, at: float) -> LinearSystem:
+        a, b, c, d = model.continuous
+        return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
+
+
+def _poles(model: PolynomialModel) -> NDArray[Any]:
+    """The poles from the first input, without those of the noise."""
+    return np.asarray(np.roots(np.convolve(np.append(1.0, model.a), np.append(1.0, model.f[0]))))
+
+
+def _characteristics(
+    fit: Fit[Any], record: Record, form: StateSpaceModel, poles: NDArray[Any]
+) -> tuple[Characteristic, ...]:
+    """Gain and modes of a linear model, without intervals."""
+    if record.input.shape[1] > 1 or record.output.shape[1] > 1:
+        return ()
+
+    def make(name: str, quantity: Callable[[Any], float], unit: str) -> Characteristic:
+        return Characteristic(name, quantity(poles), None, unit, fit.model.name)
+
+    rest = np.eye(len(form.a)) - form.a
+    gain = form.d + form.c @ np.linalg.solve(rest, form.b) if np.linalg.cond(rest) < 1e12 else form.d * np.nan
+    found = [Characteristic("gain", float(gain[0, 0]), None, gain_unit(record), fit.model.name)]
+    found += modes(make, lambda poles: poles, poles, record.dt)
+    return tuple(each for each in found if isfinite(each.value))

@@ -1,0 +1,43 @@
+"""The characteristics of a fitted plant: the quantities that the data determine, and the dead zone."""
+
+from __future__ import annotations
+
+from emsid.models.characteristics import Characteristic, half_of
+from emsid.models.plants.plant import Quantity
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.visited import Needs, RestsOn
+
+LEFT_OUT = ("acceleration", "electromechanical", "electrical", "inertia ratio")
+"""Quantities that repeat others and are left out of a short list."""
+
+
+def of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
+    """The quantities that the data determine, and the dead zone."""
+    model = fit.model.name
+    zones = (
+        (
+            Quantity(row.description, "", row.unit, row.value * way, RestsOn(Needs.THRESHOLD, way)),
+            row.standard_error,
+            row.given,
+        )
+        for row in fit.table
+        if "dead_zone" in row.name and row.status in ("estimated", "depends on kept values")
+        for way in [-1 if row.name.endswith("b_l") else 1]
+    )
+    combined = (
+        (each.quantity, each.standard_error, each.given)
+        for each in fit.combinations
+        if not each.quantity.name.startswith(LEFT_OUT)
+    )
+    found = (
+        (Characteristic(each.name, float(each.value), half_of(error), each.unit, model, given=given), fit.shows(each))
+        for each, error, given in combined
+    )
+    ends = (
+        (
+            Characteristic(each.name, abs(float(each.value)), half_of(error), each.unit, model, given=given),
+            fit.shows(each),
+        )
+        for each, error, given in zones
+    )
+    return tuple(each if shown else each.unknown() for each, shown in (*found, *ends))

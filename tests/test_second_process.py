@@ -102,11 +102,12 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
 def test_the_other_process_begins_with_the_slowest_and_one_of_them_makes_a_shared_search(samples, order) -> None:
     usual = ("arx", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback", "friction-motor")
     record = lagging(samples)
-    assert tuple(Searches(usual, record, OPTIONS, FREE, elsewhere=Elsewhere()).order) == order
+    assert tuple(Searches(usual, record, OPTIONS, FREE, elsewhere=Elsewhere()).order(usual)) == order
     few = tuple(name for name in order if name not in ("wiener-hammerstein", "feedback"))
     with_cascade = (*few, "wiener-hammerstein")
-    assert tuple(Searches(with_cascade, record, OPTIONS, FREE, elsewhere=Elsewhere()).order) == with_cascade
-    assert Searches(usual, record, OPTIONS, FREE).order == usual
+    searches = Searches(with_cascade, record, OPTIONS, FREE, elsewhere=Elsewhere())
+    assert tuple(searches.order(with_cascade)) == with_cascade
+    assert Searches(usual, record, OPTIONS, FREE).order(usual) == usual
 
 
 def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:

@@ -38,6 +38,10 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
     *(Finding("models-out-of-time", data={"models": models}) for models in (["wiener"], ["wiener", "feedback"])),
     Finding("quick-look", "log.csv", {"without": ["wiener-hammerstein", "rigid-motor"]}),
+    *(
+        Finding("models-not-needed", "rigid-motor", {"model": "rigid-motor", "models": models})
+        for models in (["wiener-hammerstein", "feedback"], ["wiener-hammerstein"])
+    ),
     Finding("interrupted", data={"missing": ["wiener", "motor"]}),
     Finding("interrupted", data={"missing": []}),
     # live

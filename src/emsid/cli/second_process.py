@@ -42,8 +42,8 @@ class SecondProcess:
     def __init__(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         from multiprocessing import get_context
 
-        context = get_context("fork")
-        self._taken, self._ending = context.Array("b", MOST), context.RawValue("b")
+        self._context = get_context("fork")
+        self._taken, self._ending = self._context.Array("b", MOST), self._context.RawValue("b")
         self._process: ForkProcess | None = None
         self._connection: Connection | None = None
         self._meanwhile = meanwhile
@@ -52,10 +52,12 @@ class SecondProcess:
         self._stopped_at = inf
 
     def begin(self, names: Sequence[str], record: "Record", options: "Options") -> None:
-        """Start to fit some of the models there."""
+        """Start to fit some of the models there; those of an earlier beginning are done."""
+        self.close()
+        self._names = ()
         if not 1 < len(names) <= MOST:
             return
-        self._names = tuple(names)
+        self._names, self._taken = tuple(names), self._context.Array("b", MOST)
         answers = fitted(self._names, record, options, self._taken, lambda: bool(self._ending.value))
         self._process, self._connection = forked(serve, answers)
 

@@ -78,6 +78,7 @@ class Blocks:
     summary: str
     topology: Topology
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "period", "hold")
+    for_what_is_left: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
@@ -126,6 +127,7 @@ class Feedback:
     summary: str
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold", "held_back")
     searched_anew: ClassVar[bool] = True
+    for_what_is_left: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""

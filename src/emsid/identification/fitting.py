@@ -1,4 +1,8 @@
-"""The fits of all requested models to a record: one after the other here, and some of them elsewhere meanwhile."""
+"""The fits of all requested models to a record: one after the other here, and some of them elsewhere meanwhile.
+
+Where nobody asked for models by name, those with blocks come last, as they take longest, and only if the inputs still
+explain something of what the best of the others leaves (`remainder`).
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,7 @@ from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.observations import failure, out_of_time
 from emsid.identification.options import Options
 from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
+from emsid.identification.remainder import leaves_nothing
 from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.record import Record
 
@@ -65,6 +70,7 @@ class Fits:
     failed: tuple[Finding, ...]
     stopped: bool
     missing: tuple[str, ...]
+    not_needed: tuple[Finding, ...] = ()
 
 
 @dataclass
@@ -75,12 +81,14 @@ class _UnderWay:
         fits, problems: of each model.
         late: the models for which no time was left.
         end: what ended the searches early.
+        not_needed: the models that were left out, and which one leaves nothing for them.
     """
 
     fits: dict[str, Fit[Any]] = field(default_factory=dict)
     problems: dict[str, EmsidError] = field(default_factory=dict)
     late: list[str] = field(default_factory=list)
     end: Stopped | None = None
+    not_needed: Finding | None = None
 
     def of(self, names: Sequence[str]) -> Fits:
         """The result, in the order of the names.
@@ -94,8 +102,10 @@ class _UnderWay:
             raise self.end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
         failed = [*(failure(name, problem) for name, problem in problems.items()), *out_of_time(self.late)]
         by_model = {self.fits[name].model.name: self.fits[name] for name in names if name in self.fits}
-        missing = [name for name in names if name not in (*self.fits, *problems, *self.late)]
-        return Fits(tuple(by_model.values()), tuple(failed), self.end is not None, tuple(missing))
+        spared = () if self.not_needed is None else (self.not_needed,)
+        left_out = [name for each in spared for name in each.data["models"]]
+        missing = [name for name in names if name not in (*self.fits, *problems, *self.late, *left_out)]
+        return Fits(tuple(by_model.values()), tuple(failed), self.end is not None, tuple(missing), spared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +120,7 @@ class Searches:
         finished: called with every fit.
         elsewhere: where some of them are fitted at the same time.
         later: the number of fits that follow; where there are any, these here only compare.
+        by_need: whether models with ``for_what_is_left`` are fitted only where the others leave something.
     """
 
     names: Sequence[str]
@@ -119,6 +130,7 @@ class Searches:
     finished: Callable[[Fit[Any]], None] | None = None
     elsewhere: Elsewhere | None = None
     later: int = 0
+    by_need: bool = False
 
     @property
     def _how(self) -> Options:
@@ -127,11 +139,15 @@ class Searches:
     def begin(self) -> None:
         """Begin those that are made elsewhere."""
         if self.elsewhere:
-            self.elsewhere.begin(self.order, self.record, self._how)
+            self.elsewhere.begin(self.order(self._first), self.record, self._how)
 
     @property
-    def order(self) -> Sequence[str]:
-        """The models in the order in which they are taken here; the other place takes them from the last one on.
+    def _first(self) -> Sequence[str]:
+        """The models that are fitted before it is asked whether others are needed."""
+        return [name for name in self.names if not (self.by_need and _for_what_is_left(name))]
+
+    def order(self, names: Sequence[str]) -> Sequence[str]:
+        """Some of the models in the order in which they are taken here; the other place takes the last one first.
 
         The slowest searches come first and last, so that both places end at about the same time. What shares the search
         for the orders of an output-error model comes together, in a short record beside the last, so that one place
@@ -139,11 +155,11 @@ class Searches:
         interruption leaves them.
         """
         if self.elsewhere is None:
-            return self.names
-        regressions = [name for name in self.names if name in REGRESSIONS and name not in OF_OUTPUT_ERROR]
-        slowest = [name for name in SLOWEST if name in self.names]
-        others = [name for name in self.names if name not in REGRESSIONS and name not in SLOWEST]
-        sharing = [name for name in self.names if name in OF_OUTPUT_ERROR]
+            return names
+        regressions = [name for name in names if name in REGRESSIONS and name not in OF_OUTPUT_ERROR]
+        slowest = [name for name in SLOWEST if name in names]
+        others = [name for name in names if name not in REGRESSIONS and name not in SLOWEST]
+        sharing = [name for name in names if name in OF_OUTPUT_ERROR]
         if len(self.record) > SHORT:
             quick = [name for name in regressions if name in QUICK]
             return list(dict.fromkeys([*quick, *others, *sharing, *regressions, *slowest]))
@@ -156,16 +172,35 @@ class Searches:
             EmsidError: of the first model, where none can be fitted.
             Stopped: where it is stopped before any is found.
         """
-        found = _UnderWay()
-        control = _stopping(self.elsewhere, self.control) if self.elsewhere else self.control
-        for done, (name, there) in enumerate(self._in_turn()):
-            if found.end is not None and there is None:  # what has begun elsewhere may have a result
-                continue
-            own = control.sharing(len(self.names) - done + self.later)
-            self._search(name, there, of_one_model(own, f"{name} ({done + 1} of {len(self.names)})"), found)
+        found, first = _UnderWay(), self._first
+        rest = [name for name in self.names if name not in first]
+        self._round(first, found, 0)
+        if rest and found.end is None:
+            found.not_needed = self._not_needed(rest, found)
+            if found.not_needed is None:
+                if self.elsewhere:
+                    self.elsewhere.begin(self.order(rest), self.record, self._how)
+                self._round(rest, found, len(first))
         if not found.fits:
             self._search_without_limit(found)
         return found.of(self.names)
+
+    def _round(self, names: Sequence[str], found: _UnderWay, done: int) -> None:
+        """Fit some of the models, of which others are done."""
+        control = _stopping(self.elsewhere, self.control) if self.elsewhere else self.control
+        for k, (name, there) in enumerate(self._in_turn(names), done):
+            if found.end is not None and there is None:  # what has begun elsewhere may have a result
+                continue
+            own = control.sharing(len(self.names) - k + self.later)
+            self._search(name, there, of_one_model(own, f"{name} ({k + 1} of {len(self.names)})"), found)
+
+    def _not_needed(self, names: Sequence[str], found: _UnderWay) -> Finding | None:
+        """That models are left out, as the inputs explain nothing of what the best of the others leaves."""
+        self.control.report(Activity("what the models leave"))
+        best = leaves_nothing(list(found.fits.values()), self.record)
+        if best is None:
+            return None
+        return Finding("models-not-needed", best.model.name, {"model": best.model.name, "models": list(names)})
 
     def _search_without_limit(self, found: _UnderWay) -> None:
         """Fit one of the models that take about a second and that a very short time left no share to, if there is one.
@@ -177,10 +212,10 @@ class Searches:
             found.late.remove(name)
             self._search(name, None, of_one_model(replace(self.control, deadline=inf), name), found)
 
-    def _in_turn(self) -> Iterator[tuple[str, Elsewhere | None]]:
+    def _in_turn(self, names: Sequence[str]) -> Iterator[tuple[str, Elsewhere | None]]:
         """Every model with where it is fitted, None for here; those that are fitted elsewhere last."""
         others = []
-        for name in self.order:
+        for name in self.order(names):
             if self.elsewhere and self.elsewhere.has_begun(name):
                 others.append((name, self.elsewhere))
             else:
@@ -211,6 +246,11 @@ class Searches:
         return fit_or_problem(partial(CANDIDATES[name], self.record, self._how, control))
 
 
+def _for_what_is_left(name: str) -> bool:
+    """Whether a kind of model is only fitted where others leave something, unless somebody asks for it."""
+    return getattr(CANDIDATES[name], "for_what_is_left", False)
+
+
 def _stopping(elsewhere: Elsewhere, control: Control) -> Control:
     """The same control; a search that it cancels here, stops at once elsewhere too."""
 
@@ -238,7 +278,7 @@ def with_bootstrap(found: Fits, record: Record, count: int, seed: int, control: 
         try:
             fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
         except Stopped as stop:
-            return Fits(tuple(fits), tuple(failed), stop.ending is Ending.INTERRUPTED, found.missing)
+            return replace(found, fits=tuple(fits), failed=tuple(failed), stopped=stop.ending is Ending.INTERRUPTED)
         except EmsidError as problem:
             failed.append(Finding("no-bootstrap", fit.model.name, {"model": fit.model.name, "problem": str(problem)}))
-    return Fits(tuple(fits), tuple(failed), stopped=False, missing=())
+    return replace(found, fits=tuple(fits), failed=tuple(failed), missing=())

@@ -123,7 +123,8 @@ class ModelKind(Protocol):
     """A kind of model that can be fitted to a record.
 
     The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
-    it lacks.
+    it lacks. One with a true ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
+    something of what the other models leave.
     """
 
     @property

@@ -131,7 +131,9 @@ def identify(
         task = Task.of(records, unseen, names, options, transient, reading)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget else elsewhere
-        searches = Searches(task.names, task.train, task.options, control, finished, there, later=int(one_more))
+        by_need = names is None and task.pole is None  # around an unstable plant, free runs show little
+        what = task.names, task.train, task.options
+        searches = Searches(*what, control, finished, there, later=int(one_more), by_need=by_need)
         searches.begin()  # while questions are asked
         asked = task.findings(quick=quick)
         found = with_bootstrap(searches.all(), task.train, bootstrap, seed, control)
@@ -230,6 +232,7 @@ def _findings(
     )
     yield from judged.findings
     yield from found.failed
+    yield from found.not_needed
     yield from asked
     if stopped:
         yield Finding("interrupted", data={"missing": list(found.missing)})

@@ -142,6 +142,16 @@ def quick_look(f: Finding, argument: Spelling) -> str:
     return f"a quick look, without {listed(f.data['without'])}; leave out {argument('quick')} to fit these too"
 
 
+@words("models-not-needed")
+def models_not_needed(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: model (its name), models (those that were not fitted)."""
+    d = f.data
+    return (
+        f"the inputs explain nothing of what {d['model']} leaves, so {listed(d['models'])} "
+        f"{'are' if len(d['models']) > 1 else 'is'} not fitted ({argument('models')} fits them)"
+    )
+
+
 @words("fitted-to-all-data")
 def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from),

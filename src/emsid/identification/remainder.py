@@ -1,0 +1,124 @@
+r"""What the inputs still explain of the error of a free run.
+
+The error e(t) is regressed on what the model has seen and done: the inputs u, its output ŷ, their powers, magnitudes
+and signs and the products u·ŷ, each as it is and through lags of several lengths,
+
+    e(t) ≈ Σᵢₖ cᵢₖ Gₖ sᵢ(t),    G₀ = 1,  Gₖ = (1 − aₖ)/(1 − aₖ q⁻¹).
+
+The lags of 2, 8, 32, 128 samples span responses from those of a sample to those of the slowest drives. Coefficients are
+estimated on four fifths of the samples, in stretches, and judged on the fifth left out, in turn. A true model leaves
+noise, of which one stretch explains nothing in another one, so the share is about zero there, and a little negative. It
+says whether a larger model can find anything. Noise that is correlated over many samples makes it uncertain, mostly far
+from zero; then larger models are tried, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.models.free_run import free_run
+from emsid.models.model import Run
+from emsid.record import Record
+from emsid.selection.improvement import NEGLIGIBLE
+
+Array = NDArray[np.float64]
+
+LAGS = (2, 8, 32, 128)
+"""Samples of the time constants of the lags."""
+PARTS, STRETCHES = 5, 4
+"""Parts that are left out in turn, each of several stretches of the record."""
+SHRUNK = 0.01
+"""The weight of a prior of zero on every coefficient of a column of unit power, as a share of the samples: directions
+in which the columns hardly differ would follow noise, and explain nothing elsewhere."""
+PER_COLUMN = 10
+"""The fewest samples for each column of the regression. So noise costs at most a tenth on the parts left out; where
+more is lost, the error is no noise: it is of another kind in one part of the record than in another."""
+LACKS = frozenset({"effect-missing", "parameter-changes", "value-contradicted", "free-run-drifts"})
+"""Findings of a fit that name what it lacks."""
+
+
+def leaves_nothing(fits: Sequence[Fit[Any]], record: Record) -> Fit[Any] | None:
+    """The fit with the smallest free-run error, if a larger model can find nothing in what it leaves; else None.
+
+    Args:
+        fits: of any models.
+        record: what they were fitted to.
+    """
+    runs: list[tuple[float, Fit[Any], Run]] = []
+    for fit in fits:
+        with suppress(EmsidError):
+            run = free_run(fit.model, record)
+            error = (record.output - run.output)[run.counted] / np.std(record.output, axis=0)
+            runs.append((float(np.mean(error**2)) if run.diverged_at is None else np.inf, fit, run))
+    if not runs:
+        return None
+    _, best, run = min(runs, key=lambda each: each[0])
+    lacks = best.ending.before_minimum or any(each.code in LACKS for each in best.findings)
+    share = None if lacks else explained_share(record, run)
+    return best if share is not None and -1 / PER_COLUMN <= share <= NEGLIGIBLE else None
+
+
+def explained_share(record: Record, run: Run) -> float | None:
+    """The share of the mean square error of a free run that the inputs explain on stretches left out.
+
+    Args:
+        record: measured.
+        run: the free run over it.
+
+    Returns:
+        Of the output of which it is largest; about zero or negative where only noise is left; None for a record that is
+        too short to tell, or a run that diverges.
+    """
+    counted = run.counted & np.isfinite(run.output).all(axis=1)
+    if run.diverged_at is not None or not counted.any():
+        return None
+    columns = np.concatenate([_columns(segment, own) for segment, own in _by_segment(record, run.output)])[counted]
+    if len(columns) < PER_COLUMN * columns.shape[1]:
+        return None
+    errors = (record.output - run.output)[counted]
+    return max(_left_out(columns, error) for error in errors.T)
+
+
+def _by_segment(record: Record, output: Array) -> list[tuple[Array, Array]]:
+    """The inputs and the simulated outputs of every segment."""
+    return list(zip(np.split(record.input, record.breaks), np.split(output, record.breaks), strict=True))
+
+
+def _columns(inputs: Array, output: Array) -> Array:
+    """(N, m) all signals of a segment, as they are and through every lag, and a constant."""
+    from scipy.signal import lfilter
+
+    signals = [*inputs.T, *np.nan_to_num(output).T]
+    scaled = [x / (float(np.abs(x).max()) or 1.0) for x in signals]
+    shapes = [shape for x in scaled for shape in (x, x**2, x**3, np.abs(x), np.sign(x))]
+    known = inputs.shape[1]
+    shapes += [u * y for u, y in product(scaled[:known], scaled[known:])]
+    columns = [np.ones(len(inputs)), *shapes]
+    for samples in LAGS:
+        a = float(np.exp(-1.0 / samples))
+        columns += [np.asarray(lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0]) for x in shapes]
+    return np.column_stack(columns)
+
+
+def _left_out(columns: Array, error: Array) -> float:
+    """One minus the ratio of the squared error that a regression leaves on the parts left out to that before."""
+    part = np.arange(len(error)) * PARTS * STRETCHES // len(error) % PARTS
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scaled = columns / np.where(scale > 0, scale, 1.0)
+    left = 0.0
+    for k in range(PARTS):
+        out = part == k
+        prior = np.sqrt(SHRUNK * np.count_nonzero(~out)) * np.eye(columns.shape[1])
+        rows, known = np.vstack([scaled[~out], prior]), np.append(error[~out], np.zeros(columns.shape[1]))
+        found = np.linalg.lstsq(rows, known, rcond=None)[0]
+        left += float(np.sum((error[out] - scaled[out] @ found) ** 2))
+    before = float(error @ error)
+    return 1.0 - left / before if before > 0 else 0.0

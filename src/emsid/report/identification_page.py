@@ -15,7 +15,7 @@ from emsid.models.characteristics import Characteristic
 from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
-from emsid.report.numbers import estimate, first_up, number, percent
+from emsid.report.numbers import both_directions, estimate, first_up, number, percent
 from emsid.report.views import terms
 from emsid.report.views.conventions import in_words
 from emsid.report.views.front import front_figure, models_table, record_table, region_tables
@@ -178,12 +178,8 @@ def half_interval(half: float) -> str:
 
 def _once(facts: Sequence[Fact]) -> list[Fact]:
     """The facts, with those that are equal forward and backward joined."""
-    joined: dict[tuple[str, str, str], Fact] = {}
-    for fact in facts:
-        key = (fact.value, fact.interval, fact.meaning.replace(" backward", " forward"))
-        both = fact.meaning.replace(" backward", ", both directions")
-        joined[key] = replace(fact, meaning=both) if key in joined else fact
-    return list(joined.values())
+    rows = both_directions((each.meaning, each.value, each.interval) for each in facts)
+    return [Fact(value, meaning, interval) for meaning, value, interval in rows]
 
 
 def _fact(each: Characteristic, best: str) -> Fact:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from math import floor, isfinite, isnan, log10
 
 
@@ -101,3 +102,16 @@ def tick(value: float) -> str:
     """
     digits = f"{value:.8g}" if abs(value) < 1e6 else re.sub(r"\.?0+e", "e", f"{value:.7e}")
     return _short(digits).replace("-", "−")
+
+
+def both_directions(rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Rows whose first cell is a name; those that are equal forward and backward are one.
+
+    >>> both_directions([("level forward", "1"), ("level backward", "1"), ("zone forward", "2")])
+    [('level, both directions', '1'), ('zone forward', '2')]
+    """
+    joined: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for name, *rest in rows:
+        key = (name.replace(" backward", " forward"), *rest)
+        joined[key] = (name.replace(" backward", ", both directions") if key in joined else name, *rest)
+    return list(joined.values())

@@ -192,6 +192,7 @@ plots.forEach(listen);
 // A table or a text that scrolls can be reached and scrolled with the keyboard in every browser, and shows where it goes on.
 function more(box) {
   box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+  box.classList.toggle("below", box.scrollTop + box.clientHeight < box.scrollHeight - 2);
 }
 
 function reach() {

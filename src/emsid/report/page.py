@@ -45,6 +45,7 @@ def templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["flowing"] = _flowing
+    environment.filters["breakable"] = _breakable
     environment.filters["variable"] = variable
     return environment
 
@@ -55,6 +56,13 @@ def _flowing(text: str) -> str:
 
     whole = _WHOLE.sub(r'<span class="whole">\g<0></span>', str(escape(text)))
     return Markup(whole.replace(" %", "\u00a0%"))
+
+
+def _breakable(name: str) -> str:
+    """A name such as rotor_friction.coulomb, whose lines may end after a dot or an underscore between letters."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"(?<=[a-z])([._])(?=[a-z])", r"\1<wbr>", str(escape(name))))
 
 
 _WHOLE = re.compile(r"--[a-z][\w-]*|(?<![\w.)\]-])-?\d[\d.,]*e-\d+|(?<![\w.)\]-])-\d[\d.,]*\b")

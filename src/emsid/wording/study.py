@@ -14,7 +14,7 @@ def times(value: float) -> str:
     """A number with three digits and commas.
 
     >>> times(2034.5), times(0.9905)
-    ('2,030', '0.99')
+    ('2,030', '0.991')
     """
     return f"{float(f'{value:.3g}'):,.10g}"
 

@@ -10,7 +10,7 @@ from emsid.errors import listed
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.search.result import Status
 from emsid.report.document import Table
-from emsid.report.numbers import capital, first_up, number, sentence, share_of, within
+from emsid.report.numbers import both_directions, capital, first_up, number, sentence, share_of, within
 from emsid.units import in_unit, readable_unit
 from emsid.wording.lists import NOT_SHOWN
 
@@ -68,17 +68,19 @@ def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
     combinations = Table(
         ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
         tuple(
-            (
-                capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
-                each.quantity.formula,
-                readable_unit(each.quantity.unit),
-                *(
-                    _with_interval(each.quantity.value, HALF_WIDTH * each.standard_error)
-                    if fit.shows(each.quantity)
-                    else (NOT_SHOWN, "")
-                ),
+            both_directions(
+                (
+                    capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
+                    each.quantity.formula,
+                    readable_unit(each.quantity.unit),
+                    *(
+                        _with_interval(each.quantity.value, HALF_WIDTH * each.standard_error)
+                        if fit.shows(each.quantity)
+                        else (NOT_SHOWN, "")
+                    ),
+                )
+                for each in fit.combinations
             )
-            for each in fit.combinations
         ),
         f"Combinations of parameters of {fit.model.name} that the data determine without the kept values, with "
         f"95 % intervals.",

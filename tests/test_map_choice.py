@@ -15,7 +15,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 
-@pytest.mark.parametrize("seed", [5300, 5307, 5317])
+@pytest.mark.parametrize("seed", [5300, *(pytest.param(seed, marks=pytest.mark.long) for seed in (5307, 5317))])
 def test_a_linear_system_gets_no_limits_at_the_edge_of_its_data(seed: int) -> None:
     """On other data the error is that of the noise; it was 1.66 to 3.02 times that with limits."""
     rng = np.random.default_rng(seed)
@@ -76,7 +76,7 @@ def with_jump(seed: int) -> tuple[Record, float]:
     return Record(u[200:], y[200:], 0.01), noise
 
 
-@pytest.mark.parametrize("seed", [77007, 77039, 77055])
+@pytest.mark.parametrize("seed", [77007, *(pytest.param(seed, marks=pytest.mark.long) for seed in (77039, 77055))])
 def test_a_jump_between_filters_is_found_and_no_noise_before_it(seed: int) -> None:
     """A jump that stays smooth leaves 1.6 to 1.9 times the noise, which varies with the slope as such noise does."""
     record, noise = with_jump(seed)

@@ -64,7 +64,7 @@ def test_cascades_whose_response_shows_too_few_poles_reach_the_noise(seed: int) 
     assert np.sqrt(np.mean((judge.output - run.output)[run.counted] ** 2)) < 1.1 * noise
 
 
-@pytest.mark.parametrize("seed", [308, 328])
+@pytest.mark.parametrize("seed", [pytest.param(308, marks=pytest.mark.long), 328])
 def test_a_short_record_gets_the_poles_that_its_error_shows(seed: int) -> None:
     """With the orders of the response the errors are 5.1 and 8 times the noise."""
     _, fitted, judge, noise = cascade(seed, samples=400)

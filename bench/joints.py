@@ -9,6 +9,7 @@ that judges is of another kind: steps in place of sines.
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -93,13 +94,15 @@ def simulated(joint: Joint, kind: int) -> tuple[emsid.Record, Array]:
     for k, command in enumerate(u):
         angle[k] = state.qpos[0]
         state.ctrl[0] = command
-        for _ in range(FINE):
-            if joint.bristles:
-                speed = float(state.qvel[0])
-                pace = stiffness * abs(speed) / joint.friction
-                state.qfrc_applied[0] = -stiffness * bristle - 0.1 * joint.friction * (speed - pace * bristle)
-                settled = np.sign(speed) * joint.friction / stiffness
-                bristle += (settled - bristle) * -np.expm1(-pace * DT / FINE)
+        if not joint.bristles:
+            mujoco.mj_step(model, state, FINE)
+            continue
+        for _ in range(FINE):  # bristles first, then the speed that they brake: their oscillation is not amplified
+            speed = float(state.qvel[0])
+            settled = math.copysign(joint.friction / stiffness, speed)
+            bent = (settled - bristle) * -math.expm1(-stiffness * abs(speed) / joint.friction * DT / FINE)
+            bristle += bent
+            state.qfrc_applied[0] = -stiffness * bristle - 0.1 * joint.friction * bent / (DT / FINE)
             mujoco.mj_step(model, state)
     size = 2 * np.pi / COUNTS
     record = emsid.Record(

@@ -12,6 +12,7 @@ import emsid
 from emsid import DataError, Record
 from emsid.first_look.data_advice import advice
 from emsid.first_look.hanging import hanging
+from emsid.first_look.stops import stops, without_stops
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.options import Options
 from emsid.models.plants.drive import Feed
@@ -113,3 +114,59 @@ def test_the_next_experiment_is_one_with_a_second_load() -> None:
     record = replace(recorded(truth, 4.0 * torque(1200, 1)), input_units=("V",))
     result = emsid.identify(record, models="joint", free=list(emsid.plants.joint().default_free))
     assert result.recommendation[-1].data["kind"] == "second-load"
+
+
+# --- stops -----------------------------------------------------------------------------------------------------------
+
+
+def stopped(seed: int, low: float = -0.5, high: float = 1.2, fine: int = 20) -> Record:
+    """The arm of `arm` between two stops without rebound, by small steps of its own simulation."""
+    u, count = torque(1500, seed), 2 * np.pi / 4096
+    speed, angle, shown, h = 0.0, 0.3, np.empty(1500), DT / fine
+    for k, command in enumerate(u):
+        shown[k] = angle
+        for _ in range(fine):
+            net = command - 1.2 * np.sin(angle - 0.3) - 0.05 * speed
+            if speed == 0.0 and abs(net) < 0.15:
+                continue
+            moved = speed + h / 0.02 * (net - 0.15 * np.sign(speed or net))
+            speed = 0.0 if moved * speed < 0 else moved
+            angle = min(max(angle + h * speed, low), high)
+            speed = 0.0 if angle in (low, high) and speed * (angle - 0.3) > 0 else speed
+    return Record(u, count * np.round(shown / count), DT, input_units="N*m", output_units="rad", name="stopped")
+
+
+def test_samples_at_a_stop_are_found_and_left_out() -> None:
+    record = stopped(1)
+    found = stops(record)
+    y = record.output[:, 0]
+    for side, limit in (("lower", -0.5), ("upper", 1.2)):
+        assert found[side].sum() > 80
+        assert np.all(np.abs(y[found[side]] - limit) < 0.005)
+    left = without_stops(record)
+    assert len(left) == len(record) - sum(each.sum() for each in found.values())
+    assert [each.data["side"] for each in left.findings if each.code == "joint-at-stop"] == ["lower", "upper"]
+    assert {"joint-at-stop"} <= {each.code for each in advice(record)}
+    assert "values-cut-off" not in {each.code for each in advice(record)}
+
+
+def test_friction_that_holds_an_arm_is_no_stop() -> None:
+    assert not stops(arm(0.16))  # it rests at both ends of its range
+    assert not stops(arm())
+    assert without_stops(arm()).findings == ()
+
+
+def test_a_joint_between_stops_is_identified_without_them() -> None:
+    result = emsid.identify(stopped(1), models="joint", free=list(joint().default_free))
+    assert [each.data["masked"] for each in result.findings if each.code == "joint-at-stop"] == [True, True]
+    fit = result.recommended_fit
+    for name, true in (("gravity.torque", 1.2), ("rotor_inertia", 0.02), ("gravity.angle", 0.3)):
+        assert fit[name].value == pytest.approx(true, rel=0.02)
+
+
+def test_the_command_of_the_first_look_leaves_stops_out(tmp_path: Path) -> None:
+    path = table(tmp_path / "stopped.csv", stopped(1), "angle")
+    look = emsid.describe(path, units={"angle": "rad"})
+    assert "angle" in look.mends["mask"]
+    again = emsid.read(path, **{**look.reading, **look.mends})
+    assert not stops(again)

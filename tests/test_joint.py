@@ -337,6 +337,20 @@ def test_a_servo_is_identified_from_its_targets() -> None:
     assert GreyBox.from_data(fit.model.to_data()).plant == fit.model.plant
 
 
+@pytest.mark.parametrize(
+    ("wrong", "value"),
+    [("servo.proportional", 2.0), ("servo.derivative", 0.5), ("servo.limit", 1.5), ("servo.limit", 20.0)],
+)
+def test_gains_that_contradict_the_record_are_named_with_better_ones(wrong: str, value: float) -> None:
+    u, start = targets(1200, 1), np.zeros(servo().states)
+    start[1] = 0.3
+    y = servo().simulate(u[:, None], DT, start, POSITION)
+    record = Record(u, 2 * np.pi / 4096 * np.round(4096 / (2 * np.pi) * y), DT, input_units="rad", output_units="rad")
+    fit = emsid.fit(emsid.plants.joint(), record, fixed={**SERVO, wrong: value}, search=False)
+    found = {each.subject: each.data["better"] for each in fit.findings if each.code == "value-contradicted"}
+    assert found[wrong] == pytest.approx(SERVO[wrong], rel=0.01)
+
+
 # --- several records -------------------------------------------------------------------------------------------------
 
 

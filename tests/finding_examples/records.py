@@ -36,7 +36,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("files-equal", "a.csv", {"copies": ["b.csv", "c.csv"]}),
     Finding("records-of-opposite-sign", "b.csv", {"records": ["b.csv", "c.csv"], "of": 5}),
-    Finding("angle-hangs", "angle", {"angle": 0.3, "unit": "rad", "period": 0.81}),
+    *(Finding("angle-hangs", "angle", {"angle": at, "unit": "rad", "period": 0.81}) for at in (0.3, None)),
     *(
         Finding("angle-without-unit", "angle", {"turn": turn, "seems": seems})
         for turn, seems in ((4024.0, ""), (354.0, "deg"))
@@ -51,6 +51,10 @@ EXAMPLES: tuple[Finding, ...] = (
         for code, high in (("dead-zone-likely", 6.0), ("amplitude-near-dead-zone", 1.1))
     ),
     Finding("coarse-values", "y", {"step": 4.06, "unit": "rad/s", "levels": 7.7}),
+    *(
+        Finding("joint-at-stop", "angle", {"side": "upper", "limit": 1.2, "unit": "rad", "share": 0.08} | more)
+        for more in ({}, {"mask": "angle >= 1.2"}, {"masked": True})
+    ),
     *(
         Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "unit": "rad/s", "share": 0.08} | more)
         for more in ({}, {"mask": "y >= 10"})

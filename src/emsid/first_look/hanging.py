@@ -128,7 +128,8 @@ def hangs(data: Examined) -> Iterable[Finding]:
     if found is None:
         return
     unit = record.output_units[0]
-    shared = {"angle": found.angle, "unit": unit, "period": found.period}
+    shown = data.y.min() <= found.angle <= data.y.max()  # small swings hardly show where they would end
+    shared = {"angle": found.angle if shown else None, "unit": unit, "period": found.period}
     yield Finding("angle-hangs", data.output, shared)
     if not unit:
         yield Finding("angle-without-unit", data.output, {"turn": found.turn, "seems": found.unit})

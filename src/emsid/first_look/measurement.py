@@ -18,6 +18,7 @@ from emsid.first_look.columns import FEWEST_LEVELS, quantisation
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import NEAR_ZERO
+from emsid.first_look.stops import stops
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,10 @@ def resolution(data: Examined) -> Iterable[Finding]:
             there = x == levels[k]
             if is_output and not (_moves_meanwhile(data.u, there) or _stops_at_once(x, there)):
                 continue
-            code = "values-cut-off" if is_output else "command-limited"
+            if is_output and side in stops(data.record):
+                code = "joint-at-stop"
+            else:
+                code = "values-cut-off" if is_output else "command-limited"
             yield Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share})
 
 

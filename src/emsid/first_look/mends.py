@@ -3,7 +3,8 @@
 A model of a sensor that stood still, or of a drift, is a model of something else: without these samples, or without the
 line, the error of all kinds of models on other records is smaller. An output at its limit stays in: a sensor may be
 saturated, but a tank that overflows or an axis at its stop shows what the system does, and a model without these
-samples has several times the error. The finding names the mask.
+samples has several times the error. The finding names the mask. The samples of a joint at its stop are left out, as
+what holds it there is no part of a joint.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.masks import in_expression
 
-STUCK = "value-stuck"
-"""The finding whose samples the command leaves out."""
+STUCK, STOP = "value-stuck", "joint-at-stop"
+LEFT_OUT = (STUCK, STOP)
+"""The findings whose samples the command leaves out."""
 EXTRA = 0.1
 """A value occurs elsewhere too where its count exceeds the length of a stuck stretch by more than this share."""
 LEAST = 0.5
@@ -41,7 +43,7 @@ def mends(findings: Iterable[Finding], columns: Sequence[Column], mask: str) -> 
     for finding in findings:
         if finding.code in _CONDITIONS and finding.subject in named:
             condition = _CONDITIONS[finding.code](finding, named[finding.subject])
-            conditions += [condition] if condition and finding.code == STUCK else []
+            conditions += [condition] if condition and finding.code in LEFT_OUT else []
             finding = replace(finding, data={**finding.data, "mask": condition})
         elif finding.code == "output-drifts":
             read["detrend"] = 1
@@ -78,4 +80,4 @@ def _exact(number: float) -> str:
     return repr(number).removesuffix(".0")
 
 
-_CONDITIONS = {STUCK: _stuck, "values-cut-off": _cut_off}
+_CONDITIONS = {STUCK: _stuck, STOP: _cut_off, "values-cut-off": _cut_off}

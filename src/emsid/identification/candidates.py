@@ -398,6 +398,12 @@ def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:
     return _may_be_of(plant, record, known) and hanging(record) is not None
 
 
+def lift_an_arm(names: Iterable[str]) -> bool:
+    """Whether some of these models are joints."""
+    starts = (PLANTS[name].start for name in names if name in PLANTS)
+    return any(isinstance(start, DrivenPlant) and start.turn for start in starts)
+
+
 def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:
     if plant.driven is None or plant.secondary:
         return False

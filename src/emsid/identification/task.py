@@ -13,7 +13,8 @@ from emsid.estimation.linear.least_squares import check_sizes
 from emsid.findings import Finding
 from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
-from emsid.identification.candidates import usual_for, with_unit_of_name
+from emsid.first_look.stops import without_stops
+from emsid.identification.candidates import lift_an_arm, usual_for, with_unit_of_name
 from emsid.identification.delay import with_delay
 from emsid.identification.long_records import to_compare
 from emsid.identification.options import Options
@@ -89,6 +90,9 @@ class Task:
         record = _long_enough(as_one(several))
         check_sizes(record)
         names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free))
+        if lift_an_arm(names):
+            several, others = tuple(map(without_stops, several)), tuple(map(without_stops, others))
+            record = _long_enough(as_one(several))
         asked = understood(options, names)
         responses = tuple(map(response_of, several))
         options, about_delay = with_delay(codes_of_channel(asked, record), several)

@@ -137,12 +137,11 @@ def no_response(f: Finding, argument: Spelling) -> str:
 
 @words("angle-hangs")
 def angle_hangs(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: angle, unit, period (s) of small swings."""
+    """Subject: the output. Data: angle (None where the swings do not show it), unit, period (s) of small swings."""
     d = f.data
-    return (
-        f"{f.subject} hangs: gravity returns it to about {_in_unit(d['angle'], d['unit'])}, with small swings of "
-        f"{duration(d['period'])}; joint has this torque"
-    )
+    where = "" if d["angle"] is None else f" to about {_in_unit(d['angle'], d['unit'])}"
+    swings = duration(d["period"])
+    return f"{f.subject} hangs: gravity returns it{where}, with small swings of {swings}; joint has this torque"
 
 
 @words("angle-without-unit", Severity.WARNING)
@@ -309,6 +308,18 @@ def values_cut_off(f: Finding, argument: Spelling) -> str:
         f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
         f"{100 * d['share']:.2g} % of the samples; if the sensor saturates, leave them out with "
         f"{argument('mask')}{condition}"
+    )
+
+
+@words("joint-at-stop", Severity.WARNING)
+def joint_at_stop(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: side, limit, unit, share, and mask (a condition) or masked."""
+    d = f.data
+    condition = f" {d['mask']!r}" if d.get("mask") else ""
+    then = "they are left out" if d.get("masked") else f"leave them out with {argument('mask')}{condition}"
+    return (
+        f"{f.subject} is at its {d['side']} stop, {_in_unit(d['limit'], d['unit'])}, in "
+        f"{100 * d['share']:.2g} % of the samples; {then}"
     )
 
 

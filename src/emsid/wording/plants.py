@@ -119,6 +119,7 @@ EFFECTS = {
     "load": "a constant load",
     "gain-by-direction": "another gain backward",
     "cogging": "a force that repeats every turn",
+    "backlash": "backlash before the sensor",
     "sensor-offset": "an offset of the sensor",
     "coulomb-by-direction": "a Coulomb level for each direction",
     "viscous-by-direction": "viscous friction for each direction",

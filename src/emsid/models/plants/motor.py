@@ -313,14 +313,12 @@ class MotorPlant(DrivenPlant):
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
     def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
-        """See `Plant.sampler`; None with a load among the inputs.
+        """See `Plant.sampler`; None with a load among the inputs, a servo, or a sensor behind backlash.
 
         Raises:
             ModelError: for quadratic friction or cogging with a shaft or an inductance.
         """
-        if self.drive.loaded:
-            return None
-        if self.follows:
+        if self.drive.loaded or self.follows or self.sensor.backlash:
             return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not self.is_one_mass:

@@ -61,5 +61,7 @@ def motor_handles(
         square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
         found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
         found |= cogging_handles("N*m", "rad")
-    found |= gravity_handles() | servo_handles() if hangs else {}
+    if hangs:
+        gap = Parameter("sensor.backlash", "2β", "rad", "backlash between motor and measured load, its whole width")
+        found |= gravity_handles() | servo_handles() | scalar(("sensor", "backlash"), gap, Measure.OTHER)
     return found | outer_handles(*MADE[feed], "m/s" if wheel else "rad/s", Measure.SPEED)

@@ -2,6 +2,13 @@
 
 It may have a first-order lag, an offset, a gear ratio, the radius of a wheel whose rim it measures, or an average over
 the previous sample, as from counting encoder edges.
+
+An encoder on the load side of a gear with backlash 2β reads a load that friction holds while the motor crosses the gap:
+
+    y_k = min(max(y_{k−1}, x_k − β), x_k + β),
+
+the friction-driven hysteresis of Nordin and Gutman, *Controlling mechanical systems with backlash – a survey*,
+Automatica 38 (2002). An encoder on the motor side reads x.
 """
 
 from __future__ import annotations
@@ -13,6 +20,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filtered_from
 from emsid.models.plants.parameters import Signal
@@ -30,10 +38,12 @@ class Sensor:
         offset: its reading at rest, in the unit of the output; not applied to a current.
         average: the share of the mean over the previous sample in a speed: 1 (True) where it comes from counting
             encoder edges, 0 (False) for a tachometer. A mean is half a sample late.
+        backlash: 2β, the whole gap between the motor and the load whose position it reads, in the unit of the output; 0
+            for a sensor on the motor side. The load is in the middle of the gap at the beginning.
         radius: in m, of a wheel whose way in m or speed in m/s it reads; 0 where it reads an angle or its rate.
 
     Raises:
-        ModelError: for a ratio of zero, a negative lag or radius, or a share outside 0 to 1.
+        ModelError: for a ratio of zero, a negative lag, backlash or radius, or a share outside 0 to 1.
     """
 
     ratio: float = 1.0
@@ -41,6 +51,7 @@ class Sensor:
     offset: float = 0.0
     average: float = 0.0
     radius: float = 0.0
+    backlash: float = 0.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.ratio) and self.ratio != 0 and isfinite(self.offset)):
@@ -49,6 +60,8 @@ class Sensor:
             )
         if not (isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
+        if not (isfinite(self.backlash) and self.backlash >= 0):
+            raise ModelError(f"sensor behind a backlash of {self.backlash}; it cannot be negative and must be finite")
         if not 0 <= self.average <= 1:
             raise ModelError(f"sensor with average {self.average}; give 0 (a tachometer) to 1 (an encoder)")
         if not (isfinite(self.radius) and self.radius >= 0):
@@ -101,7 +114,7 @@ class Sensor:
 
     def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         """(…, N) its readings of a speed, and its state (…, 2) after them; ``kept`` is the state before."""
-        seen = speeds
+        seen, positions = speeds, self._behind_gap(positions, kept)
         if self.average:
             before = kept[..., :1]
             start = np.where(np.isnan(before), speeds[..., :1], (positions[..., :1] - before) / dt)
@@ -111,7 +124,17 @@ class Sensor:
 
     def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         """(…, N) its readings of a position, and its state (…, 2) after them; ``kept`` is the state before."""
+        positions = self._behind_gap(positions, kept)
         return self._shown(positions, positions, dt, kept)
+
+    def _behind_gap(self, positions: Array, kept: Array) -> Array:
+        """(…, N) the positions of a load behind the backlash; where it was before is a part of its state (…, 2)."""
+        if not self.backlash:
+            return positions
+        flat = np.array(positions, dtype=float).reshape(-1, positions.shape[-1])
+        before = np.broadcast_to(kept[..., 0], positions.shape[:-1]).ravel()
+        follow(flat, np.where(np.isnan(before), flat[:, 0], before), 0.5 * self.backlash * abs(self.scale))
+        return flat.reshape(positions.shape)
 
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         lagging, after = values, kept.copy()
@@ -127,3 +150,13 @@ class Sensor:
         z = dt / self.lag
         decay, gain = float(np.exp(-z)), float(-np.expm1(-z) / z)
         return 1.0 - gain, gain - decay, decay
+
+
+@njit(nogil=True, error_model="numpy")
+def follow(positions: Array, before: Array, half: float) -> None:
+    """Replace positions (P, N) by those of loads behind a gap of this half width, which were ``before`` (P,)."""
+    for p in range(positions.shape[0]):
+        load = before[p]
+        for k in range(positions.shape[1]):
+            load = min(max(load, positions[p, k] - half), positions[p, k] + half)
+            positions[p, k] = load

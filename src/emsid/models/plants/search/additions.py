@@ -109,6 +109,7 @@ def _others(plant: DrivenPlant, signals: Sequence[Signal]) -> Iterator[Addition]
     yield Addition("load", (plant.load_name,))
     yield Addition("gain-by-direction", (SLOPE,))
     yield Addition("cogging", FIRST[1:])
+    yield Addition("backlash", ("sensor.backlash",))
     if Signal.POSITION not in signals:
         yield Addition("sensor-offset", (OFFSET,))
 

@@ -3,7 +3,8 @@ r"""What a fitted plant lacks, by one score test for every move that was not tak
 Three kinds of parameters are scored at a minimum, each with the derivative of one free run:
 
 - the known additions (`additions`), at their neutral values;
-- every value that was given, kept or built in: whether the data contradict it;
+- every value that was given, kept or built in: whether the data contradict it; one without effect where it is, such
+  as a limit that is never reached, by differences to a few smaller values;
 - every parameter as a linear function of the time of the record. Where a plant forgets fast compared with the record,
   the derivative of its run by a slope over the record is that by the parameter times the time, from −1 to 1.
 
@@ -48,6 +49,8 @@ STEPS = 20
 """Steps of the fit of a move; it begins at the step that the score promises."""
 EXACT = 1e3
 """Noise below this many times the rounding errors of a free run is rounding: the data are exact."""
+SMALLER = (0.5, 0.25, 0.125, 0.0625)
+"""Parts of a value without effect, such as a limit that is never reached, at which it may have one."""
 MANY = 12_000
 """A plant that is not one mass is scored on no more samples: its free run takes twenty times as long."""
 
@@ -138,19 +141,35 @@ def _moves(task: Task, problem: FreeRunError, names: Sequence[str]) -> Iterator[
         for row in additions(plant, names, (*task.fixed, *task.asked), task.segments, task.signals):
             yield from _of(task, problem, "effect-missing", row.names, row)
     for name in held:
-        yield from _of(task, problem, "value-contradicted", (name,))
+        yield from _of_value(task, problem, name)
     if Signal.POSITION not in task.signals and not isinstance(task.weighting, tuple):
         yield from _over_time(task, problem, names, held)
 
 
+def _of_value(task: Task, problem: FreeRunError, name: str) -> Iterator[Move]:
+    """The move of a value that was held; of one without effect where it is, several to smaller ones."""
+    for move in _of(task, problem, "value-contradicted", (name,)):
+        if any(map(np.any, move.columns)):
+            yield move
+            continue
+        for part in SMALLER:
+            probe = part * problem.plant.value(name)
+            yield from _of(task, problem, "value-contradicted", (name,), probe=probe) if probe else ()
+
+
 def _of(
-    task: Task, problem: FreeRunError, code: str, names: tuple[str, ...], row: Addition | None = None
+    task: Task,
+    problem: FreeRunError,
+    code: str,
+    names: tuple[str, ...],
+    row: Addition | None = None,
+    probe: float = 0.0,
 ) -> Iterator[Move]:
     """The move of some parameters; none if the plant cannot be simulated with them."""
     task.control.check()
     with suppress(EmsidError):
         start = problem.plant.with_values(row.beside) if row is not None and row.beside else problem.plant
-        columns = effect_of(problem, start, names, 0.0 if row is None else row.probe)
+        columns = effect_of(problem, start, names, probe if row is None else row.probe)
         lower, upper = bounds_of(start, names)
         yield Move(code, names, columns, lower, upper, start, row)
 

@@ -238,7 +238,7 @@ def _not_identifiable(
             "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
             "one_way": _is_one_way(task),
             "zone_unseen": _is_zone_unseen(group),
-            "one_load": len(group) > 1 and _has_one_load(task, plant),
+            "one_load": not STRENGTH.isdisjoint(group) and _has_one_load(task, plant),
         }
         found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
     return found
@@ -251,6 +251,10 @@ def _is_zone_unseen(group: Sequence[str]) -> bool:
         inside the zone: Coulomb friction continues to brake it, a dead zone does not.
     """
     return any(name.endswith(ZONE_ENDS) for name in group) and any(".coulomb" in name for name in group)
+
+
+STRENGTH = frozenset({"resistance", "motor_constant", "servo.proportional"})
+"""Parameters that give the torque of a motor its size."""
 
 
 def _has_one_load(task: Task, plant: Plant) -> bool:

@@ -60,8 +60,8 @@ def effect_of(problem: FreeRunError, plant: Plant, names: Sequence[str], probe: 
     Args:
         problem: that is fitted; it gives segments, initial states and weighting.
         plant: with the values at which the derivative is taken.
-        names: of the parameters.
-        probe: where a difference to their value begins; 0 for the derivative itself.
+        names: of the parameters; with a probe, of the same value.
+        probe: the value to which a difference is taken; 0 for the derivative itself.
 
     Raises:
         EmsidError: where the plant cannot be simulated with them.
@@ -78,8 +78,9 @@ def effect_of(problem: FreeRunError, plant: Plant, names: Sequence[str], probe: 
         other = run(plant, names)
         return [part for _, jacobian in other.exactly(other.start) for part in by_channel(problem, jacobian)]
     here, there = (run(each, ()) for each in (plant, plant.with_values(dict.fromkeys(names, probe))))
+    way = probe - plant.value(names[0])
     both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
-    return [part for a, b in both for part in by_channel(problem, ((b - a) / probe)[:, None])]
+    return [part for a, b in both for part in by_channel(problem, ((b - a) / way)[:, None])]
 
 
 def bounds_of(plant: Plant, names: Sequence[str]) -> tuple[Array, Array]:

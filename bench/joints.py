@@ -23,7 +23,8 @@ from emsid.models.free_run import continued
 from targets import Target, show
 
 Array = NDArray[np.float64]
-GEAR, COUNTS, DT, FINE = 100.0, 4096, 5e-3, 50
+GEAR, COUNTS, DT = 100.0, 4096, 5e-3
+FINE = 200  # steps per sample: MuJoCo's steps are of first order; with 50, friction is 3e-4 off, as wide as an interval
 SAMPLES = 3000
 BEGIN = 20  # samples that give the initial state
 

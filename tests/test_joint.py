@@ -425,3 +425,21 @@ def test_an_angle_in_ticks_shows_a_turn_of_its_encoder() -> None:
     start = emsid.plants.joint().with_values({"gravity.period": 4000.0, "gravity.angle": 0.3 * 4000 / 2 / np.pi})
     fit = emsid.fit(start, ticks, free=[*free, "gravity.period"])
     assert fit["gravity.period"].value == pytest.approx(4096, rel=0.01)
+
+
+# --- what rounding explains ------------------------------------------------------------------------------------------
+
+
+def test_an_error_above_that_of_rounding_is_one_of_the_model() -> None:
+    own = emsid.fit(emsid.plants.joint(), recorded(joint(), torque(1500, 1, 0.3)), search=False)
+    assert not [each for each in own.findings if each.code == "error-above-rounding"]
+    gear = joint().with_frictions({"rotor_friction": PowerFriction(0.1, motor=0.1, outside=0.02)})
+    record = recorded(gear, torque(1500, 1, 0.3))
+    fit = emsid.fit(emsid.plants.joint(), record, search=False)
+    (found,) = (each for each in fit.findings if each.code == "error-above-rounding")
+    rounding = 2 * np.pi / 4096 / np.sqrt(12)
+    assert found.data["ratio"] == pytest.approx(np.sqrt(fit.noise_variance) / rounding, rel=1e-3)
+    noise = 0.002 * np.random.default_rng(0).standard_normal(record.output.shape)
+    noisy = replace(record, output=np.round((record.output + noise) * 4096 / (2 * np.pi)) * 2 * np.pi / 4096)
+    other = emsid.fit(emsid.plants.joint(), noisy, search=False)
+    assert not [each for each in other.findings if each.code == "error-above-rounding"]  # the rest is noise

@@ -198,6 +198,7 @@ EXAMPLES: tuple[Finding, ...] = (
         "joint",
         IDENTIFIABLE | {"combinations": ["K/R"], "kept": [["resistance", 2.0, "ohm"]], "one_load": True},
     ),
+    Finding("error-above-rounding", "joint", {"ratio": 2.1, "step": 0.001534, "unit": "rad"}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["sensor.lag"], "without": ["sensor.lag"]}),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.rounding import quantisation
 from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.first_look.wrapping import wrap_period
 from emsid.io.selection import MOST_SKIPPED
@@ -134,28 +135,6 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         period=period,
         values=values if period is None else unwrapped(values, period),
     )
-
-
-def quantisation(levels: Array) -> float | None:
-    """The step of which all differences between ascending values (M,) are multiples; None where there is none.
-
-    >>> quantisation(np.array([0.0, 0.25, 1.0, 1.75])), quantisation(np.array([0.0, 0.3, 1.0, 1.75, 1.99]))
-    (0.25, None)
-    """
-    steps = np.diff(levels)
-    if not len(steps):
-        return None
-    span = float(levels[-1] - levels[0])
-    for candidate in (float(steps.min()), float(np.percentile(steps, 5))):
-        multiples = np.rint((levels - levels[0]) / candidate)
-        if not 0 < multiples[-1] < 1e6:
-            continue
-        step = float(multiples @ (levels - levels[0]) / (multiples @ multiples))
-        rest = np.abs((levels - levels[0]) / step - multiples)
-        if rest.max() < 0.05 and (len(levels) > 2 or span):
-            few = multiples[-1] > 50 * len(levels)  # too few values to tell multiples from chance
-            return None if few else float(f"{step:.6g}")
-    return None
 
 
 def runs(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import spectrum
+from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
-from emsid.first_look.columns import FEWEST_LEVELS, quantisation
+from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import NEAR_ZERO

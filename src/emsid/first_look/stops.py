@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
-from emsid.first_look.columns import quantisation
 from emsid.first_look.hanging import hanging
 from emsid.record import Record
 

@@ -134,6 +134,16 @@ def effect_missing(f: Finding, argument: Spelling) -> str:
     return f"{effects} would lower the squared error by {100 * f.data['share']:.0f} %"
 
 
+@words("error-above-rounding", Severity.WARNING)
+def error_above_rounding(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: ratio (of the error to that of rounding), step, unit."""
+    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
+    return (
+        f"the error is {f.data['ratio']:.2g} times what rounding to {step} makes: an effect is missing, and the "
+        "intervals do not include its error"
+    )
+
+
 @words("value-contradicted", Severity.WARNING)
 def value_contradicted(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: value (kept), better, unit, share (of the squared error), or (effects)."""

@@ -25,6 +25,7 @@ from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.missing import missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
+from emsid.models.plants.search.rounding import above_rounding
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.slow_noise import slow_noise
 from emsid.models.plants.search.task import Task
@@ -58,6 +59,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     if reached.unended:
         more += [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)]
         more += missing(task, problem, names, minimum)
+        more += above_rounding(task, found.name, minimum)
         findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
     findings = (*(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:

@@ -77,3 +77,33 @@ def test_the_command_lists_adds_and_compares(identified, run) -> None:
     assert list(data["motors"]) == ["one", "two"]
     assert data["motors"]["one"]["parameters"]["mass"][0] == pytest.approx(2.0, rel=0.05)
     assert run("motors", home, "--add", f"three={model}", "--record", log)[0] == 2
+
+
+def test_a_published_value_is_found_again_by_its_command(tmp_path, run, monkeypatch) -> None:
+    """The command of an entry, run beside its records, gives its values; other records and models are refused."""
+    import shlex
+
+    monkeypatch.chdir(tmp_path)
+    u = np.repeat(np.random.default_rng(1).uniform(-5, 5, 30), 20)
+    plant = emsid.LinearAxis(mass=2.0, viscous_friction=4.0)
+    y = plant.simulate(u[:, None], 0.01, np.zeros(2), (emsid.plants.Signal.SPEED,))[:, 0]
+    noisy = y + 0.01 * np.random.default_rng(2).standard_normal(600)
+    np.savetxt("log.csv", np.column_stack([u, noisy]), delimiter=",", header="u [N],y [m/s]", comments="", fmt="%.9g")
+    words = "identify log.csv -u u -y y --dt 0.01 --models linear-axis --free mass,viscous_friction --out a"
+    assert run(*words.split())[0] == 0
+    assert run("motors", "lib", "--add", "axis=a/linear-axis.json", "--record", "log.csv", "--command", words)[0] == 0
+    command = actuators("lib")["axis"].command
+    assert run(*shlex.split(command.replace("--out a", "--out again")))[0] == 0
+    status, out, err = run("motors", "lib", "--check", "axis=again/linear-axis.json", "--record", "log.csv")
+    assert (status, err) == (0, "")
+    assert [line.split()[-1] for line in out.splitlines()] == ["axis", "same", "same"]
+    log = (tmp_path / "log.csv").read_text()
+    (tmp_path / "log.csv").write_text(log.replace("1", "2", 1))
+    status, _, err = run("motors", "lib", "--check", "axis=again/linear-axis.json", "--record", "log.csv")
+    assert (status, "its checksum differs" in err) == (2, True)
+    (tmp_path / "log.csv").write_text(log)
+    other = emsid.fit(emsid.plants.linear_axis(), Record(u, 2 * y, 0.01, input_units="N", output_units="m/s"))
+    emsid.save(other, "other.json")
+    status, out, err = run("motors", "lib", "--check", "axis=other.json", "--record", "log.csv")
+    assert (status, "has other values than axis: mass" in err) == (2, True)
+    assert run("motors", "lib", "--check", "axis=other.json")[0] == 2  # without its record

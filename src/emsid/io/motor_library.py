@@ -116,6 +116,29 @@ def model_of(folder: str | os.PathLike[str], name: str) -> Path:
     return Path(folder) / f"{name}.json"
 
 
+def check_records(
+    folder: str | os.PathLike[str], name: str, records: Sequence[str | os.PathLike[str]]
+) -> tuple[Recorded, ...]:
+    """The records of an actuator, where the given files are the same, byte by byte.
+
+    Raises:
+        DataError: for a file that it was not identified from, or that has changed since, and for one that is missing.
+        FormatError: as `actuators` does.
+    """
+    model_of(folder, name)
+    known = {each.file: each for each in actuators(folder)[name].records}
+    for path in map(Path, records):
+        entry = known.get(path.name)
+        if entry is None:
+            raise DataError(f"{path}: {name} was identified from {listed(list(known))}")
+        if _sha256(read_bytes(path)) != entry.sha256:
+            raise DataError(f"{path} is not the file that {name} was identified from: its checksum differs")
+    missing = [file for file in known if file not in {Path(each).name for each in records}]
+    if missing:
+        raise DataError(f"{name} was identified from {listed(missing)} too; give it as a record")
+    return tuple(known.values())
+
+
 def _read(path: Path) -> Actuator:
     try:
         entry = msgspec.json.decode(read_bytes(path), type=Actuator)

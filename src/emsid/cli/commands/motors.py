@@ -9,7 +9,7 @@ from emsid.cli.app import app
 from emsid.cli.options import Json, names, pairs
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json
-from emsid.errors import DataError
+from emsid.errors import DataError, listed
 
 if TYPE_CHECKING:
     from emsid.io.motor_library import Actuator
@@ -22,6 +22,14 @@ Command = Annotated[str, typer.Option("--command", metavar="TEXT", help="The com
 Compare = Annotated[
     list[str], typer.Option("--compare", metavar="NAME,NAME,...", help="Show these side by side, with intervals.")
 ]
+Check = Annotated[
+    list[str],
+    typer.Option(
+        "--check", metavar="NAME=MODEL", help="Compare a model that its command gave again, from its --record files."
+    ),
+]
+SAME = 1e-6
+"""Values that differ by a smaller part of themselves are the same: processors round differently."""
 
 
 @app.command()
@@ -31,9 +39,10 @@ def motors(
     record: Records = [],  # noqa: B006
     command: Command = "",
     compare: Compare = [],  # noqa: B006
+    check: Check = [],  # noqa: B006
     json: Json = False,
 ) -> None:
-    """Keep identified actuators as data: list, add, compare.
+    """Keep identified actuators as data: list, add, compare, check.
 
     Of every actuator the library has its model file, the checksums of its records and the command line that identified
     it, so that a published value can be found again.
@@ -43,6 +52,7 @@ def motors(
       emsid motors servos
       emsid motors servos --add mx64=result/joint.json --record lift.csv --record swing.csv --command "emsid identify …"
       emsid motors servos --compare mx64,mx106
+      emsid motors servos --check mx64=again/joint.json --record lift.csv --record swing.csv
     """
     from emsid.io.motor_library import actuators, add_actuator
 
@@ -54,6 +64,10 @@ def motors(
             raise DataError("--add needs --command, the command line that identified the model")
         for name, model in added.items():
             add_actuator(library, name, model, record, command)
+    if check:
+        for name, model in pairs(check, "--check", "NAME=MODEL").items():
+            _check(library, name, Path(model), record)
+        return
     known = actuators(library)
     shown = {name: _values(library, name) for name in (names(compare, "--compare") or known)}
     if json:
@@ -77,14 +91,42 @@ def _about(entry: "Actuator") -> dict[str, Any]:
     return {"model_sha256": entry.model_sha256, "records": records, "command": entry.command}
 
 
+def _check(library: Path, name: str, model: Path, records: list[Path]) -> None:
+    """Say whether the records are those of an actuator and a model has its values.
+
+    Raises:
+        DataError: for another record, or values that differ.
+    """
+    from emsid.io.motor_library import check_records
+
+    for entry in check_records(library, name, records):
+        say(f"{entry.file}: the record of {name}")
+    published, again = _values(library, name), _values_of(model)
+    differing = []
+    for parameter, (value, low, high, unit) in published.items():
+        found = again.get(parameter, (float("nan"),))[0]
+        same = abs(found - value) <= SAME * abs(value)
+        verdict = "same" if same else "within its interval" if low <= found <= high else "differs"
+        differing += [parameter] if verdict == "differs" else []
+        say(f"  {parameter:<34}{_text(value, low, high)} {unit}; again {found:.5g}: {verdict}")
+    if differing:
+        raise DataError(f"{model} has other values than {name}: {listed(differing)}")
+
+
 def _values(library: Path, name: str) -> dict[str, tuple[float, float, float, str]]:
     """Value, interval and unit of every estimated parameter of an actuator; NaN where there is no interval."""
+    from emsid.io.motor_library import model_of
+
+    return _values_of(model_of(library, name))
+
+
+def _values_of(model: Path) -> dict[str, tuple[float, float, float, str]]:
+    """The same of a model file."""
     from emsid.estimation.fit import Fit
     from emsid.io import load
-    from emsid.io.motor_library import model_of
     from emsid.units import plain_unit
 
-    fit: Any = load(model_of(library, name))
+    fit: Any = load(model)
     rows = fit.table if isinstance(fit, Fit) else ()
     found = {}
     for row in rows:

@@ -26,14 +26,15 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.additions import Addition, additions
 from emsid.models.plants.search.conditions import held_names
 from emsid.models.plants.search.scored import ALIKE, bounds_of, by_channel, effect_of, score_at
-from emsid.models.plants.search.task import Task
+from emsid.models.plants.search.starts import started
+from emsid.models.plants.search.task import Task, cost_of
 from emsid.models.search.score import Promise, Score
 from emsid.selection.improvement import NEGLIGIBLE
 
@@ -51,6 +52,8 @@ EXACT = 1e3
 """Noise below this many times the rounding errors of a free run is rounding: the data are exact."""
 SMALLER = (0.5, 0.25, 0.125, 0.0625)
 """Parts of a value without effect, such as a limit that is never reached, at which it may have one."""
+POOR, FAR = 0.01, (4.0, 2.0, 0.5, 0.25, 0.125)
+"""Of a fit that leaves a larger share, given values are tried at these multiples, from new starts."""
 MANY = 12_000
 """A plant that is not one mass is scored on no more samples: its free run takes twenty times as long."""
 
@@ -98,6 +101,41 @@ def missing(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Mi
             beside.append(kept[0])
             found.append(kept[1])
             moves = [each for each in moves if set(each.names).isdisjoint(kept[0].names)]
+        if all(each.code != "value-contradicted" for each in found) and _left(task, minimum) > POOR:
+            found = [*_given_wrong(task, problem, names, minimum), *found]
+    return found
+
+
+def _left(task: Task, minimum: Minimum) -> float:
+    """The share of the outputs' variation that a fit leaves."""
+    total = sum(float(np.sum((each.output - each.output.mean(axis=0)) ** 2)) for each in task.segments)
+    return 2.0 * minimum.cost / total if total > 0 and task.weighting is all_alike else 0.0
+
+
+def _given_wrong(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> list[Finding]:
+    """The finding about a given value with another one of which new starts lead to far less: the best, or none.
+
+    Beside a value that is far off, the others are so wrong that no derivative shows it.
+    """
+    plant, best = problem.plant, minimum.cost
+    found: list[Finding] = []
+    if not isinstance(plant, DrivenPlant):
+        return found
+    for name, given in task.fixed.items():
+        handle, free = plant.handles[name], (*names, name)
+        within = replace(task, limits={**task.limits, name: (handle.lower, handle.upper)})
+        for part in FAR:
+            with suppress(EmsidError):
+                task.control.check()
+                other = plant.with_values({name: part * given})
+                starts = started(other, task.segments, task.signals, tuple(task.fixed))
+                begun = min((task.problem(each, free) for each in starts), key=cost_of)
+                refit = continuation.search_once(begun, within, STEPS)
+                better = begun.plant_at(refit.estimate).value(name)
+                if refit.cost < (1.0 - NEGLIGIBLE) * best and not np.isclose(better, given):
+                    best = refit.cost
+                    data = {"value": given, "better": better, "unit": handle.parameter.unit, "or": []}
+                    found = [Finding("value-contradicted", name, {**data, "share": 1.0 - best / minimum.cost})]
     return found
 
 

@@ -400,8 +400,8 @@ def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:
 
 def lift_an_arm(names: Iterable[str]) -> bool:
     """Whether some of these models are joints."""
-    starts = (PLANTS[name].start for name in names if name in PLANTS)
-    return any(isinstance(start, DrivenPlant) and start.turn for start in starts)
+    driven = (PLANTS[name].start.driven for name in names if name in PLANTS)
+    return any(each is not None and each.turn for each in driven)
 
 
 def _may_be_of(plant: Plant, record: Record, known: Iterable[str]) -> bool:

@@ -25,7 +25,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -62,12 +62,14 @@ class Page:
         folder: in which it ran, with the files that it has written.
         namespace: the names of its Python.
         printed: what every block printed.
+        lines: the commands that it ran so far, where they were of emsid only.
         seconds: processor time that it took.
     """
 
     folder: Path
     namespace: dict[str, Any] = field(default_factory=lambda: {"__name__": "__main__"})
     printed: list[str] = field(default_factory=list)
+    lines: tuple[str, ...] | None = ()
     seconds: float = 0.0
 
 
@@ -82,6 +84,7 @@ class Runner:
     def __init__(self, source: Path, work: Path) -> None:
         self.source, self.work = source, work
         self.pages: dict[str, Page] = {}
+        self.begun: dict[tuple[str, ...], tuple[str, Path]] = {}
         self.programs = work / "bin"
 
     def page(self, name: str) -> Page:
@@ -94,9 +97,11 @@ class Runner:
                 before = self.page(found[1])
                 shutil.copytree(before.folder, page.folder)
                 page.namespace = dict(before.namespace)
+                page.lines = None
             page.folder.mkdir(parents=True, exist_ok=True)
             if found := NEEDS.search(text):
                 (page.folder / found[1]).symlink_to(self.source.parent / found[1])
+                page.lines = None
             self._run(name, text, page)
             if found := PICTURES.search(text):
                 take_pictures(self.source.parent / "tests" / f"{found[1]}.py", found[2], page, name)
@@ -129,13 +134,14 @@ class Runner:
         try:
             with redirect_stdout(output), redirect_stderr(output):
                 if language == "python":
+                    page.lines = None
                     run_python(code, name, page.namespace)
                 else:
-                    self._commands(code, background)
+                    self._commands(code, page, background)
         finally:
             page.printed[-1] = output.getvalue()
 
-    def _commands(self, code: str, background: list[subprocess.Popen[bytes]]) -> None:
+    def _commands(self, code: str, page: Page, background: list[subprocess.Popen[bytes]]) -> None:
         """Run the commands of a block; a line that ends with ``&`` in the background."""
         for line in code.replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
@@ -150,15 +156,38 @@ class Runner:
                 if "serve" in words:  # it says when it listens, and ends with the page
                     print(process.stdout.readline().decode(), end="")  # type: ignore[union-attr]
             elif words[0] == "emsid" and not set(words) & {"|", "&&", "<", ";"} and "*" not in line:
-                target = words[words.index(">") + 1] if ">" in words else None
-                with redirect_stdout(open(target, "w", encoding="utf-8")) if target else nullcontext():
-                    status = run_emsid(words[: words.index(">")] if target else words)
-                if status:
-                    raise RuntimeError(f"exit status {status}: {line}")
+                self._emsid(line, words, page)
+                continue
             else:
                 done = subprocess.run(self._shell(line), capture_output=True, text=True)
                 print(done.stdout, done.stderr, sep="", end="")
                 done.check_returncode()
+            page.lines = None
+
+    def _emsid(self, line: str, words: list[str], page: Page) -> None:
+        """Run a command of emsid; an identification that another page has begun with in the same way runs once."""
+        page.lines = None if page.lines is None else (*page.lines, line)
+        if page.lines in self.begun:
+            printed, kept = self.begun[page.lines]
+            shutil.copytree(kept, page.folder, dirs_exist_ok=True)
+            print(printed, end="")
+            return
+        target, output = words[words.index(">") + 1] if ">" in words else None, io.StringIO()
+        with ExitStack() as stack:
+            if target:
+                stack.enter_context(redirect_stdout(stack.enter_context(open(target, "w", encoding="utf-8"))))
+            else:
+                stack.enter_context(redirect_stdout(output))
+                stack.enter_context(redirect_stderr(output))
+            status = run_emsid(words[: words.index(">")] if target else words)
+        print(output.getvalue(), end="")
+        if status:
+            raise RuntimeError(f"exit status {status}: {line}")
+        if page.lines is not None and words[1] == "identify":
+            kept = self.work / "begun" / str(len(self.begun))
+            shutil.rmtree(kept, ignore_errors=True)
+            shutil.copytree(page.folder, kept)
+            self.begun[page.lines] = output.getvalue(), kept
 
     def _shell(self, line: str) -> list[str]:
         """The words that run a line in Bash, where ``emsid`` and ``python`` are this program and this Python."""

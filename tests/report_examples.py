@@ -300,9 +300,6 @@ def every_mark():
 def every_table():
     return {
         "results": views.results_table(COMPARISONS["whole"].rows, unit="rad/s"),
-        "results and the paper": views.results_table(
-            COMPARISONS["whole"].rows, views.Reference("Paper", "another motor", {("arx", "unseen"): 0.0023})
-        ),
         "parameters": views.parameter_table(RECURSIVE[2], columns=views.regressor_column(RECURSIVE[2])),
         "undetermined parameters": views.parameter_table(RUNAWAY),
         "motor": views.motor_table(MOTORS["uneven"]),

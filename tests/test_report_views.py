@@ -297,12 +297,8 @@ def test_the_best_free_run_on_unseen_data_stands_out():
     assert "MSE in (rad/s)², RMSE in rad/s." in views.results_table(rows, unit="rad/s").caption
 
 
-def test_published_figures_stand_beside_the_model_they_belong_to():
-    table = TABLES["results and the paper"]
-    assert table.header[-1] == "Paper: MSE"
-    assert [row[-1] for row in table.rows if row[0] == "arx"] == ["0.0023", "0.0023"]  # two of that name
-    assert "another motor" in table.note
-    assert "diverged at sample" in table.note
+def test_a_run_that_diverged_is_named_below_the_table():
+    assert "diverged at sample" in TABLES["results"].note
 
 
 def test_intervals_are_those_of_the_fit():

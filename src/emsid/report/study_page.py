@@ -27,7 +27,7 @@ from emsid.study.conclusions import speaks_of
 from emsid.study.inputs import InputRow
 from emsid.study.models import BLOCKS, LINEAR, ONE_MASS, PAPER, TWO_MASSES
 from emsid.study.motors import FAMILY, SHOWN
-from emsid.study.setup import EXPERIMENT, PAPER_MSE
+from emsid.study.setup import EXPERIMENT
 from emsid.study.summary import SummaryRow, findings, headline, summary
 from emsid.study.workflow import Part, Study
 from emsid.validation.comparison import Assessment
@@ -35,7 +35,6 @@ from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.claims import claim
 
 WORST = "The intervals are those in which the linear model is worst."
-PAPER_NOTE = "another motor, in units that the paper does not state; only the ratios can be compared"
 
 
 def study_report(result: Study, argument: Spelling = as_python) -> Report:
@@ -122,12 +121,6 @@ def part_section(part: Part, result: Study) -> Section:
     name = part.name
     shown = [part.on_unseen(model) for model in part.models]
     responses = views.responses(shown, worst_intervals(shown), name=f"{name}-responses")
-    published = {
-        (model, data): PAPER_MSE[name, data][k]
-        for k, model in enumerate((LINEAR, PAPER))
-        for data in ("identification", "unseen")
-    }
-    reference = views.Reference("Paper", PAPER_NOTE, published)
     best = min(shown, key=lambda each: _ranked(each.row.simulation_mse))
     recursion = (
         (views.convergence(part.on_unseen(PAPER, "rls").fit, part.on_unseen(PAPER).fit, name=f"{name}-convergence"),)
@@ -138,7 +131,7 @@ def part_section(part: Part, result: Study) -> Section:
         f"The {name} study",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
         tables=(
-            views.results_table(part.rows, reference, unit=part.unseen.output_units[0]),
+            views.results_table(part.rows, unit=part.unseen.output_units[0]),
             *input_tables(part, result),
         ),
         figures=(

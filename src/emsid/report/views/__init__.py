@@ -12,10 +12,9 @@ from emsid.report.views.record import critical_intervals, inputs
 from emsid.report.views.recursion import convergence
 from emsid.report.views.residuals import nonlinear_correlations, residuals
 from emsid.report.views.sections import model_section
-from emsid.report.views.tables import Reference, motor_table, parameter_table, regressor_column, results_table
+from emsid.report.views.tables import motor_table, parameter_table, regressor_column, results_table
 
 __all__ = [
-    "Reference",
     "banded",
     "channel_axis",
     "convergence",

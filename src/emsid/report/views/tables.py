@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import groupby
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
@@ -22,28 +21,11 @@ FROM_FILE = "file"
 """The method of a model that was read from a file."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Published errors, for comparison.
-
-    Attributes:
-        source: heading of its column.
-        note: differences to be considered: another motor, another unit.
-        mse: the published MSE (5.14), by the name of the model and ``identification`` or ``unseen``.
-    """
-
-    source: str
-    note: str
-    mse: Mapping[tuple[str, str], float] = field(default_factory=dict)
-
-
 def results_table(
     rows: Sequence[Row],
-    reference: Reference | None = None,
     *,
     unit: str = "",
     caption: str = "",
-    emphasised: str = "",
 ) -> Table:
     """Free-run and one-step errors of models (Tables 1 and 2).
 
@@ -52,10 +34,8 @@ def results_table(
 
     Args:
         rows: in the order of the table.
-        reference: published errors, for a further column.
         unit: of the output, where it is the only one.
         caption: of the table; the units are added to it.
-        emphasised: the name of the model to emphasise; by default that of the best free run on unseen data.
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
     fitted = any(row.method != FROM_FILE for row in rows)
@@ -63,7 +43,7 @@ def results_table(
     numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", *("Parameters",) * fitted)
     cells: list[tuple[str, ...]] = []
     bold: set[int] = set()
-    best = {k for k, row in enumerate(rows) if row.model == emphasised} or _best_unseen(rows)
+    best = _best_unseen(rows)
     for k, row in enumerate(rows):
         named = (*(row.experiment,) * several, row.model, *(row.method.upper(),) * fitted, row.data_label)
         lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
@@ -80,7 +60,6 @@ def results_table(
                     number(errors.simulation_mse),
                     number(errors.one_step_mse),
                     *(str(row.parameters) if row.parameters else "–",) * fitted,
-                    *((_published(reference, row),) if reference else ()),
                 )
             )
     notes = [
@@ -89,11 +68,11 @@ def results_table(
         if row.diverged_at is not None
     ]
     return Table(
-        (*words, *numbers, *((f"{reference.source}: MSE",) if reference else ())),
+        (*words, *numbers),
         tuple(cells),
         f"{caption or 'Errors of the models, free run and one step ahead.'}"
         f"{' MSE in the unit of the output squared, RMSE in that unit.' if outputs else _in_units(unit)}",
-        " ".join([*((f"{reference.source}: {reference.note.rstrip('.')}.",) if reference else ()), *notes]),
+        " ".join(notes),
         text_columns=len(words),
         emphasised=frozenset(bold),
     )
@@ -103,11 +82,6 @@ def _in_units(unit: str) -> str:
     printed = plain_unit(unit)
     squared = f"{printed}²" if printed.isalpha() else f"({printed})²"
     return f" MSE in {squared}, RMSE in {printed}." if printed else ""
-
-
-def _published(reference: Reference, row: Row) -> str:
-    value = reference.mse.get((row.model, row.data))
-    return "" if value is None else number(value)
 
 
 def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:

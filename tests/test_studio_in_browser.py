@@ -236,6 +236,8 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     page.find(".uplot", 2)
     page.browser.refresh()  # the run is still there
     page.until(lambda: any("y(t) =" in each.text for each in page.all("main pre")))
+    (poles,) = (row[1:] for row in page.browser.execute_script(CELLS) if row[0] == "1")
+    assert [float(each) for each in poles] == pytest.approx([0.9, 0.9], abs=0.01)
     page.picture("compare", dark=True, height=1300)
     page.press("Play")
     page.says("answered in")

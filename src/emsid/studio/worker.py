@@ -147,6 +147,7 @@ def shown(result: Identification, content: Report) -> dict[str, Any]:
             for row in (rows[name] for name in models)
         ],
         "parameters": {fit.model.name: [parameter(row) for row in fit.parameters.values()] for fit in result.fits},
+        "poles": {fit.model.name: poles_of(fit.model, float(result.record.input[:, 0].mean())) for fit in result.fits},
         "verdicts": {each.model: sentence(each, as_python) for each in result.model_verdicts},
         "outputs": result.unseen.output_names,
         "units": result.unseen.output_units,
@@ -161,6 +162,17 @@ def shown(result: Identification, content: Report) -> dict[str, Any]:
         ],
         "sections": {each.title: section(each) for each in content.sections},
     }
+
+
+def poles_of(model: Any, at: float) -> list[str]:
+    """The poles near the rest at a constant input, of a pair one; none of a model that does not rest there."""
+    try:
+        system = emsid.linearize(model, at)
+    except EmsidError:
+        return []
+    unit = " 1/s" if system.dt is None else ""
+    upper = sorted((pole for pole in system.poles if pole.imag >= 0), key=abs, reverse=True)
+    return [number(pole.real) + (f" ± {number(pole.imag)}i" if pole.imag else "") + unit for pole in upper]
 
 
 def parameter(row: Estimate) -> dict[str, str]:

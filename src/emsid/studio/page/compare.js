@@ -44,6 +44,7 @@ export async function showCompare(main, app) {
     new TimePlot(second, { labels: picked.names, unit, load: load([count + 1]), from: 1, ends: begin.ends, group, height: 170 });
   }
   main.append(el("h2", {}, "Parameters with 95 % intervals"), parameters(found, picked.names));
+  if (picked.names.some((name) => found.poles?.[name]?.length)) main.append(el("h2", {}, "Poles near rest at the mean input"), poles(found, picked.names));
   main.append(el("h2", {}, "Side by side"), el("div", { class: "side" }, picked.names.map((name) => card(name, found, run))));
 }
 
@@ -53,6 +54,12 @@ function parameters(found, names) {
   const unit = (each) => names.map((name) => of[name][each]?.unit).find(Boolean) ?? "";
   const rows = all.map((each) => [each, unit(each), ...names.map((name) => of[name][each]?.text ?? "")]);
   return table({ header: ["Parameter", "Unit", ...names], rows, texts: 2 });
+}
+
+function poles(found, names) {
+  const most = Math.max(...names.map((name) => found.poles[name].length));
+  const rows = Array.from({ length: most }, (_, k) => [`${k + 1}`, ...names.map((name) => found.poles[name][k] ?? "")]);
+  return table({ header: ["Pole", ...names], rows });
 }
 
 function card(name, found, run) {

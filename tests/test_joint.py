@@ -71,6 +71,19 @@ def test_gravity_swings_as_a_pendulum_does() -> None:
     assert errors[2] < 0.3 * errors[1]  # of second order
 
 
+def test_the_steps_of_a_joint_are_fine_enough_for_its_intervals() -> None:
+    u = torque(800, 1)
+    fine = replace(joint(), steps=64).simulate(u[:, None], DT, np.array([0.0, 0.3]), POSITION)
+    record = Record(u, fine, DT, input_units="N*m", output_units="rad")
+    free = list(emsid.plants.joint().for_command(record).default_free)
+    wrong = {}
+    for steps in (2, emsid.plants.joint().steps):
+        fit = emsid.fit(replace(emsid.plants.joint(), steps=steps), record, free=free)
+        wrong[steps] = abs(fit["rotor_inertia"].value / 0.02 - 1)
+    assert wrong[emsid.plants.joint().steps] < 5e-5
+    assert wrong[emsid.plants.joint().steps] < 0.35 * wrong[2]  # of second order
+
+
 def test_behind_a_gear_the_motor_turns_against_the_torque_over_its_ratio() -> None:
     plain = joint()
     ratio = 50.0
@@ -339,7 +352,12 @@ def test_a_servo_is_identified_from_its_targets() -> None:
 
 @pytest.mark.parametrize(
     ("wrong", "value"),
-    [("servo.proportional", 2.0), ("servo.derivative", 0.5), ("servo.limit", 20.0)],
+    [
+        pytest.param("servo.proportional", 2.0, marks=pytest.mark.long),
+        ("servo.derivative", 0.5),
+        pytest.param("servo.limit", 20.0, marks=pytest.mark.long),
+        ("servo.limit", 1.5),
+    ],
 )
 def test_gains_that_contradict_the_record_are_named_with_better_ones(wrong: str, value: float) -> None:
     u, start = targets(1200, 1), np.zeros(servo().states)

@@ -49,7 +49,10 @@ Files = Annotated[
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[
     list[str],
-    typer.Option(metavar="NAME,...", help="Models to fit, by default regressions, a cascade, a motor or axis."),
+    typer.Option(
+        metavar="NAME,...",
+        help="Models to fit; by default regressions, a motor or axis, and blocks where these leave something.",
+    ),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="Fit linear models and regressions only, in seconds.")]
 Budget = Annotated[

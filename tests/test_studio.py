@@ -22,7 +22,10 @@ from starlette.testclient import TestClient
 from emsid.cli.commands.studio import command_of, track_of
 from emsid.cli.options import option
 from emsid.errors import DataError, FormatError
+from emsid.findings import Finding
+from emsid.record import Record
 from emsid.studio import uplot
+from emsid.studio.actions import EDITS, edit_for
 from emsid.studio.guard import POLICY, SMALL
 from emsid.studio.live import Live
 from emsid.studio.play import input_of
@@ -31,6 +34,7 @@ from emsid.studio.server import Messages, application
 from emsid.studio.session import Session
 from emsid.studio.studio import Studio
 from emsid.studio.windows import Signal, packed
+from emsid.wording import CATALOGUE
 
 TOKEN = "token-of-the-test"
 ORIGIN = "http://127.0.0.1:8000"
@@ -321,6 +325,25 @@ def test_inputs_of_play_are_checked() -> None:
     for wrong in ({"kind": "other"}, {"kind": "drawn", "points": "x"}, {"kind": "step", "amplitude": "nan"}):
         with pytest.raises(DataError):
             input_of(wrong, own, 0.01)
+
+
+@pytest.mark.parametrize(("model", "instead"), [("arx", "output-error"), ("friction-narx", "friction-narx-free-run")])
+def test_a_finding_proposes_the_models_that_its_button_fits(model: str, instead: str) -> None:
+    record = Record(np.arange(4.0), np.arange(4.0), 0.1)
+    assert edit_for(Finding("regression-biased", data={"model": model}), record) == {"models": [instead]}
+    assert set(EDITS) <= set(CATALOGUE)
+
+
+def test_a_current_beside_the_speed_is_proposed_as_output(opened: Any) -> None:
+    client, rows = opened[0], table().decode().splitlines()
+    values = [line.split(",") for line in rows[1:]]
+    current = [f"{(float(u) - 0.15 * float(y)) / 2:.5f}" for _, u, y in values]
+    text = [f"{rows[0]},current", *(f"{line},{i}" for line, i in zip(rows[1:], current, strict=True))]
+    client.post("api/files?name=log.csv", content="\n".join(text).encode())
+    (given,) = (each["given"] for each in state(client)["data"]["findings"] if each["given"])
+    assert given == {"output": ["speed", "current"]}
+    client.post("api/edit", json={"given": given})
+    assert [each["name"] for each in state(client)["data"]["records"][0]["channels"]] == ["voltage", "speed", "current"]
 
 
 def test_uplot_of_another_checksum_is_not_installed() -> None:

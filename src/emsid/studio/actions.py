@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from emsid.findings import Finding
@@ -12,10 +12,23 @@ Edit = dict[str, Any]
 PHYSICAL = ["rigid-motor", "arx"]
 """Models to compare where a physical one is proposed."""
 
+FREE_RUN = "-free-run"
+"""The end of the names of regressions that are fitted to the free run."""
+
+
+def fit_free_run(finding: Finding, record: Record) -> Edit:
+    """The same regression fitted to the free run; of a linear one that is output-error."""
+    from emsid.identification.candidates import CANDIDATES
+
+    name = f"{finding.model}{FREE_RUN}"
+    return {"models": [name if name in CANDIDATES else "output-error"]}
+
+
 EDITS: dict[str, Callable[[Finding, Record], Edit]] = {
     "next-physical-model": lambda finding, record: {"models": PHYSICAL},
+    "regression-biased": fit_free_run,
+    "map-is-straight": lambda finding, record: {"models": ["output-error"]},
     "interrupted": lambda finding, record: {"again": True},
-    "models-left-out": lambda finding, record: {"models": []},
     "response-negative": lambda finding, record: {"given": {"scale": {record.input_names[0]: -1.0}}},
 }
 """By the code of a finding: the changed parts of a step; ``given`` are arguments of `emsid.read`, and ``again`` fits
@@ -24,9 +37,19 @@ again without a change."""
 
 def edit_for(finding: Finding, record: Record) -> Edit | None:
     """The change that a finding proposes; None where it proposes none that can be made here."""
-    if finding.code in EDITS:
-        return EDITS[finding.code](finding, record)
-    named = finding.data.get("column") or finding.data.get("channel")
-    if "as-output" in finding.code and named:
-        return {"given": {"output": named}, "again": True}
-    return None
+    return EDITS[finding.code](finding, record) if finding.code in EDITS else None
+
+
+def channels_for(finding: Finding, reading: Mapping[str, Any]) -> Edit | None:
+    """The arguments of `emsid.read` with the further channels that a first look proposes; None where it has none.
+
+    A position takes the place of the speed that comes from it; a load and a current are used beside what is.
+    """
+    if finding.code != "further-channels":
+        return None
+    found = finding.data
+    if found["positions"]:
+        return {"output": found["positions"][0]}
+    role, more = ("output", found["outputs"]) if found["outputs"] else ("input", found["inputs"])
+    present = reading[role]
+    return {role: [*([present] if isinstance(present, str) else present), *more]}

@@ -22,6 +22,7 @@ from emsid.record import Record
 from emsid.record.time_axis import NOTABLE
 from emsid.record.time_units import SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
+from emsid.studio.actions import channels_for
 from emsid.studio.session import Session
 from emsid.studio.windows import Signal
 from emsid.wording import Spelling, sentence, severity
@@ -124,8 +125,14 @@ class Data:
             return {}
         look = self.look(step)
         table = column_table(look, 60)
+        reading = self.reading(step)
         said = [
-            {"code": each.code, "text": sentence(each, self.spelling), "severity": severity(each).value}
+            {
+                "code": each.code,
+                "text": sentence(each, self.spelling),
+                "severity": severity(each).value,
+                "given": channels_for(each, reading),
+            }
             for each in look.findings
         ]
         found: dict[str, Any] = {
@@ -134,7 +141,7 @@ class Data:
             "caption": table.caption,
             "lines": [line for line in lines(look, self.spelling) if not line.startswith("- ")],
             "findings": said,
-            "reading": self.reading(step),
+            "reading": reading,
             "units": {column.name: column.meaning.unit for column in look.columns},
             "records": [],
         }

@@ -107,7 +107,8 @@ function typed(name, text) {
 
 function findings(data) {
   return el("section", {}, el("h2", {}, "What the first look found"),
-    el("ul", {}, data.findings.map((each) => el("li", { class: each.severity }, each.text))));
+    el("ul", {}, data.findings.map((each) => el("li", { class: each.severity }, each.text, " ", each.given ? el("button", { onclick: () => edit(each.given) },
+      Object.entries(each.given).map(([role, names]) => `Use ${[].concat(names).join(", ")} as ${role}`)) : null))));
 }
 
 function plots(main, record, step) {

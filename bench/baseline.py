@@ -1,6 +1,6 @@
 """What ``emsid identify`` recommends for about fifty systems, to compare two states of the program.
 
-    python bench/baseline.py --out before.json                     # half an hour of CPU time
+    python bench/baseline.py --out before.json                     # 45 minutes of CPU time
     python bench/baseline.py --out after.json --against before.json
     python bench/baseline.py --only motor --seeds 3-5 --jobs 2
     python bench/baseline.py --recordings DIR --only recordings

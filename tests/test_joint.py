@@ -461,3 +461,13 @@ def test_an_error_above_that_of_rounding_is_one_of_the_model() -> None:
     noisy = replace(record, output=np.round((record.output + noise) * 4096 / (2 * np.pi)) * 2 * np.pi / 4096)
     other = emsid.fit(emsid.plants.joint(), noisy, search=False)
     assert not [each for each in other.findings if each.code == "error-above-rounding"]  # the rest is noise
+
+
+def test_a_factor_that_is_alone_is_not_compared_with_another_direction() -> None:
+    """Where only the factor of the motor is free, one factor for both directions takes its place alone."""
+    from emsid.models.plants.search.support import unsupported
+
+    gear = joint().with_frictions({"rotor_friction": PowerFriction(0.1, motor=0.1)})
+    names = ("rotor_friction.coulomb", "rotor_friction.motor")
+    fit = emsid.fit(gear, recorded(gear, torque(400, 1)), free=names)
+    assert unsupported(fit, names, ()) == []

@@ -44,8 +44,8 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
     if not removed or any(name in wanted for name in removed):
         return False
     merged = [name for name in names if name not in asked]
-    if merged:  # the two directions are one
-        return set(removed) <= set(fit.names) and _alike(fit, removed)
+    if merged:  # the two directions are one, or two factors of the load
+        return len(removed) == 2 and set(removed) <= set(fit.names) and _alike(fit, removed)
     rates = [name for name in removed if name.endswith("_rate")]
     most = {name: fit.limits.get(name, (0.0, inf))[1] for name in rates}
     without_rate = any(_includes(rows[name], 0.0) or rows[name].value >= most[name] for name in rates)

@@ -20,6 +20,7 @@ WIDTH, HEIGHT = 20_000, 10_000
 
 _ROW = 210  # the height of an ordinary plot, in pixels
 _LETTER = 7.0  # the width of a digit of a tick, in pixels
+_MINUS = 0.4  # how much wider than a digit a minus sign is, in digits
 _NARROW = 270.0  # the width of a plot on a phone, in pixels
 _TICKS = 6  # at most
 
@@ -83,7 +84,8 @@ def _frame(plot: Plot) -> Frame:
 
 
 def _tick_room(y: Scale) -> int:
-    return round(max((len(text) for _, text in y.ticks), default=0) * _LETTER) + 12
+    letters = (len(text) + _MINUS * text.count("\N{MINUS SIGN}") for _, text in y.ticks)
+    return round(max(letters, default=0) * _LETTER) + 12
 
 
 def _page_plot(plot: Plot, frame: Frame, room: int, legend: tuple[Entry, ...]) -> PagePlot:

@@ -120,3 +120,14 @@ def test_the_load_of_the_tutorial_is_announced_with_ten_fresh_signals(knots: str
         _, changes, _ = tracker.advance(tracker.start(), Record(rows[:, 1], rows[:, 2], dt))
         assert len(changes) == 1, seed
         assert 30.0 < changes[0].time <= 30.0 + most, seed
+
+
+def test_a_motor_that_stands_gives_no_alarm() -> None:
+    """Half of the samples are the sensor's smallest step, so the errors of small and larger outputs differ in sign."""
+    dt = 5e-3
+    for seed in range(4):
+        board = Board(Motor(), dt, Bench.typical(), (), seed)
+        rows, _ = board.advance(board.start(), np.zeros(6000))
+        tracker = watching(Tracker(RecursiveLeastSquares(arx(1, 1), rule=Directional(USUAL))), dt, 3600.0)
+        _, changes, _ = tracker.advance(tracker.start(), Record(rows[:, 1], rows[:, 2], dt))
+        assert changes == [], seed

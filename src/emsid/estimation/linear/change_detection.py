@@ -91,8 +91,9 @@ class ChangeDetector:
     Args:
         run: the mean number of samples between false alarms, for Gaussian errors.
         settling: the number of samples at the beginning that give no alarm. The first half estimates variances and
-            autocorrelations; in the second half the sums are observed. They are observed again, for as long as this
-            half, after an alarm, and where the output is larger than ever before, as when a motor starts.
+            autocorrelations; in the second half the sums are observed, and begin anew after it. They are observed
+            again, for as long as this half, after an alarm, and where the output is larger than ever before, as when a
+            motor starts.
         margin: multiplies the thresholds, at least 1; false alarms are then rarer than stated. It lets pass the short
             bursts of error of a structure that misses a part of the motion, as at a reversal with friction.
 
@@ -165,6 +166,9 @@ def scan(
         state[_COUNT] += 1.0
         if octave > state[_TOP]:
             state[_TOP], state[_COUNT] = octave, min(state[_COUNT], settling / 2)
+        if settling - 1.0 < state[_COUNT] <= settling:  # what the sums have reached by now is no change
+            state[_LARGEST:_TOP] = np.maximum(state[_LARGEST:_TOP], state[_PEAK:_LARGEST])
+            state[_SUMS:_LARGEST] = 0.0
         white = whitened(state, octave, errors[t] / np.sqrt(variances[t]), settling / SHARE, work)
         if state[_COUNT] <= settling / 2 or np.isnan(white):
             continue

@@ -23,7 +23,7 @@ from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
 from emsid.identification.options import Options
 from emsid.identification.ranking import MANY, in_turn
-from emsid.identification.verdict import larger_on_unseen
+from emsid.identification.verdict import fails_on_unseen
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.refitting import better_refit, is_safe
@@ -97,10 +97,8 @@ def _refit(judged: Compared, whole: Record, options: Options, control: Control) 
 
 def _structure_is_doubtful(judged: Compared) -> bool:
     """Whether the error of the recommended model is much larger on unseen data; its kind is then searched anew."""
-    name = judged.best.model.name
-    fitted = next(each for each in judged.on_record.assessments if each.row.model == name)
-    unseen = judged.on_unseen.best
-    return getattr(CANDIDATES.get(name), "searched_anew", False) and larger_on_unseen(unseen, fitted) is not None
+    anew = getattr(CANDIDATES.get(judged.best.model.name), "searched_anew", False)
+    return anew and fails_on_unseen(judged.on_unseen.best, judged.on_record)
 
 
 def _searched(name: str, whole: Record, options: Options, control: Control) -> Fit[Any] | None:

@@ -185,6 +185,17 @@ class Searches:
             self._search_without_limit(found)
         return found.of(self.names)
 
+    def with_rest(self, found: Fits) -> Fits:
+        """The same with the models that were left out; unchanged where none of them can be fitted."""
+        names = [name for each in found.not_needed for name in each.data["models"]]
+        others = replace(self, names=names, by_need=False)
+        try:
+            others.begin()
+            more = others.all()
+        except (EmsidError, Stopped):
+            return found
+        return Fits((*found.fits, *more.fits), (*found.failed, *more.failed), more.stopped, more.missing)
+
     def _round(self, names: Sequence[str], found: _UnderWay, done: int) -> None:
         """Fit some of the models, of which others are done."""
         control = _stopping(self.elsewhere, self.control) if self.elsewhere else self.control

@@ -287,6 +287,12 @@ def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
     return found
 
 
+def fails_on_unseen(unseen: Assessment, on_record: Comparison) -> bool:
+    """Whether the error of a model is much larger on unseen data than on the record, where it is among others."""
+    fitted = next(each for each in on_record.assessments if each.row.model == unseen.row.model)
+    return larger_on_unseen(unseen, fitted) is not None
+
+
 def larger_on_unseen(unseen: Assessment, fitted: Assessment) -> float | None:
     """How many times larger the error of a model is on unseen data, each as a share of the output's deviation.
 

@@ -28,7 +28,7 @@ from emsid.identification.records import Records
 from emsid.identification.requests import model_names
 from emsid.identification.result import Identification
 from emsid.identification.task import Task
-from emsid.identification.verdict import model_verdicts
+from emsid.identification.verdict import fails_on_unseen, model_verdicts
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.record import Record
@@ -137,12 +137,17 @@ def identify(
         searches.begin()  # while questions are asked
         asked = task.findings(quick=quick)
         found = with_bootstrap(searches.all(), task.train, bootstrap, seed, control)
-    return _judged(task, asked, found, control, excerpt=one_more)
+        judged = _compared(task, found.fits, control)
+        if found.not_needed and fails_on_unseen(judged.on_unseen.best, judged.on_record):
+            found = with_bootstrap(searches.with_rest(found), task.train, bootstrap, seed, control)
+            judged = _compared(task, found.fits, control)
+    return _judged(task, asked, found, judged, control, excerpt=one_more)
 
 
-def _judged(task: Task, asked: Sequence[Finding], found: Fits, control: Control, *, excerpt: bool) -> Identification:
-    """The result of the searches: the models ranked and judged, and the recommended one fitted to all data."""
-    judged = _compared(task, found.fits, control)
+def _judged(
+    task: Task, asked: Sequence[Finding], found: Fits, judged: Compared, control: Control, *, excerpt: bool
+) -> Identification:
+    """The result of the searches, ranked: the models judged, and the recommended one fitted to all data."""
     if excerpt and not found.stopped:
         judged = on_all_samples(judged, task.to_fit, task.options, control)
     taken = profiles_of(judged.fits, () if found.stopped else task.options.profile, control)

@@ -8,8 +8,9 @@ and signs and the products u·ŷ, each as it is and through lags of several leng
 The lags of 2, 8, 32, 128 samples span responses from those of a sample to those of the slowest drives. Coefficients are
 estimated on four fifths of the samples, in stretches, and judged on the fifth left out, in turn. A true model leaves
 noise, of which one stretch explains nothing in another one, so the share is about zero there, and a little negative. It
-says whether a larger model can find anything. Noise that is correlated over many samples makes it uncertain, mostly far
-from zero; then larger models are tried, too.
+says whether a larger model can find anything of these kinds. Noise that is correlated over many samples makes it
+uncertain, and a map between two filters is not among these functions. So the error must be nearly white, too: larger
+models are tried where a part of it follows from its own past.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from emsid.models.free_run import free_run
 from emsid.models.model import Run
 from emsid.record import Record
 from emsid.selection.improvement import NEGLIGIBLE
+from emsid.validation.residual_test import residual_tests
 
 Array = NDArray[np.float64]
 
@@ -62,7 +64,9 @@ def leaves_nothing(fits: Sequence[Fit[Any]], record: Record) -> Fit[Any] | None:
         return None
     _, best, run = min(runs, key=lambda each: each[0])
     lacks = best.ending.before_minimum or any(each.code in LACKS for each in best.findings)
-    share = None if lacks else explained_share(record, run)
+    if lacks or not all(test.white for test in residual_tests(record, run)):
+        return None
+    share = explained_share(record, run)
     return best if share is not None and -1 / PER_COLUMN <= share <= NEGLIGIBLE else None
 
 

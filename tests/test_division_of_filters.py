@@ -78,7 +78,7 @@ def test_a_sample_of_delay_in_the_wrong_filter_is_moved() -> None:
     x = lfilter(b1, a1, u) / np.std(lfilter(b1, a1, u))
     y = lfilter([0.36], a2, np.sign(x) * np.maximum(np.abs(x) - 0.3, 0.0))
     noise = 0.005 * float(np.std(y))
-    record = Record(u, y + noise * rng.standard_normal(4000), 1e-3)
-    fit = emsid.fit(emsid.wiener_hammerstein(orders=(2, 4), static="dead-zone"), record[:2000])
-    error = (y[2000:] - fit.model.simulate(record[2000:]).output[:, 0])[400:]
+    record = Record(u, y + noise * rng.standard_normal(8000), 1e-3)
+    fit = emsid.fit(emsid.wiener_hammerstein(orders=(2, 4), static="dead-zone"), record[:4000])
+    error = (y[4000:] - fit.model.simulate(record[4000:]).output[:, 0])[400:]
     assert np.std(error) < 0.2 * noise

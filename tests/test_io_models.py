@@ -18,8 +18,7 @@ from emsid.errors import FormatError, ModelError
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.findings import Finding
 from emsid.io import datasheet_template, load, motor_template, origin, read_datasheet, read_motor, save
-from emsid.models import Narx
-from emsid.models.regression.narx import Structure
+from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.structures import arx
 from emsid.plant import Motor
 from emsid.record import Record

@@ -61,6 +61,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     A cascade and a plant are always fitted to the free run, by Gauss–Newton steps. A plant is fitted as `identify`
     fits it, with the additions that the data support; with ``free``, exactly those parameters (see `fit_plant`).
 
+    >>> from emsid.models.regression.narx import Structure
     >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
     >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
     array([0.5, 2. ])
@@ -231,6 +232,7 @@ def as_records(records: Any) -> Any:
 def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> Record:
     """The free run of a model over an input, as a record with the simulated outputs.
 
+    >>> from emsid.models.regression.narx import Narx, Structure
     >>> arx = Narx(Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
     >>> simulate(arx, [1.0, 0.0, 0.0, 1.0]).output[:, 0]
     array([0. , 2. , 1. , 0.5])

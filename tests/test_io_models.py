@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import emsid.models
+import emsid.models.kinds
 from emsid.errors import FormatError, ModelError
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.findings import Finding
@@ -43,7 +43,7 @@ class Gain:
 
 @pytest.fixture
 def gain_is_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emsid.models, "MODELS", {"Gain": Gain}, raising=False)
+    monkeypatch.setattr(emsid.models.kinds, "MODELS", {"Gain": Gain}, raising=False)
 
 
 @pytest.fixture
@@ -154,7 +154,7 @@ def test_texts_that_would_command_a_terminal(path: Path, name: str, monkeypatch:
 
 
 def test_a_number_of_inputs_that_is_none(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emsid.models, "MODELS", {"narx": Narx})
+    monkeypatch.setattr(emsid.models.kinds, "MODELS", {"narx": Narx})
     model = Narx(Structure.parse("y(t-1)", "u2(t-1)"), np.array([0.5, 1.0]), 0.01)
     for inputs in (-1, 1):
         data = model.to_data() | {"inputs": inputs}
@@ -168,7 +168,7 @@ def test_a_number_of_inputs_that_is_none(path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_a_type_or_content_that_is_no_model(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emsid.models, "MODELS", {"Loss": Gain})
+    monkeypatch.setattr(emsid.models.kinds, "MODELS", {"Loss": Gain})
     assert failure(path) == "unknown type of model 'Gain'; there are Loss"
     monkeypatch.setattr(Gain, "to_data", lambda _: {"value": 1.0})
     save(Gain([]), path)  # type: ignore[arg-type]

@@ -28,7 +28,7 @@ def record(axis: bool = False) -> Record:
 
 
 def test_there_is_an_old_file_of_every_kind() -> None:
-    from emsid.models import MODELS
+    from emsid.models.kinds import MODELS
 
     kinds = {json.loads((GOLDEN / f"{name}.json").read_text())["type"] for name in EXPECTED}
     assert kinds == set(MODELS)

@@ -26,10 +26,10 @@ from emsid import (
 from emsid.estimation.estimates import Status
 from emsid.findings import Finding
 from emsid.io import load_model
-from emsid.models import MODELS
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.static_maps import STATIC_MAPS
 from emsid.models.free_run import RUNAWAY, begins_at_rest, begins_steady
+from emsid.models.kinds import MODELS
 from emsid.models.linear.state_space import run_in_place as run_states
 from emsid.models.model import Model
 from emsid.models.plants.cogging import Cogging

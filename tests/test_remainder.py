@@ -64,6 +64,13 @@ def test_what_depends_on_the_input_is_explained(shape: Any) -> None:
     assert left(record, 3.0 * noise + (part - part.mean()) / np.std(part)) > 0.03
 
 
+def test_records_of_different_size_have_one_function() -> None:
+    small, large = (lagging(seed, samples=2000, noise=0.0) for seed in (1, 2))
+    small = replace(small, input=0.3 * small.input, output=0.3 * small.output)
+    both = emsid.concatenate([small, large])
+    assert left(both, both.input[:, 0] ** 2) > 0.9
+
+
 def test_a_short_record_and_a_run_that_diverges_show_nothing() -> None:
     record = lagging(samples=300)
     counted = np.ones(len(record), dtype=bool)

@@ -14,7 +14,6 @@ from math import atan2, hypot, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from emsid.findings import Finding
 from emsid.first_look.baseline import SAMPLES, middle
@@ -73,6 +72,8 @@ def hanging(record: Record) -> Hanging | None:
 
     if unit:
         return tried(TURNS["rad"])[1]
+    from scipy.optimize import minimize_scalar  # for an angle without a unit only
+
     shares = [tried(ratio * span)[0] for ratio in RATIOS]
     best = int(np.argmin(shares))
     near = np.log(span * RATIOS[[max(best - 1, 0), min(best + 1, len(RATIOS) - 1)]])

@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
-from emsid.models.free_run import free_run
+from emsid.estimation.linear.filtering import filtered_from
 from emsid.models.model import Run
 from emsid.record import Record
 from emsid.selection.improvement import NEGLIGIBLE
+from emsid.validation.comparison import Assessment, assess
 from emsid.validation.residual_test import residual_tests
 
 Array = NDArray[np.float64]
@@ -54,15 +55,14 @@ def leaves_nothing(fits: Sequence[Fit[Any]], record: Record) -> Fit[Any] | None:
         fits: of any models.
         record: what they were fitted to.
     """
-    runs: list[tuple[float, Fit[Any], Run]] = []
+    found: list[Assessment] = []
     for fit in fits:
         with suppress(EmsidError):
-            run = free_run(fit.model, record)
-            error = (record.output - run.output)[run.counted] / np.std(record.output, axis=0)
-            runs.append((float(np.mean(error**2)) if run.diverged_at is None else np.inf, fit, run))
-    if not runs:
+            found.append(assess(fit, record))
+    if not found:
         return None
-    _, best, run = min(runs, key=lambda each: each[0])
+    assessed = min(found, key=lambda each: each.row.ranked_by)
+    best, run = assessed.fit, assessed.simulation
     lacks = best.ending.before_minimum or any(each.code in LACKS for each in best.findings)
     if lacks or not all(test.white for test in residual_tests(record, run)):
         return None
@@ -84,32 +84,30 @@ def explained_share(record: Record, run: Run) -> float | None:
     counted = run.counted & np.isfinite(run.output).all(axis=1)
     if run.diverged_at is not None or not counted.any():
         return None
-    columns = np.concatenate([_columns(segment, own) for segment, own in _by_segment(record, run.output)])[counted]
+    columns = _columns(record, run.output)[counted]
     if len(columns) < PER_COLUMN * columns.shape[1]:
         return None
     errors = (record.output - run.output)[counted]
     return max(_left_out(columns, error) for error in errors.T)
 
 
-def _by_segment(record: Record, output: Array) -> list[tuple[Array, Array]]:
-    """The inputs and the simulated outputs of every segment."""
-    return list(zip(np.split(record.input, record.breaks), np.split(output, record.breaks), strict=True))
-
-
-def _columns(inputs: Array, output: Array) -> Array:
-    """(N, m) all signals of a segment, as they are and through every lag, and a constant."""
-    from scipy.signal import lfilter
-
-    signals = [*inputs.T, *np.nan_to_num(output).T]
+def _columns(record: Record, output: Array) -> Array:
+    """(N, m) all signals of a record, as they are and through every lag, which begins anew in every segment."""
+    signals = [*record.input.T, *np.nan_to_num(output).T]
     scaled = [x / (float(np.abs(x).max()) or 1.0) for x in signals]
     shapes = [shape for x in scaled for shape in (x, x**2, x**3, np.abs(x), np.sign(x))]
-    known = inputs.shape[1]
+    known = record.input.shape[1]
     shapes += [u * y for u, y in product(scaled[:known], scaled[known:])]
-    columns = [np.ones(len(inputs)), *shapes]
-    for samples in LAGS:
-        a = float(np.exp(-1.0 / samples))
-        columns += [np.asarray(lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0]) for x in shapes]
-    return np.column_stack(columns)
+    rows = np.array(shapes)
+    segments = np.split(rows, record.breaks, axis=1)
+    lagging = [np.concatenate([_lagging(each, samples) for each in segments], axis=1) for samples in LAGS]
+    return np.asarray(np.concatenate([np.ones((1, len(record))), rows, *lagging]).T)
+
+
+def _lagging(rows: Array, samples: int) -> Array:
+    """Signals (k, N) through a lag of unit gain, from rest at their first values."""
+    a = float(np.exp(-1.0 / samples))
+    return filtered_from([1.0 - a], [1.0, -a], rows, a * rows[:, :1])[0]
 
 
 def _left_out(columns: Array, error: Array) -> float:

@@ -8,7 +8,7 @@
 ========  =============================================================================================================
 format    ``emsid model``
 schema    version of this layout, a whole number
-type      kind of model, a key of `emsid.models.MODELS`
+type      kind of model, a key of `emsid.models.kinds.MODELS`
 model     what the ``to_data`` of that kind gives
 sha256    checksum of all other entries with their keys sorted and no blanks: a file may be laid out anew, not altered
 origin    may be missing: ``dt`` in s, ``inputs`` and ``outputs`` as [name, unit] of what the model was identified from,
@@ -147,7 +147,7 @@ def save(
             with control characters in a text.
         FormatError: where the file cannot be written.
     """
-    from emsid.models import MODELS
+    from emsid.models.kinds import MODELS
 
     found = model if isinstance(model, Fit) else None
     model = model if found is None else found.model
@@ -199,7 +199,7 @@ def load_model(path: str | os.PathLike[str]) -> Model:
 
 
 def _model(path: str | os.PathLike[str], document: _Document) -> Model:
-    from emsid.models import MODELS
+    from emsid.models.kinds import MODELS
 
     if document.type not in MODELS:
         raise FormatError(f"{path}: unknown type of model {document.type!r}; there are {', '.join(MODELS)}")

@@ -11,6 +11,7 @@ from emsid.models.blocks.capabilities import OfCascades
 from emsid.models.capabilities import Capabilities, Estimator
 from emsid.models.feedback.capabilities import OfFeedbackModels
 from emsid.models.linear.capabilities import OfPolynomials, OfProcesses, OfStateSpaces
+from emsid.models.model import Model
 from emsid.models.plants.capabilities import OfPlants
 from emsid.models.regression.capabilities import OfRegressions
 
@@ -23,6 +24,8 @@ KINDS: tuple[Capabilities[Any], ...] = (
     OfFeedbackModels(),
     OfPlants(),
 )
+MODELS: dict[str, type[Model]] = {each.kind: each.model for each in KINDS}
+"""The classes of the models by the names in their files."""
 ESTIMATORS: dict[type, Estimator] = {what: how for each in KINDS for what, how in each.estimators.items()}
 """How `emsid.fit` fits what makes a model, by its type; a plant is known by what it has, see `emsid.models.verbs`."""
 _BY_CLASS = {each.model: each for each in KINDS}

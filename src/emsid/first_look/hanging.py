@@ -19,7 +19,7 @@ from emsid.findings import Finding
 from emsid.first_look.baseline import SAMPLES, middle
 from emsid.first_look.examined import Examined, is_position
 from emsid.first_look.names import ColumnQuantity, meaning
-from emsid.models.plants.motion_regression import rows_with_waves, solved
+from emsid.models.plants.motion_regression import motion_rows, solved, waves
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -67,9 +67,10 @@ def hanging(record: Record) -> Hanging | None:
     if not (span > 0 and np.ptp(few.input) > 0):
         return None
 
-    def tried(turn: float) -> tuple[float, Hanging | None]:
-        return _with_turn(segments, turn)
-
+    motion = _Motion.of(segments)
+    if len(motion.right) < FEWEST or not motion.total > 0:
+        return None
+    tried = motion.with_turn
     if unit:
         return tried(TURNS["rad"])[1]
     from scipy.optimize import minimize_scalar  # for an angle without a unit only
@@ -92,26 +93,54 @@ def _is_target(record: Record) -> bool:
     return said in (ColumnQuantity.REFERENCE, ColumnQuantity.POSITION) or record.input_units[0] == "rad"
 
 
-def _with_turn(segments: list[Record], turn: float) -> tuple[float, Hanging | None]:
-    """The share of the acceleration that is left with waves of this length, and how the angle hangs in them."""
-    phase = 2 * pi / turn
-    table = np.concatenate([rows_with_waves(each, 0, True, HANGING, 0.0, 0.0, phase) for each in segments])
-    right, columns = table[:, -1], table[:, :-1]
-    total = float(right @ right)
-    if len(table) < FEWEST or not total > 0:
-        return 1.0, None
-    values = solved(columns, right)
-    left = float(np.sum((right - columns @ np.array(values)) ** 2)) / total
-    without = columns[:, :-2]
-    plain = float(np.sum((right - without @ np.array(solved(without, right))) ** 2)) / total
-    cosine, sine = values[-2:]  # the wave cosine·cos + sine·sin against the motion is that of sin(θ − θ₀)
-    size = hypot(cosine, sine)
-    if not (left < EXPLAINED * min(plain, 1.0) and size > 0):
-        return left, None
-    angle = turn / (2 * pi) * atan2(-cosine, sine)
-    middle_of = float(np.mean([np.mean(each.output[:, 0]) for each in segments]))
-    angle += turn * round((middle_of - angle) / turn)
-    return left, Hanging(angle, turn, 2 * pi / sqrt(size * phase))
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The samples in motion of an angle, for waves of any length.
+
+    Attributes:
+        angles: of every segment, all samples.
+        kept: of every segment, those in motion.
+        columns, right: the regression without waves.
+        total, plain: the squared acceleration, and the share of it that is left without waves.
+    """
+
+    angles: list[Array]
+    kept: list[NDArray[np.bool_]]
+    columns: Array
+    right: Array
+    total: float
+    plain: float
+
+    @classmethod
+    def of(cls, segments: list[Record]) -> _Motion:
+        """The motion in some segments."""
+        tables, kept = zip(*(motion_rows(each, 0, True, HANGING, 0.0, 0.0) for each in segments), strict=True)
+        table = np.concatenate(tables)
+        columns, right = table[:, :-1], table[:, -1]
+        total = float(right @ right)
+        plain = _left(columns, right, solved(columns, right)) / total if total > 0 else 1.0
+        return cls([each.output[:, 0] for each in segments], list(kept), columns, right, total, plain)
+
+    def with_turn(self, turn: float) -> tuple[float, Hanging | None]:
+        """The share of the acceleration that is left with waves of this length, and how the angle hangs in them."""
+        phase = 2 * pi / turn
+        pairs = zip(self.angles, self.kept, strict=True)
+        columns = np.hstack([self.columns, np.concatenate([waves(x, HANGING, phase)[own] for x, own in pairs])])
+        values = solved(columns, self.right)
+        left = _left(columns, self.right, values) / self.total
+        cosine, sine = values[-2:]  # cosine·cos + sine·sin against the motion is sin(θ − θ₀)
+        size = hypot(cosine, sine)
+        if not (left < EXPLAINED * min(self.plain, 1.0) and size > 0):
+            return left, None
+        angle = turn / (2 * pi) * atan2(-cosine, sine)
+        middle_of = float(np.mean([np.mean(each) for each in self.angles]))
+        angle += turn * round((middle_of - angle) / turn)
+        return left, Hanging(angle, turn, 2 * pi / sqrt(size * phase))
+
+
+def _left(columns: Array, right: Array, values: list[float]) -> float:
+    """What a regression leaves, squared."""
+    return float(np.sum((right - columns @ np.array(values)) ** 2))
 
 
 def as_angle(record: Record) -> dict[str, str] | None:

@@ -8,6 +8,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 
 def resolution(data: Examined) -> Iterable[Finding]:
     """Quantisation of the output, and samples at a limit of its range."""
-    units = units_of(data.record)
+    units, at_stop = units_of(data.record), cache(lambda: stops(data.record))
     for name, x in ((data.output, data.y), (data.input, data.u)):
         unit = units[name]
         levels, counts = np.unique(x, return_counts=True)
@@ -55,7 +56,7 @@ def resolution(data: Examined) -> Iterable[Finding]:
             there = x == levels[k]
             if is_output and not (_moves_meanwhile(data.u, there) or _stops_at_once(x, there)):
                 continue
-            if is_output and side in stops(data.record):
+            if is_output and side in at_stop():
                 code = "joint-at-stop"
             else:
                 code = "values-cut-off" if is_output else "command-limited"

@@ -81,5 +81,9 @@ def rows_with_waves(
         return table
     y = segment.output[:, channel]
     position = y if is_position else np.cumsum(y) * segment.dt
-    waves = -smoothed(np.array([np.cos(turn * position), np.sin(turn * position)]), samples)[:, kept]
-    return np.column_stack([table[:, :-1], *waves, table[:, -1]])
+    return np.column_stack([table[:, :-1], waves(position, samples, turn)[kept], table[:, -1]])
+
+
+def waves(position: Array, samples: float, turn: float) -> Array:
+    """(N, 2) columns of a wave of ``turn`` radians per unit of a position (N,), `smoothed`."""
+    return np.asarray(-smoothed(np.array([np.cos(turn * position), np.sin(turn * position)]), samples).T)

@@ -146,9 +146,10 @@ def quick_look(f: Finding, argument: Spelling) -> str:
 def models_not_needed(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: model (its name), models (those that were not fitted)."""
     d = f.data
+    spared = f"{listed(d['models'])} {'are' if len(d['models']) > 1 else 'is'} not fitted"
     return (
-        f"the inputs explain nothing of what {d['model']} leaves, so {listed(d['models'])} "
-        f"{'are' if len(d['models']) > 1 else 'is'} not fitted ({argument('models')} fits them)"
+        f"the inputs explain nothing of the error that {d['model']} leaves, so {spared}; to fit a model all the same, "
+        f"name it ({argument('models')})"
     )
 
 

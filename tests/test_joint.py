@@ -471,3 +471,34 @@ def test_a_factor_that_is_alone_is_not_compared_with_another_direction() -> None
     names = ("rotor_friction.coulomb", "rotor_friction.motor")
     fit = emsid.fit(gear, recorded(gear, torque(400, 1)), free=names)
     assert unsupported(fit, names, ()) == []
+
+
+# --- gravity that a record does not show -----------------------------------------------------------------------------
+
+
+def unseen(record: Record) -> list[dict[str, float]]:
+    fit = emsid.fit(emsid.plants.joint(), record, search=False)
+    return [each.data for each in fit.findings if each.code == "gravity-not-seen"]
+
+
+@pytest.mark.parametrize("feed", [Feed.TORQUE, Feed.VOLTAGE])
+def test_gravity_that_a_record_does_not_show_is_said(feed: Feed) -> None:
+    size, unit = (1.0, "N*m") if feed is Feed.TORQUE else (4.0, "V")
+    u = size * (torque(1200, 1) - torque(1200, 1).mean())
+    known = {"resistance": 2.0, "motor_constant": 1.0} if feed is Feed.VOLTAGE else {}
+    (level,) = unseen(replace(recorded(joint(feed, **known, **{"gravity.torque": 0.0}), u), input_units=(unit,)))
+    assert level["moved"] > 30.0
+    assert level["most"] < 0.01 * 1.2
+    assert not unseen(replace(recorded(joint(feed, **known), u), input_units=(unit,)))  # only its size is unknown
+
+
+def test_a_record_that_hardly_moves_against_gravity_is_to_be_a_lift() -> None:
+    plant = joint(**{"rotor_friction.coulomb": 0.3})
+    k = np.arange(1500)
+    pushes = 1.2 * np.sin(0.9) + 0.45 * np.sign(np.sin(2 * np.pi * k / 37)) * (k % 7 < 3)
+    angle = plant.simulate(pushes[:, None], DT, np.array([0.0, 1.2, 0.0, 1.0]), POSITION)
+    step = 2 * np.pi / 400
+    record = Record(pushes, np.round(angle / step) * step, DT, input_units="N*m", output_units="rad")
+    (small,) = unseen(record)
+    assert small["moved"] == pytest.approx(0.9)
+    assert small["most"] > 10 * 1.2  # nothing is known of it

@@ -203,6 +203,10 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["sensor.lag"], "without": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["a", "b"], "without": []}),
+    *(
+        Finding("gravity-not-seen", "gravity.torque", {"moved": moved, "most": most, "unit": "N*m"})
+        for moved, most in ((0.9, 32.0), (0.9, None), (556.0, 9.4e-6))
+    ),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
     Finding("load-drifts", "linear-axis", LOAD | {"parameters": []}),
     Finding("load-drifts", "linear-axis", LOAD),

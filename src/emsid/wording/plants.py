@@ -20,7 +20,6 @@ def unit_assumed(f: Finding, argument: Spelling) -> str:
 
 def _give_unit(f: Finding, argument: Spelling) -> str:
     """What to do about a channel without a unit; its name may have one."""
-    """What to do about a channel without a unit; its name may have one."""
     channel = f.data["channel"]
     named = name_and_unit(channel)[1]
     if not named:
@@ -272,6 +271,23 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
     said = f"the 95 % interval{'s' * several} of {listed(names)} include{'s' * (not several)} zero"
     tried = f"; without {' or '.join(without)} the model fits as well" if without else ""
     return f"{said}{tried}; give what you know ({argument('fixed')})"
+
+
+LIFT = 30.0
+"""Degrees of a lift that changes the torque of gravity by a tenth or more wherever it begins: 1 − cos 30° = 0.13."""
+
+
+@words("gravity-not-seen", Severity.WARNING)
+def gravity_not_seen(f: Finding, argument: Spelling) -> str:
+    """Subject: the torque. Data: moved (by the angle, in degrees), most (the end of its interval, if any), unit."""
+    moved, most = f.data["moved"], f.data["most"]
+    below = "" if most is None else f" ({f.subject} is below {with_unit(f'{most:.2g}', f.data['unit'])})"
+    if moved >= LIFT:
+        return f"the angle moves by {moved:.0f}°, and no gravity shows{below}; fit rigid-motor, which has none"
+    return (
+        f"the angle moves by {moved:.2g}°, too little to show gravity{below}; record a lift of {LIFT:.0f}° or more, or "
+        "fit rigid-motor"
+    )
 
 
 @words("load-drifts")

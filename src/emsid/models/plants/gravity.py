@@ -11,6 +11,7 @@ adds m·l²/n² to its inertia. T_g is a wave with one period per turn, so it mo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import atan2, cos, hypot, inf, isfinite, pi, sin
 
@@ -18,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import Estimate
+from emsid.findings import Finding
 from emsid.models.plants.parameters import TINY, Handle, scalar
 from emsid.plant import Measure, Parameter
 
@@ -27,6 +30,11 @@ STANDARD = 9.80665
 """Standard acceleration of free fall in m/s² (BIPM, SI brochure)."""
 CONSTANTS = ("gravity.acceleration", "gravity.period")
 """Constants, which are not estimated unless they are asked for."""
+STRENGTH = frozenset({"resistance", "motor_constant", "servo.proportional"})
+"""Parameters that give the torque of a motor its size: beside one of them, only the ratio of gravity to it is known."""
+SEEN = 2.448
+"""Standard errors of a torque with an unknown angle, below which it may be zero: two normal numbers, its cosine and its
+sine, have this length in 5 % of all cases (the root of χ² with two degrees of freedom)."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,21 @@ class Gravity:
         side = 1.0 if ratio > 0 else -1.0
         angle = self.period / (2 * pi) * atan2(-side * cosine, side * sine)
         return {"gravity.torque": max(torque, 0.0), "gravity.angle": angle}
+
+    def unseen(self, rows: Sequence[Estimate], groups: Sequence[Sequence[str]], span: float) -> list[Finding]:
+        """The finding that records do not show the torque of the arm; see `Plant.unseen`."""
+        name = "gravity.torque"
+        row = next((each for each in rows if each.name == name and each.asked), None)
+        if row is None or self.whole > self.torque:
+            return []
+        error, (low, high) = row.standard_error, row.interval or (0.0, inf)
+        beside = {other for group in groups if name in group for other in group}
+        if error is None and not (row.value == low == 0.0 or (beside and STRENGTH.isdisjoint(beside))):
+            return []
+        if error is not None and row.value > SEEN * error:
+            return []
+        data = {"moved": 360.0 * span / self.period, "most": high if isfinite(high) else None, "unit": row.unit}
+        return [Finding("gravity-not-seen", name, data)]
 
 
 def gravity_handles() -> dict[str, Handle]:

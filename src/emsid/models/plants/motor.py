@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import Estimate
+from emsid.findings import Finding
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, without_idle
@@ -441,6 +443,10 @@ class MotorPlant(DrivenPlant):
             return moved
         known = hung(moved.motor, self.gravity, self._weight, self.sensor.ratio, motion)
         return moved.with_values({name: value for name, value in known.items() if name not in fixed})
+
+    def unseen(self, rows: Sequence[Estimate], groups: Sequence[Sequence[str]], span: float) -> list[Finding]:
+        """See `Plant.unseen`; the gravity of a joint."""
+        return [] if self.gravity is None else self.gravity.unseen(rows, groups, span)
 
     @property
     def _weight(self) -> float:

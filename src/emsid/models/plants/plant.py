@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import Estimate
+from emsid.findings import Finding
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, with_numbers
@@ -362,6 +364,16 @@ class Plant(ABC):
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
         """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None: not known."""
         return None
+
+    def unseen(self, rows: Sequence[Estimate], groups: Sequence[Sequence[str]], span: float) -> list[Finding]:
+        """Findings about parts of it that the records do not show, with a parameter of each as the subject; none.
+
+        Args:
+            rows: of its table of parameters.
+            groups: of those that the records do not identify separately.
+            span: the range of its position in the records.
+        """
+        return []
 
     def friction_characteristic(self) -> StaticCharacteristic | None:
         """All its friction over speed, including the viscous part; None: not known."""

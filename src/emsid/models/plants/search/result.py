@@ -22,6 +22,7 @@ from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike
+from emsid.models.plants.gravity import STRENGTH
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
@@ -174,6 +175,7 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """The findings of a fit: how it ended, which parameters a bound holds, and which are not identifiable."""
     groups = identifiability.groups
+    unseen = plant.of_record(0).unseen(rows, groups, _range(task))
     bounds = {finding.subject: finding for finding in _at_bounds(task, plant, names, minimum, groups)}
     ended = [bounds.pop(f.subject, f) if f.code == "parameter-at-bound" else f for f in minimum.findings]
     including_zero = [
@@ -182,6 +184,7 @@ def findings_of(
         if row.status in (Status.ESTIMATED, Status.CONDITIONAL)
         if row.standard_error is not None and isfinite(row.standard_error)
         if plant.handles[row.name].lower >= 0 and abs(row.value) < HALF_WIDTH * row.standard_error
+        if row.name not in {each.subject for each in unseen}
     ]
     built_in = [
         {"name": row.name, "value": row.value, "unit": row.unit} for row in rows if row.status is Status.BUILT_IN
@@ -197,8 +200,17 @@ def findings_of(
         *kept,
         *_as_simulated(task, plant),
         *_not_identifiable(task, plant, names, identifiability, together),
+        *unseen,
         *zero,
     )
+
+
+def _range(task: Task) -> float:
+    """The range of the position in the records, in the unit of the output; of a speed that of its integral."""
+    if Signal.POSITION in task.signals:
+        k = task.signals.index(Signal.POSITION)
+        return float(np.ptp(np.concatenate([each.output[:, k] for each in task.segments])))
+    return max(float(np.ptp(np.cumsum(each.output[:, 0]))) * each.dt for each in task.segments)
 
 
 def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
@@ -251,10 +263,6 @@ def _is_zone_unseen(group: Sequence[str]) -> bool:
         inside the zone: Coulomb friction continues to brake it, a dead zone does not.
     """
     return any(name.endswith(ZONE_ENDS) for name in group) and any(".coulomb" in name for name in group)
-
-
-STRENGTH = frozenset({"resistance", "motor_constant", "servo.proportional"})
-"""Parameters that give the torque of a motor its size."""
 
 
 def _has_one_load(task: Task, plant: Plant) -> bool:

@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
+import subprocess
+import sys
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
+from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
 
 import emsid
-from emsid.cli import second_process as module
-from emsid.cli.imports import load_page, without_collection
-from emsid.cli.second_process import SecondProcess, second_process, taken
+from emsid.cli.imports import without_collection
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.second_process import fits, is_possible, meanwhile
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import short_tasks
 from emsid.identification import Options
 from emsid.identification.candidates import CANDIDATES
-from emsid.identification.fitting import Searches
-from emsid.report.document import Report, Section
-from emsid.report.page import page, templates
+from emsid.identification.fitting import Queue, Searches
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
-MODELS = "polynomial-narx, arx, friction-narx"
+MODELS = "arx, friction-narx, polynomial-narx"
+HERE = os.getpid()
 
 
 def lagging(samples: int = 200) -> emsid.Record:
@@ -37,27 +41,27 @@ def lagging(samples: int = 200) -> emsid.Record:
     return emsid.Record(u, y + 0.01 * rng.standard_normal(samples), 0.01)
 
 
-class Elsewhere:
-    """Answers that are there at once."""
+def elsewhere(*names, answer=None):
+    """A place that has begun to fit some models before this process takes one; it answers as a model kind does."""
 
-    def __init__(self, *names, answer=None):
-        self.names, self.answer, self.stopped = names, answer, False
+    def begin(record, options):
+        def submit(name):
+            if name not in names:
+                raise RuntimeError("this place has ended")
+            future = Future()
+            try:
+                future.set_result(answer(name, record, options) if answer else None)
+            except emsid.EmsidError as problem:
+                future.set_exception(problem)
+            return future
 
-    def begin(self, names, record, options):
-        self.record, self.options = record, options
+        return submit
 
-    def has_begun(self, name):
-        return name in self.names
-
-    def fitted(self, name, control):
-        return self.answer(name, self, control) if self.answer else None
-
-    def stop(self):
-        self.stopped = True
+    return begin
 
 
-def there(name, elsewhere, control):
-    fit = CANDIDATES[name](elsewhere.record, elsewhere.options, FREE)
+def there(name, record, options):
+    fit = CANDIDATES[name](record, options, FREE)
     return replace(fit, findings=(*fit.findings, emsid.findings.Finding("fitted-there", name)))
 
 
@@ -65,7 +69,7 @@ def test_models_fitted_elsewhere_are_reported_like_the_others() -> None:
     record, finished = lagging(), []
     here = emsid.identify(record, models=MODELS, options=OPTIONS)
     both = emsid.identify(
-        record, models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx", answer=there),
+        record, models=MODELS, options=OPTIONS, elsewhere=elsewhere("polynomial-narx", answer=there),
         finished=lambda fit: finished.append(fit.model.name),
     )  # fmt: skip
     assert [fit.model.name for fit in both.fits] == [fit.model.name for fit in here.fits]
@@ -85,9 +89,9 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
 
     names = ("arx", "friction-narx", "friction-motor")
     monkeypatch.setattr("emsid.identification.fitting.CANDIDATES", {name: partial(fit, name) for name in names})
-    for elsewhere in (Elsewhere(), None):
+    for place in (elsewhere(), None):
         with pytest.raises(emsid.ModelError, match="not now"):
-            Searches(names, lagging(samples), OPTIONS, FREE, elsewhere=elsewhere).all()
+            Searches(names, lagging(samples), OPTIONS, FREE, elsewhere=place).all()
     assert taken[0] == first
     assert taken[3:] == [*names]
 
@@ -102,113 +106,156 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
 def test_the_other_process_begins_with_the_slowest_and_one_of_them_makes_a_shared_search(samples, order) -> None:
     usual = ("arx", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback", "friction-motor")
     record = lagging(samples)
-    assert tuple(Searches(usual, record, OPTIONS, FREE, elsewhere=Elsewhere()).order(usual)) == order
+    assert tuple(Searches(usual, record, OPTIONS, FREE, elsewhere=elsewhere()).order(usual)) == order
     few = tuple(name for name in order if name not in ("wiener-hammerstein", "feedback"))
     with_cascade = (*few, "wiener-hammerstein")
-    searches = Searches(with_cascade, record, OPTIONS, FREE, elsewhere=Elsewhere())
+    searches = Searches(with_cascade, record, OPTIONS, FREE, elsewhere=elsewhere())
     assert tuple(searches.order(with_cascade)) == with_cascade
     assert Searches(usual, record, OPTIONS, FREE).order(usual) == usual
 
 
 def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:
-    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx"))
+    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=elsewhere("polynomial-narx"))
     assert {fit.model.name for fit in found.fits} == {"polynomial-narx", "arx", "friction-narx"}
 
 
 def test_a_model_that_fails_elsewhere_is_named() -> None:
-    def fails(name, *_):
+    def fails(*_):
         raise emsid.ModelError("no such luck")
 
-    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("arx", answer=fails))
-    assert [each.subject for each in found.findings if each.code == "model-failed"] == ["arx"]
-    assert "arx" not in {fit.model.name for fit in found.fits}
+    place = elsewhere("polynomial-narx", answer=fails)
+    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=place)
+    assert [each.subject for each in found.findings if each.code == "model-failed"] == ["polynomial-narx"]
+    assert "polynomial-narx" not in {fit.model.name for fit in found.fits}
 
 
 def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
     pressed = []
-
-    def cut_short(name, elsewhere, control):
-        assert control.ending is Ending.INTERRUPTED
-        assert elsewhere.stopped  # by the first search that is stopped here, not only now
-        return there(name, elsewhere, control)
-
     found = emsid.identify(
-        lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx", answer=cut_short),
+        lagging(), models=MODELS, options=OPTIONS, elsewhere=elsewhere("polynomial-narx", answer=there),
         control=Control(cancelled=lambda: bool(pressed)), finished=pressed.append,
     )  # fmt: skip
     assert found.interrupted
     assert {fit.model.name for fit in found.fits} == {"arx", "polynomial-narx"}
 
 
-forks = pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no second process")
+def test_an_interrupted_identification_does_not_wait_for_a_search_elsewhere_without_end(monkeypatch) -> None:
+    monkeypatch.setattr("emsid.identification.fitting.LAST", 0.05)
+    pressed = []
+    found = emsid.identify(
+        lagging(), models=MODELS, options=OPTIONS, elsewhere=lambda *_: lambda name: Future(),
+        control=Control(cancelled=lambda: bool(pressed)), finished=pressed.append,
+    )  # fmt: skip
+    assert {fit.model.name for fit in found.fits} == {"arx"}
 
 
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # from Python 3.12 on
-@forks
-def test_the_second_process_finds_the_same() -> None:
-    assert list(short_tasks(1)(len, [()])) == [0]  # a pool whose thread the other process does not have
-    record, waits = lagging(), []
-    second = SecondProcess(lambda: waits.append("for an answer"))
-    try:
-        second.begin(("arx", "polynomial-narx"), record, OPTIONS)
-        assert second.has_begun("arx") is False
-        here = CANDIDATES["polynomial-narx"](record, OPTIONS, FREE)
-        fit = second.fitted("polynomial-narx", FREE)
-        assert fit is not None
-        assert (fit.estimate == here.estimate).all()
-        assert repr(fit) == repr(here)
-    finally:
-        second.close()
-    second._process.join(5)
-    assert second._process.exitcode is not None
-    assert second.fitted("polynomial-narx", FREE) is fit
-    assert waits == ["for an answer"]
+def test_each_model_is_taken_by_one_place_only() -> None:
+    given = {}
+
+    def submit(name):
+        given[name] = Future()
+        return given[name]
+
+    line = iter(Queue("abcde", submit))
+    assert next(line) == ("a", None)
+    given["e"].set_result("a fit")
+    assert next(line) == ("b", None)
+    assert next(line) == ("c", None)
+    assert [name for name, _ in line] == [*given] == ["e", "d"]
 
 
-@forks
-def test_a_second_process_that_was_not_begun_has_nothing() -> None:
-    second = SecondProcess()
-    second.begin(("arx",), lagging(), OPTIONS)  # a single model is fitted by the first process
-    assert not second.has_begun("arx")
-    assert second.fitted("arx", FREE) is None
-    second.stop()
-    second.close()
-
-
-def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:
-    flags, asked = get_context("spawn").Array("b", 4), []
-    names = ("arx", "friction-narx", "feedback")
-    assert taken(flags, 0)
-
-    def fit(name, record, options, control):
-        asked.append(name)
-        return not taken(flags, 1)  # the other process takes the second one meanwhile
-
-    monkeypatch.setattr("emsid.identification.candidates.CANDIDATES", {name: partial(fit, name) for name in names})
-    assert [name for name, _ in module.fitted(names, lagging(), OPTIONS, flags, lambda: False)] == asked == ["feedback"]
-    assert list(module.fitted(names[:1], lagging(), OPTIONS, get_context("spawn").Array("b", 4), lambda: True)) == []
-
-
-def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> None:
-    monkeypatch.setattr(module, "SecondProcess", lambda meanwhile: "a process")
+@pytest.fixture
+def alone(monkeypatch) -> None:
+    """As if this process ran the command line only, on two cores."""
+    monkeypatch.setattr(INTERRUPTION, "own_process", True)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert second_process((), alone=True) == "a process"
-    assert second_process(("arx", "wiener"), alone=True) == "a process"
-    assert second_process(("wiener",), alone=True) is None
-    assert second_process((), alone=False) is None
+
+
+forks = [
+    pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no second process"),
+    pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning"),  # from Python 3.12 on
+]
+
+
+class TestFork:
+    pytestmark = forks
+
+    def test_it_finds_the_same(self) -> None:
+        assert list(short_tasks(1)(len, [()])) == [0]  # a pool whose thread the other process does not have
+        record = lagging()
+        there, here = (
+            submit("polynomial-narx")
+            for submit in (fits(record, OPTIONS), lambda name: CANDIDATES[name](record, OPTIONS, FREE))
+        )
+        assert (there.result(60).estimate == here.estimate).all()
+        assert repr(there.result()) == repr(here)
+
+    def test_ctrl_c_of_this_process_stops_it(self, monkeypatch) -> None:
+        monkeypatch.setitem(CANDIDATES, "endless", lambda record, options, control: _until(control))
+        found = fits(lagging(), OPTIONS)("endless")
+        try:
+            INTERRUPTION.pressed = True
+            assert found.result(60) is Ending.INTERRUPTED
+        finally:
+            INTERRUPTION.begin()
+
+    def test_it_answers(self, alone) -> None:
+        assert meanwhile(os.getpid)() != HERE
+
+    def test_an_error_of_the_user_comes_with_its_arguments(self, alone) -> None:
+        def refused():
+            raise emsid.DataError(f"no column in {os.getpid()}", arguments=("input",))
+
+        with pytest.raises(emsid.DataError, match="no column") as raised:
+            meanwhile(refused)()
+        assert raised.value.arguments == ("input",)
+        assert str(HERE) not in str(raised.value)
+
+    @pytest.mark.parametrize("ends", [partial(os._exit, 0), partial(int, "no number"), lambda: lambda: 1])
+    def test_what_it_does_not_answer_is_found_here(self, ends, alone) -> None:
+        assert meanwhile(lambda: HERE if os.getpid() == HERE else ends())() == HERE
+
+    def test_it_ends_with_this_process(self, tmp_path) -> None:
+        code = (
+            "import os, sys\nfrom emsid.cli.second_process import forked\n"
+            "print(forked(os.getpid)().result(60), flush=True); os._exit(9)"
+        )
+        ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert ran.returncode == 9
+        for _again in range(100):
+            if not Path("/proc", ran.stdout.strip()).exists():
+                return
+            sleep(0.05)
+        pytest.fail("the fork has not ended")
+
+
+def _until(control: Control) -> Ending | None:
+    while control.ending is None:
+        sleep(0.01)
+    return control.ending
+
+
+def test_a_fork_is_made_only_where_it_saves_time(alone, monkeypatch) -> None:
+    assert is_possible()
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
-    assert second_process((), alone=True) is None
+    assert not is_possible()
+    assert meanwhile(os.getpid)() == HERE
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
+    monkeypatch.setattr(INTERRUPTION, "own_process", False)
+    assert not is_possible()
 
 
-def test_what_a_page_needs_is_loaded_once() -> None:
-    templates.cache_clear()
-    load_page.cache_clear()
-    load_page()
-    loaded = set(templates().cache)
-    load_page()
-    page(Report("A motor", ("It turns.",), (Section("Data"),)))
-    assert len(loaded) == 2
-    assert set(templates().cache) == loaded
+def test_a_record_from_another_process_is_read_only() -> None:
+    record = pickle.loads(pickle.dumps(emsid.Record(np.arange(5.0), np.ones(5), 0.1)))
+    for array in (record.input, record.output):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_reading_imports_no_compiler() -> None:
+    """The fork that reads does so within the time of the imports of the first process."""
+    code = "import sys, emsid.io, emsid.first_look.clock; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_garbage_is_collected_again_after_the_imports() -> None:

@@ -3,7 +3,6 @@
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 
 
 @contextmanager
@@ -34,14 +33,3 @@ def load_identification() -> None:
     from emsid.estimation.linear.filtering import filtered
 
     filtered([1.0], [1.0], [1.0])
-
-
-@cache
-def load_page() -> None:
-    """Import what a page and its figures need, and compile the templates, by a page without content."""
-    import emsid.report.figures
-    import emsid.report.views  # noqa: F401
-    from emsid.report.document import Report
-    from emsid.report.page import page
-
-    page(Report("", (), ()))

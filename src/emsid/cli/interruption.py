@@ -7,6 +7,7 @@ modules imported, Ctrl-C ends the program at once. While results are written, it
 may be replaced by another one or lost in a callback, so the flag is kept.
 """
 
+import mmap
 import os
 import signal
 import sys
@@ -35,18 +36,27 @@ class Interruption:
     """Handler of Ctrl-C.
 
     Attributes:
-        pressed: whether it was pressed since the present work began.
         words: the message if it ends the work.
         late: whether it was pressed for the first time while results were written; what follows is short.
         own_process: whether the process runs this program only, and may be ended at once.
     """
 
     def __init__(self) -> None:
+        self._shared = mmap.mmap(-1, 1)
         self.own_process = False
         self.pressed = self.late = self._deferred = False
         self._notify: Callable[[str], None] = print_notice
         self._answer, self._when, self._by_sigterm = "", -inf, False
         self.begin()
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it was pressed since the present work began; a fork of this process sees it, too."""
+        return self._shared[0] == 1
+
+    @pressed.setter
+    def pressed(self, pressed: bool) -> None:
+        self._shared[0] = pressed
 
     def __call__(self, *_: object) -> None:
         now = monotonic()

@@ -6,10 +6,15 @@ explain something of what the best of the others leaves (`remainder`).
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
+from threading import RLock
+from time import monotonic
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,30 +32,70 @@ from emsid.identification.remainder import leaves_nothing
 from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.record import Record
 
+Submit = Callable[[str], Future[Fit[Any]]]
+
 
 class Elsewhere(Protocol):
-    """A place where some of the models are fitted at the same time."""
+    """A place that fits models beside this process."""
 
-    def begin(self, names: Sequence[str], record: Record, options: Options) -> None:
-        """Start to fit some of the models there."""
+    def __call__(self, record: Record, options: Options) -> Submit:
+        """Begin it; what is returned takes the name of a model, and gives the future of its fit."""
         ...
 
-    def has_begun(self, name: str) -> bool:
-        """Whether a model is fitted there; if not, it is left to the caller."""
-        ...
 
-    def fitted(self, name: str, control: Control) -> Fit[Any] | None:
-        """The fit of one of these models, once it is there; None if it is not known there.
+LAST, WAIT = 0.5, 0.02
+"""Seconds that an interrupted search elsewhere may take to end, and between looks at the control meanwhile."""
 
-        Raises:
-            EmsidError: where the model cannot be fitted.
-            Stopped: by ``control``.
-        """
-        ...
 
-    def stop(self) -> None:
-        """End the search there with its best result so far."""
-        ...
+class Queue:
+    """Models in line for two places: this process takes the first of them, the other place the last one, when free.
+
+    Args:
+        names: of the models.
+        submit: gives one to the other place.
+    """
+
+    def __init__(self, names: Sequence[str], submit: Submit | None) -> None:
+        self._names, self._submit, self._lock = deque(names), submit, RLock()
+        self._begun: dict[str, Future[Fit[Any]]] = {}
+        if submit is not None and len(names) > 1:
+            self._begin_next()
+
+    def _begin_next(self, _: Future[Fit[Any]] | None = None) -> None:
+        with self._lock:
+            if not self._names or self._submit is None:
+                return
+            with suppress(RuntimeError):  # the other place has ended
+                self._begun[self._names[-1]] = future = self._submit(self._names[-1])
+                self._names.pop()
+                future.add_done_callback(self._begin_next)
+
+    def __iter__(self) -> Iterator[tuple[str, Future[Fit[Any]] | None]]:
+        """Every model, with its future where it is fitted at the other place; these last."""
+        while self._names or self._begun:
+            with self._lock:
+                name = self._names.popleft() if self._names else next(iter(self._begun))
+                future = self._begun.pop(name, None)
+            yield name, future
+
+
+def _answer(future: Future[Fit[Any]] | None, control: Control) -> Fit[Any] | None:
+    """The fit from the other place; None where there is none, or where it meets a problem that is not of the data.
+
+    Raises:
+        EmsidError: where the model cannot be fitted.
+    """
+    ended = inf
+    while future is not None and monotonic() < ended + LAST:
+        try:
+            return future.result(timeout=WAIT)
+        except TimeoutError:
+            ended = inf if control.ending is None else min(ended, monotonic())
+        except EmsidError:
+            raise
+        except (Stopped, Exception):
+            return None
+    return None
 
 
 SHORT = 2000
@@ -136,11 +181,6 @@ class Searches:
     def _how(self) -> Options:
         return replace(self.options, comparing=self.later > 0)
 
-    def begin(self) -> None:
-        """Begin those that are made elsewhere."""
-        if self.elsewhere:
-            self.elsewhere.begin(self.order(self._first), self.record, self._how)
-
     @property
     def _first(self) -> Sequence[str]:
         """The models that are fitted before it is asked whether others are needed."""
@@ -178,8 +218,6 @@ class Searches:
         if rest and found.end is None:
             found.not_needed = self._not_needed(rest, found)
             if found.not_needed is None:
-                if self.elsewhere:
-                    self.elsewhere.begin(self.order(rest), self.record, self._how)
                 self._round(rest, found, len(first))
         if not found.fits:
             self._search_without_limit(found)
@@ -188,21 +226,19 @@ class Searches:
     def with_rest(self, found: Fits) -> Fits:
         """The same with the models that were left out; unchanged where none of them can be fitted."""
         names = [name for each in found.not_needed for name in each.data["models"]]
-        others = replace(self, names=names, by_need=False)
         try:
-            others.begin()
-            more = others.all()
+            more = replace(self, names=names, by_need=False).all()
         except (EmsidError, Stopped):
             return found
         return Fits((*found.fits, *more.fits), (*found.failed, *more.failed), more.stopped, more.missing)
 
     def _round(self, names: Sequence[str], found: _UnderWay, done: int) -> None:
         """Fit some of the models, of which others are done."""
-        control = _stopping(self.elsewhere, self.control) if self.elsewhere else self.control
-        for k, (name, there) in enumerate(self._in_turn(names), done):
+        submit = self.elsewhere(self.record, self._how) if self.elsewhere and len(names) > 1 else None
+        for k, (name, there) in enumerate(Queue(self.order(names), submit), done):
             if found.end is not None and there is None:  # what has begun elsewhere may have a result
                 continue
-            own = control.sharing(len(self.names) - k + self.later)
+            own = self.control.sharing(len(self.names) - k + self.later)
             self._search(name, there, of_one_model(own, f"{name} ({k + 1} of {len(self.names)})"), found)
 
     def _not_needed(self, names: Sequence[str], found: _UnderWay) -> Finding | None:
@@ -223,21 +259,11 @@ class Searches:
             found.late.remove(name)
             self._search(name, None, of_one_model(replace(self.control, deadline=inf), name), found)
 
-    def _in_turn(self, names: Sequence[str]) -> Iterator[tuple[str, Elsewhere | None]]:
-        """Every model with where it is fitted, None for here; those that are fitted elsewhere last."""
-        others = []
-        for name in self.order(names):
-            if self.elsewhere and self.elsewhere.has_begun(name):
-                others.append((name, self.elsewhere))
-            else:
-                yield name, None
-        yield from others
-
-    def _search(self, name: str, there: Elsewhere | None, control: Control, found: _UnderWay) -> None:
+    def _search(self, name: str, there: Future[Fit[Any]] | None, control: Control, found: _UnderWay) -> None:
         """Add the fit of a model to what was found, or why there is none."""
         try:
             control.report(Activity("fitting"))
-            fit = there.fitted(name, control) if there else None
+            fit = _answer(there, control)
             with sharing_cores(2 if self.elsewhere else 1):
                 found.fits[name] = fit = fit or self._fitted_here(name, control)
             if fit.ending is Ending.INTERRUPTED:
@@ -260,18 +286,6 @@ class Searches:
 def _for_what_is_left(name: str) -> bool:
     """Whether a kind of model is only fitted where others leave something, unless somebody asks for it."""
     return getattr(CANDIDATES[name], "for_what_is_left", False)
-
-
-def _stopping(elsewhere: Elsewhere, control: Control) -> Control:
-    """The same control; a search that it cancels here, stops at once elsewhere too."""
-
-    def cancelled() -> bool:
-        stopped = control.cancelled()
-        if stopped:
-            elsewhere.stop()
-        return stopped
-
-    return replace(control, cancelled=cancelled)
 
 
 def of_one_model(control: Control, name: str) -> Control:

@@ -95,7 +95,9 @@ def identify(
             `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.
         finished: called with every fit as soon as it is found, for instance to save it.
-        elsewhere: where some of the models are fitted at the same time, without a budget.
+        elsewhere: fits some of the models at the same time, for instance in another process; not with a budget. It is
+            called with the data and the options, and returns a function that takes the name of a model and returns a
+            `concurrent.futures.Future` of its fit.
         na, nb, nk: coefficients of past outputs and inputs, and delay in samples; chosen where not given, as are
         degree, taps, knots: of regressions and static maps;
         orders, static: of the filters of a cascade, and the family of its static map;
@@ -130,11 +132,10 @@ def identify(
     with cancelled_with(control):
         task = Task.of(records, unseen, names, options, transient, reading)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
-        there = None if budget else elsewhere
+        there = None if budget or quick else elsewhere
         by_need = names is None and task.pole is None  # around an unstable plant, free runs show little
         what = task.names, task.train, task.options
         searches = Searches(*what, control, finished, there, later=int(one_more), by_need=by_need)
-        searches.begin()  # while questions are asked
         asked = task.findings(quick=quick)
         found = with_bootstrap(searches.all(), task.train, bootstrap, seed, control)
         judged = _compared(task, found.fits, control)

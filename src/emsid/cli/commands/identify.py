@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.fork import meanwhile
 from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
@@ -27,7 +26,7 @@ from emsid.cli.options import (
     quantity,
 )
 from emsid.cli.reading import reads_records
-from emsid.cli.second_process import SecondProcess, second_process
+from emsid.cli.second_process import fits, is_possible, meanwhile
 from emsid.cli.terminal import reader_may_leave, say_json, warn, working
 from emsid.cli.writing import as_json, attempted, check_folder, completed, draw, kept, say_where, write
 
@@ -216,7 +215,6 @@ def identify(
         read = _reading(reader, files, validate)
         load_identification()
         from emsid.identification import Options, candidates, workflow
-    second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
     with without_collection():
         plants = [each.plant for each in physical_first(asked or candidates.USUAL)]
         options = Options(
@@ -232,7 +230,7 @@ def identify(
         search = partial(workflow.identify, *_checked(*read(), unseen), models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
     search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
-    _run(search, reader, out, json, pdf, second, details)
+    _run(partial(search, elsewhere=fits if is_possible() else None), reader, out, json, pdf, details)
 
 
 def _reading(
@@ -240,7 +238,7 @@ def _reading(
 ) -> "Callable[[], tuple[list[Record], list[Record]]]":
     """A function that returns the result of `_read`, which a fork computes from now on if a core is free."""
     load_reading()
-    return meanwhile(partial(_read, reader, files, validate), alone=INTERRUPTION.own_process)
+    return meanwhile(partial(_read, reader, files, validate))
 
 
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
@@ -285,7 +283,6 @@ def _run(
     out: Path,
     json: bool,
     pdf: bool,
-    second: SecondProcess | None,
     details: bool,
 ) -> None:
     """Identify, write and print the result, draw the report."""
@@ -305,7 +302,6 @@ def _run(
             result = search(
                 control=control,
                 finished=lambda fit: attempted(lambda: write(out, {}, [fit], None, reader.remembered)),
-                elsewhere=second,
             )
         result, data = completed(result)
         with kept(result, "identification") as result:

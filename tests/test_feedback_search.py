@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -20,12 +19,12 @@ from emsid.models.blocks.static_maps import Abs, DeadZone, Polynomial, Saturatio
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import choice, estimation, first_map, further_maps, trials
+from emsid.models.feedback.search import choice, estimation, first_map, moves, trials
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
-from emsid.models.feedback.search.further_maps import maps_more, with_map_more
+from emsid.models.feedback.search.moves import MORE, maps_more, with_map_more
 from emsid.models.feedback.search.starts import started_beside_line
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial, error_of_use
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from feedback_models import Array, U, X, begun_trial, loop, sticking
@@ -179,20 +178,11 @@ def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> Non
 # --- maps ------------------------------------------------------------------------------------------------------------
 
 
-def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all families, by default; the noise is what is left, on a new record too. No polynomial comes near it."""
-    tried, begin = [], first_map.with_map_more
-
-    def noted(*given: Any) -> Trial:
-        tried.append((given[1].model.states, given[2].name))
-        return begin(*given)
-
-    monkeypatch.setattr(first_map, "with_map_more", noted)
+def test_friction_that_sticks_is_found() -> None:
+    """Of all families, by default; the noise is what is left, on a new record too."""
     fit = emsid.fit(emsid.feedback(maps=1, delay=0, oversampling=1), sticking(1))
     assert type(fit.model.maps[0]) in (DeadZone, Saturation)
     assert emsid.compare([fit], sticking(2)).best.row.simulation_rmse < 0.0115
-    assert {(1, "polynomial"), (1, "dead-zone"), (2, "dead-zone")} <= {*tried}
-    assert (2, "polynomial") not in tried
 
 
 def oscillator(samples: int, growing: bool = False) -> tuple[Record, float]:
@@ -277,52 +267,6 @@ def test_a_third_map_is_found() -> None:
     assert trial.found.error < 0.0105
 
 
-@pytest.mark.parametrize("compared", [False, True])
-def test_a_map_is_added_to_the_best_model_and_to_those_that_explain_most(compared: bool) -> None:
-    """Of models with as many maps; one that leaves the range of the data is not extended, and over many samples of
-    unseen data only one of those that explain most is."""
-
-    def extended(tried: list[Trial], best: Trial, maps: int) -> list[Trial]:
-        return choice._to_extend(choice.Contest(bench, tried, best), best, maps)
-
-    shown: list[Record] = []
-    bench = Bench(shown, [*shown] if compared else shown, 0)
-    few, *most = (scaled_trial(size) for size in (3.0, 2.5, 2.0, 1.5, 1.0))
-    away = replace(scaled_trial(0.5), errors=StretchErrors.of(np.full(16, np.inf)))
-    tried = [few, *most, away]
-    assert extended(tried, few, 1) == [few, *most[::-1]]
-    assert extended(tried, most[0], 1) == [most[0], *most[:0:-1]]
-    assert extended(tried, few, 2) == []
-    assert extended(tried, scaled_trial(1.0, maps=2), 1) == most[::-1]  # the best one has another number of maps
-    long = [replace(each, errors=replace(each.errors, samples=1e3 * each.errors.samples)) for each in (few, *most)]
-    assert extended(long, long[0], 1) == [long[0], *(long[-1:] if compared else long[:0:-1])]
-
-
-def test_two_maps_are_tried_where_one_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where one may be better; the search goes on from it if a model with two maps rejects the linear one."""
-    straight, one, two = scaled_trial(4.0, maps=0), scaled_trial(3.0), scaled_trial(1.0, maps=2)
-    hopeful, certain = [True], [True]
-
-    class Judge:
-        threads, compared = 1, True
-        leaves_noise = staticmethod(lambda trial: True)
-        may_be_better = staticmethod(lambda trial, simple: trial is one and simple is straight and hopeful[0])
-        prefers = staticmethod(lambda trial, best: False)
-        rejects = staticmethod(lambda simple, trial: trial is two and simple is straight and certain[0])
-
-    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: [two] if one in models else [])
-
-    def gone_on_from() -> Trial | None:
-        contest = choice.Contest(Judge(), [one], straight)  # type: ignore[arg-type]
-        return choice._better_than_linear(contest, one, one, FeedbackSearch())
-
-    assert gone_on_from() is one
-    hopeful[0] = False
-    assert gone_on_from() is None
-    hopeful[0], certain[0] = True, False
-    assert gone_on_from() is None
-
-
 def with_residual(residual: Array, used: int) -> Trial:
     """A trial with this residual and so many parameters."""
     trial = scaled_trial(1.0)
@@ -335,123 +279,15 @@ def with_residual(residual: Array, used: int) -> Trial:
 def test_few_independent_errors_may_justify_a_map() -> None:
     """Of 400 samples about 40 are independent, and 14 parameters leave 0.9, 0.6 or 0.1 of the error.
 
-    With 0.6, the model is the start of a search only. A faster residual has more independent errors, but the noise may
-    be slow, and the parameters may follow it.
+    A faster residual has more independent errors.
     """
     fast = np.random.default_rng(1).normal(size=400)
     slow, records = lfilter([1.0], [1.0, -0.9], fast), list[Record]()
     bench = Bench(records, records, 0)
     plain, *others = (with_residual(k * slow, used) for k, used in ((1, 2), (0.9, 16), (0.6, 16), (0.1, 16)))
-    little, some, most = others
+    _, some, most = others
     followed = with_residual(0.6 * np.std(slow) / np.std(fast) * fast, 16)
-    assert [bench.may_be_better(each, plain) for each in (little, some, most)] == [False, True, True]
     assert [bench.prefers(each, plain) for each in (some, followed, most)] == [False, True, True]
-    assert [bench.rejects(plain, each) for each in (some, followed, most)] == [False, False, True]
-
-
-def test_a_map_is_added_to_a_model_once() -> None:
-    record, begun = begun_trial(200)
-    bench = Bench.of([record], FeedbackSearch(2), FREE)
-    saturation = family_of("saturation")
-    assert with_map_more(bench, begun.found, saturation, 0) is with_map_more(bench, begun.found, saturation, 0)
-
-
-def test_the_better_half_of_the_starts_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In their order, from the third map on; one that gains nothing is left out, unless the number of maps is given."""
-    record, begun = begun_trial(200)
-    two = scaled_trial(1.0, maps=2)
-    bench = Bench.of([record], FeedbackSearch(2), FREE)
-    families = [family_of(name) for name in ("polynomial", "two-slopes", "dead-zone", "saturation")]
-    errors = (0.5, 0.995, 0.2, 1.1)
-    starts = [
-        further_maps.Start(begun.found, scaled_trial(error).found, family, 0, scaled_trial(1.0).found.error)
-        for family, error in zip(families, errors, strict=True)
-    ]
-    monkeypatch.setattr(further_maps, "_starts", lambda *_: starts)
-    monkeypatch.setattr(further_maps, "_refined", lambda bench, start: start.family.name)
-    assert [*maps_more(bench, [begun], FeedbackSearch(2), ())] == ["polynomial", "dead-zone"]
-    assert [*maps_more(bench, [two], FeedbackSearch(2), ())] == ["dead-zone"]
-    assert [*maps_more(bench, [two], FeedbackSearch(2, maps=3), ())] == ["polynomial", "dead-zone"]
-
-
-def test_maps_are_added_to_two_models_at_a_time_in_long_records(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The trials are the same as one after the other."""
-    record, begun = begun_trial(200)
-    models = [begun, replace(begun, found=replace(begun.found))]
-
-    def added(threads: int) -> list[float]:
-        bench = Bench.of([record], FeedbackSearch(2), FREE)
-        assert bench.threads == threads
-        found = maps_more(bench, models, FeedbackSearch(2, maps=2), (("dead-zone", 0), ("polynomial", 3)))
-        return [each.found.error for each in found]
-
-    alone = added(1)
-    monkeypatch.setattr(trials, "LONG", 200)
-    assert len(alone) == 4
-    assert added(2) == alone
-
-
-def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second map is not preferred, as its residual has few independent errors, but the third one beside it is."""
-
-    class Judge:
-        threads, compared = 1, True
-        leaves_noise = staticmethod(lambda trial: False)
-        prefers = staticmethod(lambda trial, best: trial is third)
-
-    first, second, third, idle = (
-        scaled_trial(4.0),
-        scaled_trial(2.0, maps=2),
-        scaled_trial(1.0, maps=3),
-        scaled_trial(4.0, maps=2),
-    )
-    found = {1: [second], 2: [third]}
-    monkeypatch.setattr(choice, "maps_more", lambda bench, models, *_: found.get(len(models[0].found.model.maps), []))
-    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-    assert list(choice._more_maps(contest, FeedbackSearch(), ())) == [third]
-    found[1] = [idle]
-    for maps, expected in ((None, []), (3, [third])):  # a number that is given is tried in any case
-        contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-        assert list(choice._more_maps(contest, FeedbackSearch(maps=maps), ())) == expected
-
-
-def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside others only where one such map is the best model, and not at all where a plain one leaves noise."""
-    first, second, spline = scaled_trial(4.0), scaled_trial(2.0, maps=2), scaled_trial(1.0)
-    better, leaves = [second], list[Trial]()
-
-    class Judge:
-        threads, compared = 1, True
-        leaves_noise = staticmethod(lambda trial: trial in leaves)
-        prefers = staticmethod(lambda trial, best: trial in better)
-
-    asked = []
-
-    def others(bench: object, single: Trial, settings: FeedbackSearch, families: object) -> list[Trial]:
-        assert single is first
-        asked.append(families)
-        return [spline] if families is choice.FREE_FORM.others else []
-
-    def more(contest: choice.Contest, settings: FeedbackSearch, families: object) -> Iterator[Trial]:
-        asked.append(families)
-        yield from contest.entered([second] if families is choice.PLAIN.more else [])
-
-    monkeypatch.setattr(choice, "other_families", others)
-    monkeypatch.setattr(choice, "_more_maps", more)
-
-    def tried() -> list[Trial]:
-        asked.clear()
-        contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-        return list(choice._other_maps(contest, FeedbackSearch(), []))
-
-    assert tried() == [second]
-    assert asked == [*choice.PLAIN, choice.FREE_FORM.others]
-    better.append(spline)
-    assert tried() == [second, spline]
-    assert asked == [*choice.PLAIN, *choice.FREE_FORM]
-    leaves.append(second)
-    assert tried() == [second]
-    assert asked == [*choice.PLAIN]
 
 
 def test_a_direction_explains_a_slow_residual() -> None:
@@ -474,7 +310,7 @@ def test_no_map_is_added_to_noise() -> None:
     found = searched(truth, bench.segments(truth), 0, 5)
     trial = bench.judged(found, family_of("polynomial"), 3)
     assert bench.leaves_noise(trial)
-    assert not list(maps_more(bench, [trial], FeedbackSearch(), choice.PLAIN.more))
+    assert not list(maps_more(bench, [trial], FeedbackSearch(), MORE))
     linear = bench.linear(2, Steps(1, False), 0)
     assert bench.more_than_noise(linear)
     assert not bench.leaves_noise(replace(trial, found=linear))
@@ -515,18 +351,9 @@ def test_maps_of_one_signal_each_leave_three_times_the_noise_of_a_product() -> N
     assert np.sqrt(plain.noise_variance) > 3 * noise
 
 
-def test_a_product_is_found_where_one_map_is_no_better_than_a_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_map, "_bent", lambda *_: [])
-    monkeypatch.setattr(choice, "_beside_linear", lambda straight, _: straight)
-    record, noise = coasting(1)
-    *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)
-    assert list(last.found.model.multiplied) == [0]
-    assert last.found.error < 1.1 * noise
-
-
 def test_no_map_is_multiplied_where_another_leaves_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     begun = []
-    monkeypatch.setattr(choice, "with_product", lambda *given: begun.append(given))
+    monkeypatch.setattr(moves, "with_product", lambda *given: begun.append(given))
     emsid.fit(emsid.feedback(order=1, delay=0, oversampling=1), sticking(1))
     assert not begun
 
@@ -577,3 +404,40 @@ def test_models_are_tried_while_an_extreme_input_is_held() -> None:
         assert trials.runs_away(model, [(u, model.output(u, still))], [still]) == away
     integrating = FeedbackModel(np.array([[1.0, 0.5], [1.0, 0.0]]))
     assert not trials.runs_away(integrating, [(u, integrating.output(u, still))], [still])
+
+
+def test_the_error_of_use_begins_at_states_that_the_first_samples_show() -> None:
+    matrix = np.diag([0.9, 0.99999, 0.0])
+    matrix[0, 2], matrix[2, :2] = 1.0, [0.05, 1e-4]
+    model, u = FeedbackModel(matrix, dt=DT), np.random.default_rng(5).normal(size=2000)
+    y = model.output(u, np.array([0.0, 1.0]))
+    noisy = y + 0.1 * np.random.default_rng(6).normal(size=len(u))
+    assert error_of_use(model, [(u, noisy)]) < 0.15
+    steep = FeedbackModel(np.array([[1.2, 0.5], [1.0, 0.0]]), dt=DT)
+    assert error_of_use(steep, [(u, noisy)]) == np.inf
+    away = replace(model, matrix=matrix * np.array([[1], [1], [1e3]]))
+    assert error_of_use(away, [(u, noisy)]) > 10
+
+
+def test_a_given_number_of_maps_is_kept_though_one_is_enough() -> None:
+    truth, rng = loop(), np.random.default_rng(2)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    search = emsid.feedback(2, maps=2, static="polynomial", delay=0, oversampling=1)
+    assert len(emsid.fit(search, record).model.maps) == 2
+
+
+def test_a_model_with_another_number_of_maps_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, rng = loop(), np.random.default_rng(2)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    search = emsid.feedback(2, maps=1, delay=0, oversampling=1)
+    assert "other-number-of-maps" not in codes(emsid.fit(search, record))
+    monkeypatch.setattr(choice, "MOVES", ())  # as if no second map could be added
+    fit = emsid.fit(emsid.feedback(2, maps=2, delay=0, oversampling=1), record)
+    assert len(fit.model.maps) == 1
+    assert "other-number-of-maps" in codes(fit)
+
+
+def codes(fit: emsid.Fit[emsid.FeedbackModel]) -> list[str]:
+    return [each.code for each in fit.findings]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -14,10 +11,8 @@ from emsid import FeedbackModel, ModelError, Record
 from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import Polynomial
-from emsid.models.feedback.search import step_rates
-from emsid.models.feedback.search.further_maps import with_map_more
+from emsid.models.feedback.search.moves import _doubled, more_steps, with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
-from emsid.models.feedback.search.step_rates import faster, finer
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps
 from feedback_models import Array
 from independent.nonlinear_systems import duffing
@@ -69,10 +64,10 @@ def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: i
     records = measured(rate, 0.0003)
     bench = Bench.of(records, FeedbackSearch(), FREE)
     begun = bench.refined(spring(1), None, family_of("polynomial"), 3)
-    found = [begun, *finer(bench, [begun], FeedbackSearch(held=True))]
+    found = [begun, *_doubled(bench, begun, FeedbackSearch(held=True))]
     assert [each.found.model.oversampling for each in found[:2]] == ([1, 2] if rate > 1 else [1])
     assert found[-1].found.model.oversampling >= least
-    assert list(finer(bench, [begun], FeedbackSearch(oversampling=1))) == []
+    assert list(more_steps(bench, begun, FeedbackSearch(oversampling=1))) == []
     if rate == 1:
         assert len(found) == 1
 
@@ -81,40 +76,10 @@ def test_more_steps_are_tried_with_a_lower_order() -> None:
     """A higher order makes up for missing steps; with two steps the lower order is not yet better."""
     bench = Bench.of(measured(8, 0.0001)[:1], FeedbackSearch(), FREE)
     high = bench.refined(with_map(bench, 3), None, family_of("polynomial"), 3)
-    tried = [each for each in faster(bench, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
+    tried = [each for each in more_steps(bench, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
     assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]
     assert tried[-1].found.error < 0.9 * tried[0].found.error
     assert bench.prefers(tried[-1], high)
-
-
-@pytest.mark.parametrize(("error", "both"), [(1.5, True), (3.0, False)])
-def test_a_way_to_take_the_input_is_tried_with_lower_orders_unless_its_error_is_far_larger(
-    monkeypatch: pytest.MonkeyPatch, error: float, both: bool
-) -> None:
-    """On the fitted data: of an oscillator the right way diverged on other data, with more states than it has.
-
-    With two steps per sample the right way followed another one's record a little worse.
-    """
-    asked, doubled = [], []
-
-    def of_steps(bench: Any, like: Any, order: int, steps: Steps) -> Any:
-        asked.append((order, steps.held))
-        model = SimpleNamespace(states=order, held=steps.held)
-        found = SimpleNamespace(model=model, error=1.0 if steps.held else error)
-        return SimpleNamespace(found=found, errors=SimpleNamespace(mean=1.0 if steps.held else 1e6))
-
-    def finer_(bench: Any, trials: list[Any], settings: FeedbackSearch) -> tuple[()]:
-        doubled.extend((each.found.model.states, each.found.model.held) for each in trials)
-        return ()
-
-    monkeypatch.setattr(step_rates, "_of_steps", of_steps)
-    monkeypatch.setattr(step_rates, "finer", finer_)
-    judge: Any = SimpleNamespace(prefers=lambda trial, best: trial.errors.mean < best.errors.mean)
-    high: Any = SimpleNamespace(found=SimpleNamespace(model=SimpleNamespace(states=3)))
-    list(faster(judge, high, FeedbackSearch()))
-    assert {(3, False), (3, True), (2, True), (1, True)} <= {*asked}
-    assert ((2, False) in asked) is both
-    assert {*doubled} == ({(1, True), (1, False)} if both else {(1, True)})
 
 
 def with_map(bench: Bench, order: int) -> FeedbackModel:

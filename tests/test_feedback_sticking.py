@@ -13,19 +13,14 @@ from numpy.typing import NDArray
 import emsid
 from emsid import ModelError, Record
 from emsid.estimation.fit import Ending
-from emsid.estimation.nonlinear.control import FREE
-from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import DeadZone
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import in_observer_form
 from emsid.models.feedback.search.sticking import (
-    sticking,
     sticking_map,
     with_speed_that_sticks,
     with_sticking_steps_doubled,
 )
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch
-from feedback_models import sticking as motor_that_sticks
 
 Array = NDArray[np.float64]
 LINEAR = {
@@ -111,10 +106,3 @@ def test_a_motor_that_sticks_is_found_with_its_dead_zone() -> None:
     assert fit.ending is Ending.CONVERGED
     assert fit.has_intervals
     assert emsid.compare([fit], motor(2)[0]).best.row.simulation_rmse < 1.1 * noise
-
-
-def test_higher_orders_and_other_maps_are_not_tried_where_they_are_of_no_use() -> None:
-    bench = Bench.of([motor_that_sticks(1, 480)], FeedbackSearch(), FREE)
-    trials = list(sticking(bench, 0, FeedbackSearch()))
-    assert {each.found.model.states for each in trials} == {1}
-    assert not list(sticking(bench, 0, FeedbackSearch(static=family_of("polynomial"))))

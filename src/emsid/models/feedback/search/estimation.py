@@ -24,7 +24,7 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
-from emsid.models.feedback.search.further_maps import usual_size
+from emsid.models.feedback.search.moves import usual_size
 from emsid.models.feedback.search.trials import OF_USE, SEARCHED, FeedbackSearch, Trial, error_of_use, refusal
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.record import Record

@@ -1,7 +1,8 @@
 """The first models of a feedback search: for every order a linear one, and those with one map.
 
-The map is in the direction that explains most. Every order is tried with a polynomial and a dead zone; a spline is in
-reserve.
+The map is in the direction that explains most. Every order is tried with a polynomial, a dead zone and a speed that
+sticks (`sticking`), alone and behind a dead zone; a spline is tried where a direction explains more, but none of these
+is better than no map.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from math import inf
 
 from emsid.errors import EmsidError, ModelError
 from emsid.models.blocks.search.map_families import Family, family_of
-from emsid.models.feedback.search.further_maps import with_map_more
+from emsid.models.feedback.search.moves import with_map_more
+from emsid.models.feedback.search.sticking import STICKING, with_speed_that_sticks
 from emsid.models.feedback.search.trials import (
     LONGEST,
     MOST_ORDERS,
@@ -21,7 +23,6 @@ from emsid.models.feedback.search.trials import (
     FeedbackSearch,
     Steps,
     Trial,
-    much_worse,
 )
 from emsid.selection.improvement import matters
 
@@ -40,7 +41,7 @@ def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial
     Raises:
         ModelError: if no linear model can be fitted.
     """
-    given, families = settings.order, _families(settings)
+    given = settings.order
     steps = Steps(settings.oversampling or 1, bool(settings.held))
     straight: Trial | None = None
     best: Trial | None = None
@@ -51,8 +52,9 @@ def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial
         for order in orders:
             bench.control.doing(f"order {order}", order, max(ORDERS))
             try:
-                linear = bench.judged(bench.linear(order, steps, delay), *families[0])
-                trials = _bent(bench, linear, families)
+                found = bench.linear(order, steps, delay)
+                linear = bench.judged(found, settings.static or STICKING, settings.size)
+                trials = _bent(bench, linear, settings)
             except EmsidError as error:
                 problem = error
                 continue
@@ -63,8 +65,6 @@ def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial
                 if bench.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
-            behind = [each.family for each in trials if any(much_worse(each, other) for other in trials)]
-            families = [each for each in families if each[0] not in behind]
             if order >= max(ORDERS) and not higher:
                 break
         if given is None and straight is not None:
@@ -94,17 +94,22 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
     return (longest, 0) if longest > LONGEST else (0, longest)
 
 
-def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> list[Trial]:
-    """A linear model with one map of the families that are always tried, and with one in reserve.
+def _bent(bench: Bench, linear: Trial, settings: FeedbackSearch) -> list[Trial]:
+    """A linear model with one map of each family; none where the model diverges with each.
 
     Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
-    more than noise to first order, although the map explains far more once it is fitted. The reserve is tried where a
-    direction explains more, but no other map makes the model better. None where the model diverges with each map.
+    more than noise to first order, although the map explains far more once it is fitted.
     """
     found, trials = linear.found, list[Trial]()
-    for family, size in families:
+    if settings.static in (None, STICKING):
+        with suppress(EmsidError):
+            start, states = with_speed_that_sticks(found, [y for _, y in bench.segments(found.model)])
+            trials.append(bench.refined(start, states, STICKING, 0))
+            if settings.maps != 1 and not bench.leaves_noise(trials[-1]):  # what the drive loses before it moves
+                trials.append(with_map_more(bench, trials[-1].found, STICKING, 0))
+    for family, size in _families(settings):
         better = any(bench.prefers(trial, linear) for trial in trials)
-        if family.name == RESERVE and (better or not bench.more_than_noise(found)):
+        if family.name == RESERVE and settings.static is None and (better or not bench.more_than_noise(found)):
             break
         with suppress(EmsidError):
             trials.append(with_map_more(bench, found, family, size))

@@ -24,79 +24,28 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError, ModelError
+from emsid.errors import ModelError
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import DeadZone
 from emsid.models.feedback.coordinates import WORST_CONDITION, with_state
 from emsid.models.feedback.fitting import Found
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.further_maps import with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
-from emsid.models.feedback.search.trials import ORDERS, Bench, FeedbackSearch, Steps, Trial
 
 Array = NDArray[np.float64]
 
 STICKING = family_of("dead-zone")
-# Maps that are tried beside the one that sticks: what the voltage loses before it drives the motor.
-BESIDE = (STICKING, family_of("two-slopes"))
 # The half-width of the dead zone that a fit begins with, over the root mean square change of the output in a step.
 WIDTH = 0.3
 # Beside a dead zone that a speed passes, the linear part has a pole whose size is smaller than this.
 NOTHING_LEFT = 0.3
 # A pole is real if its imaginary part is smaller than this.
 REAL = 1e-9
-
-
-def sticking(bench: Bench, delay: int, settings: FeedbackSearch) -> Iterator[Trial]:
-    """Models whose speed sticks, alone and with another map, with one step per sample.
-
-    Orders grow from the lowest one as long as the models become better.
-
-    Args:
-        bench: the data.
-        delay: of the input, in samples.
-        settings: options; with another static map than a dead zone there are no such models.
-    """
-    best: Trial | None = None
-    if settings.static not in (None, STICKING):
-        return
-    several = (settings.oversampling or 1) > 1
-    steps = Steps(settings.oversampling or 1, several and settings.held is not False)
-    for order in ORDERS if settings.order is None else (settings.order,):
-        bench.control.doing(f"friction that sticks, order {order}")
-        try:
-            linear = bench.linear(order, steps, delay)
-            trials = list(_with_sticking(bench, linear, settings))
-        except EmsidError:
-            return
-        yield from trials
-        better = [each for each in trials if bench.prefers(each, best or bench.judged(linear, STICKING, 0))]
-        if not better or any(bench.leaves_noise(each) for each in trials):
-            return
-        best = min(better, key=lambda each: each.errors.mean)
-
-
-def _with_sticking(bench: Bench, linear: Found, settings: FeedbackSearch) -> Iterator[Trial]:
-    """A linear model with a speed that sticks, alone and with another map.
-
-    Raises:
-        ModelError: where it diverges, or has no real pole.
-    """
-    model, states = with_speed_that_sticks(linear, [y for _, y in bench.segments(linear.model)])
-    alone = bench.refined(model, states, STICKING, 0)
-    yield alone
-    if settings.maps == 1 or bench.leaves_noise(alone):
-        return
-    for family in BESIDE:
-        with suppress(EmsidError):
-            yield with_map_more(bench, alone.found, family, 0)
 
 
 def with_speed_that_sticks(linear: Found, measured: list[Array]) -> tuple[FeedbackModel, list[Array]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import inf, log
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -42,16 +42,16 @@ Array = NDArray[np.float64]
 SEARCHED, JUDGED = 6_000, 8_000
 # Orders that are tried if none is given, the highest one, and the longest delay in samples.
 ORDERS, MOST_ORDERS, LONGEST = (1, 2, 3), 6, 5
-# A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
-# orders, more steps or more maps.
+# A model whose error on the fitted data is larger than that of another one by this factor is not tried with lower
+# orders, more steps or a sensor.
 MUCH_WORSE = 2.0
 # Limits of what may be given: a search for more takes hours, and no record determines so much.
 LARGEST_ORDER, LARGEST_SIZE, LARGEST_STEPS = 12, 100, 64
 # The largest number of static maps.
 MOST_MAPS = 6
-# The number of models that a map is added to at a time, and the fewest samples of records for it. In these, compiled
-# code, which leaves the interpreter free, takes most of the time.
-AT_ONCE, LONG = 2, 2_500
+# The number of models that a map is added to, and of those with it that are refined to the end. The first maps of a
+# model stand for several of the true ones; which of them can become the true ones shows when these are complete.
+BEAM = 3
 # Steps of a refinement for a choice.
 STEPS = 40
 # A short record of fewer samples for every parameter of a model is divided into parts that are left out once; steps of
@@ -201,10 +201,6 @@ class Bench:
         folds: the errors on parts that are left out, by the identity of the trial.
         ways: the directions in which a map more explains what a model misses, by its identity, whether the map is
             multiplied by a signal, and how many are kept.
-        extended: the trials with one map more, by the identity of the model without it, the family and the size of the
-            map, and whether signals were held.
-        doubled: the trials with twice the steps per sample, or None where they are worse, by the identity of the trial
-            before and whether they are wanted in any case.
     """
 
     shown: Sequence[Record]
@@ -215,8 +211,6 @@ class Bench:
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
     ways: dict[tuple[int, bool, int], tuple[Found, list[Direction]]] = field(default_factory=dict)
-    extended: dict[tuple[int, str, int, bool], Trial] = field(default_factory=dict)
-    doubled: dict[tuple[int, bool], tuple[Trial, Trial | None]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -238,11 +232,6 @@ class Bench:
     def compared(self) -> bool:
         """Whether models are compared on unseen data; those of a short record are compared on all of it."""
         return self.unseen is not self.shown
-
-    @property
-    def threads(self) -> int:
-        """How many models a map is added to at a time; also beside another process, which has less to do."""
-        return AT_ONCE if sum(map(len, self.shown)) >= LONG else 1
 
     def suffices(self, trial: Trial) -> bool:
         """Whether there are samples enough for the parameters of a model."""
@@ -344,31 +333,6 @@ class Bench:
         else:
             wins = gain > 0
         return wins if richer else not wins
-
-    def is_of_use(self, trial: Trial) -> bool:
-        """Whether a model errs little more from the states that the first samples show than from those of its fit."""
-        model = trial.found.model
-        return error_of_use(model, self.segments(model)) <= OF_USE * trial.found.error
-
-    def may_be_better(self, trial: Trial, simple: Trial) -> bool:
-        """Whether a richer model is better by Akaike's criterion for the number of independent errors.
-
-        It asks for less than the one that chooses, since the richer model is only the start of a search.
-        """
-        if not np.isfinite(trial.errors.mean):
-            return False
-        independent, extra = effective_samples(trial.found.minimum.residuals), trial.parameters - simple.parameters
-        return independent * log(simple.found.error / trial.found.error) > extra
-
-    def rejects(self, simple: Trial, trial: Trial) -> bool:
-        """Whether a richer model replaces a simple one even if the residual of the simple one is noise.
-
-        Where the noise is slow, a rich model follows it, and then leaves a residual with more independent errors than
-        the noise has. So those of the simple model are counted too.
-        """
-        independent, extra = effective_samples(simple.found.minimum.residuals), trial.parameters - simple.parameters
-        gain = schwarz_gain(trial.found.error**2, simple.found.error**2, independent, extra)
-        return gain > 0 and self.prefers(trial, simple)
 
     def left_out(self, trial: Trial) -> StretchErrors:
         """The errors of a model on the parts of a short record, each of which is left out of a fit once.

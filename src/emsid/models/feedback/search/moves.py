@@ -1,0 +1,242 @@
+"""The moves of a feedback search: models that follow from one that is fitted.
+
+- **Without the delay**: a linear model may need it for what maps show.
+- **More steps per sample**: a model with one step makes up for what happens between samples by a higher order, which
+  holds for inputs like those of its record only. So two steps are tried with lower orders too, and twice as many as
+  long as that lowers the errors; whether the input is held between its samples may only show then, so both ways are
+  tried.
+- **Another family** in place of every map, begun at the maps.
+- **One map more** in the directions that explain most. Each start takes a few steps in every direction; those that gain
+  by it are refined, the best of all models first.
+- **A map that is multiplied by a signal**. Beside the linear model the direction of the product shows, while beside a
+  map that stands for it another one seems best. Its signals are held until there is another map: free, they would
+  follow what that is for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+
+from emsid.errors import EmsidError, ModelError
+from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.feedback.fitting import Found
+from emsid.models.feedback.search.directions import KEPT
+from emsid.models.feedback.search.starts import (
+    share_of,
+    with_family,
+    with_one_map_more,
+    with_product,
+    with_steps_doubled,
+)
+from emsid.models.feedback.search.sticking import sticking_map, with_sticking_steps_doubled
+from emsid.models.feedback.search.trials import BEAM, Bench, FeedbackSearch, Steps, Trial, much_worse, refusal
+from emsid.selection.improvement import matters
+
+Maps = tuple[tuple[str, int], ...]
+"""Names of families and their sizes."""
+OTHERS: Maps = (("polynomial", 3), ("polynomial", 5), ("two-slopes", 0), ("dead-zone", 0), ("saturation", 0))
+"""Maps of few numbers that are tried in place of another one."""
+FREE_FORM: Maps = (("spline", 0), ("monotone-spline", 0))
+"""Maps of free form. Several of them follow a record as well as the right maps, and err in other combinations of
+states, so only one takes the place of another one, where no move with fewer numbers does."""
+MORE: Maps = (("polynomial", 3), ("two-slopes", 0), ("dead-zone", 0))
+"""Maps that are added; a saturation is a dead zone beside a line."""
+FRICTION: Maps = (("tanh", 0),)
+"""The map before a sensor that loses the sign."""
+MULTIPLIED, BESIDE_PRODUCT = family_of("two-slopes"), (family_of("dead-zone"), family_of("saturation"))
+"""The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction."""
+MOST_STEPS = 16
+"""Steps per sample, at most: the error of friction that sticks still falls with them."""
+PER_KNOT = 20
+"""A further map takes at least this many samples for every knot, or degree."""
+CUBIC = 3
+"""The degree of a polynomial if none is given."""
+FEW = 10
+"""Steps of a start in every direction."""
+MANY = 8
+"""The number of directions before a sensor that loses the sign, which hides where a map in the loop has its effect."""
+ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
+
+
+def usual_size(family: Family, size: int) -> int:
+    """The given number of knots or degree, or the first that the family tries; of a polynomial that of a spring."""
+    if size or not family.sizes:
+        return size
+    return CUBIC if family.name == "polynomial" and CUBIC in family.sizes else family.sizes[0]
+
+
+# --- delay and steps -------------------------------------------------------------------------------------------------
+
+
+def without_delay(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """Without a delay that is not given."""
+    if settings.delay is None and trial.found.model.delay:
+        bench.control.doing("no delay")
+        with suppress(EmsidError):
+            yield bench.refined(replace(trial.found.model, delay=0), trial.found.states, trial.family, trial.size)
+
+
+def more_steps(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With two steps per sample, from a linear model of this order and lower ones, and with twice as many again."""
+    model = trial.found.model
+    if settings.oversampling is not None:
+        return
+    if model.oversampling > 1 or len(model.maps) > 1 or model.sensor is not None or sticking_map(model) is not None:
+        yield from _doubled(bench, trial, settings)
+        return
+    for order in range(model.states, 0, -1) if settings.order is None else (model.states,):
+        tried = []
+        for held in settings.ways:
+            bench.control.doing(f"2 steps per sample, order {order}")
+            with suppress(EmsidError):
+                linear = bench.linear(order, Steps(2, held), model.delay)
+                tried.append(with_map_more(bench, linear, trial.family, trial.size))
+        near = [each for each in tried if not much_worse(each, trial)]
+        if not near:
+            return
+        for each in near:  # one that is a little worse with few steps may be the right one
+            yield each
+            yield from _doubled(bench, each, settings)
+
+
+def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With twice the steps per sample, and twice again, as long as that lowers the errors."""
+    while trial.found.model.oversampling < MOST_STEPS:
+        model, finer = trial.found.model, list[Trial]()
+        at = sticking_map(model)
+        for held in settings.ways:
+            bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
+            with suppress(EmsidError):
+                start = with_steps_doubled(model, held) if at is None else with_sticking_steps_doubled(model, at, held)
+                finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
+        fall = (1 - 1 / trial.found.minimum.samples) * trial.found.error**2  # of n log MSE by one
+        lower = [each for each in finer if each.found.error**2 < fall and each.errors.mean < trial.errors.mean]
+        if not lower:
+            return
+        trial = min(lower, key=lambda each: each.errors.mean)
+        yield trial
+
+
+# --- maps ------------------------------------------------------------------------------------------------------------
+
+
+def with_other_maps(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
+    """With maps of other families, or more knots or a higher degree of the given one."""
+    others = [(family_of(name), size) for name, size in maps]
+    if settings.static is not None:
+        now = usual_size(settings.static, settings.size)
+        larger = [size for size in settings.static.sizes if size > now]
+        others = [] if settings.size or settings.static.smooth else [(settings.static, size) for size in larger[:1]]
+    for family, size in others:
+        if (family, size) == (trial.family, trial.size):
+            continue
+        bench.control.doing(f"map: {family.name}")
+        with suppress(EmsidError):
+            start, states = with_family(trial.found, bench.shown, family, usual_size(family, size))
+            yield bench.refined(start, states, family, size)
+
+
+class Start(NamedTuple):
+    """A model with one map more after a few steps on some of the segments.
+
+    Attributes:
+        found: the model.
+        family, size: of the map.
+        gain: what is left of the mean square error of the model without the map on these segments.
+    """
+
+    found: Found
+    family: Family
+    size: int
+    gain: float
+
+
+def with_map_more(bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False) -> Trial:
+    """The trial with one map more, in the directions that explain most.
+
+    Args:
+        bench: the data.
+        found: the model without it.
+        family, size: of the map.
+        hold_signals: whether those of products are held while directions are compared.
+
+    Raises:
+        ModelError: if all directions diverge.
+    """
+    start = _begun(bench, found, family, usual_size(family, size), hold_signals)
+    return bench.refined(start.found.model, start.found.states, family, start.size)
+
+
+def maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
+    """The best of several models with a map more.
+
+    Args:
+        bench: the data.
+        models: without the map.
+        settings: where they give a number of maps, those that gain nothing are refined too.
+        maps: families and sizes that are tried.
+    """
+    starts = [start for each in models for start in _starts(bench, each, settings, maps)]
+    useful = [each for each in starts if settings.maps is not None or matters(each.gain, 1.0)]
+    for start in sorted(useful, key=attrgetter("found.error"))[:BEAM]:
+        with suppress(EmsidError):
+            yield bench.refined(start.found.model, start.found.states, start.family, start.size)
+
+
+def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Start]:
+    """With a map more of each family, where samples suffice for it and more than noise is left."""
+    samples, found = sum(map(len, bench.shown)), trial.found
+    if settings.maps is None and not bench.more_than_noise(found):
+        return
+    names = [(family_of(name), size) for name, size in maps]
+    if settings.static is not None:
+        names = [(trial.family, trial.size)]
+    for family, size in ((family, usual_size(family, size)) for family, size in names):
+        if settings.maps is None and samples < PER_KNOT * size:
+            continue
+        bench.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
+        with suppress(EmsidError):
+            yield _begun(bench, found, family, size, kept=MANY if trial.loses_sign else KEPT)
+
+
+def _begun(
+    bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False, kept: int = KEPT
+) -> Start:
+    """The start in the best direction.
+
+    Raises:
+        ModelError: if all directions diverge.
+    """
+    model = found.model
+    segments, ways = bench.segments(model), bench.directions(found, kept=kept)
+    start = with_one_map_more(
+        found, segments, model.edge, family, size, ways, FEW, bench.control, hold_signals, refusal(model)
+    )
+    if start is None:
+        raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
+    before = float(np.mean(np.concatenate(found.minimum.residuals[share_of(segments)]) ** 2))
+    return Start(start, family, size, start.error**2 / before if before else np.inf)
+
+
+def with_products(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With a map that is multiplied by a signal, of this order and lower ones, alone and beside a friction."""
+    model = trial.found.model
+    for order in range(model.states, 0, -1) if settings.order is None else (settings.order,):
+        bench.control.doing(f"a map times a signal, order {order}")
+        with suppress(EmsidError):
+            linear = bench.linear(order, Steps(model.oversampling, model.held), model.delay)
+            ways, segments = bench.directions(linear, True), bench.segments(linear.model)
+            if not ways or not ways[0].explains(linear.minimum.samples):
+                continue
+            found = with_product(linear, segments, linear.model.edge, MULTIPLIED, ways[0], bench.control)
+            with suppress(EmsidError):
+                yield bench.refined(found.model, found.states, MULTIPLIED, 0)
+            for family in BESIDE_PRODUCT:
+                with suppress(EmsidError):
+                    yield with_map_more(bench, found, family, 0, True)

@@ -9,18 +9,14 @@ All comparisons use free runs, not one-step predictions.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import inf
 
 import numpy as np
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.fitting import Search
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, shortened
 from emsid.models.blocks.search.map_families import POLYNOMIAL, Family
 from emsid.models.blocks.search.order_growth import larger_cascades
@@ -30,13 +26,12 @@ from emsid.models.blocks.search.refinement import (
     Plan,
     evident,
     refined,
-    searched,
     simplest,
     with_knots_at_bends,
     with_steeper_maps,
 )
 from emsid.models.blocks.search.sources import exchanged, ordered_starts
-from emsid.models.blocks.search.starts import at_higher_rate, grown, started
+from emsid.models.blocks.search.starts import at_higher_rate, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
@@ -47,12 +42,6 @@ REFINED_MAPS = 2
 # A cascade whose error is below this fraction of the output, a thousandth of its power, explains the output: no further
 # sources of starts are needed.
 EXPLAINED = 0.03
-# Filters of this order or more may miss the minimum of smaller ones from their own starts.
-LARGE = 3
-# The number of different minima of a smaller model that start a larger one: the lowest may lead to a higher one.
-KEPT = 2
-# A search for a minimum ends where a few steps together lower the cost by less than this part.
-SAVING = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +56,6 @@ class Task:
         settings: options of the search.
         template: offsets, delay and name of the cascade.
         control: when to stop.
-        limits: the largest orders of both filters; None has no limit.
-        explained: whether another model explains the output, so that one source of starts is enough.
     """
 
     topology: Topology
@@ -78,8 +65,6 @@ class Task:
     settings: CascadeSearch
     template: Cascade
     control: Control = FREE
-    limits: Orders = (None, None)
-    explained: bool = False
 
     @cached_property
     def part(self) -> list[Record]:
@@ -108,39 +93,25 @@ class Task:
         sizes = self.sizes(family)
         return sizes[0] if family.smooth else sizes[len(sizes) // 2]
 
-    def refined_starts(
-        self,
-        records: Sequence[Record],
-        orders: Orders,
-        template: Cascade,
-        plan: Callable[[Cascade], Plan],
-        rival: Choice | None = None,
-    ) -> list[Choice]:
+    def refined_starts(self, template: Cascade, plan: Callable[[Cascade], Plan]) -> list[Choice]:
         """Choices from the starts of these orders, best first; from more sources until one explains the output.
 
         Args:
-            records: that show the starts.
-            orders: of the filters, where they are given.
             template: offsets, delay, oversampling and name.
             plan: what to refine of a start.
-            rival: as in `refined`.
 
         Raises:
-            ModelError: if there is no rival and every plan fails.
+            ModelError: if every plan fails.
         """
-        # Of choices beside a rival, only those that fit better than it does are of use.
-        ahead = inf if rival is None else rival.known
         found: list[Choice] = []
-        others = [] if rival is None else [rival]
         problem: ModelError | None = None
-        sources = ordered_starts(self.topology, records, orders, self.settings, template, self.control, self.limits)
-        for starts in sources:
+        for starts in ordered_starts(self.topology, self.shown, self.orders, self.settings, template, self.control):
             self.control.doing(f"refining {len(starts)} start values")
             try:
-                found += self.refined([plan(start) for start in starts], rival, lambda each: each.known < ahead)
+                found += self.refined([plan(start) for start in starts])
             except ModelError as failed:
                 problem = failed
-            if self.explained or any(map(self.explains, [*others, *found])):
+            if any(map(self.explains, found)):
                 break
         if problem and not found:
             raise problem
@@ -174,22 +145,20 @@ def improving(task: Task) -> Iterator[Choice]:
     """Successive choices, each better than the previous: filters with a map of the first family, then the map."""
     settings = task.settings
     first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
-    yield (small := simplest(_from_starts(task, first)))
-    small = small if task.short else _with_filters_exchanged(task, small)
+    small = best = _with_filters_exchanged(task, simplest(_from_starts(task, first)))
     for best in _of_higher_orders(task, small):
         yield best
     for rate in higher:
         task.control.doing(f"{rate} steps per sample")
         # A pole that was added at one step per sample may only imitate what that step cannot show.
         sources = [small] if best is small else [small, best]
-        plans = [Plan(at_higher_rate(each.model, rate), each.family, each.size) for each in sources]
-        found = task.refined(plans, best)
+        found = task.refined([Plan(at_higher_rate(each.model, rate), each.family, each.size) for each in sources], best)
         if found and better((choice := simplest(found)).unseen, best.unseen):
             for best in _of_higher_orders(task, choice):
                 yield best
     best = _of_best_family(task, best)
     yield best
-    yield from _of_higher_orders(task, _of_best_size(task, _without_bends(task, best)))
+    yield from _of_higher_orders(task, _of_best_size(task, best))
 
 
 def _from_starts(task: Task, rate: int) -> list[Choice]:
@@ -204,7 +173,7 @@ def _from_starts(task: Task, rate: int) -> list[Choice]:
     template = replace(task.template, oversampling=rate)
     # In a short record trial maps are not compared on unseen data: of the best of every kind all continue.
     trials = task if direct or not task.short else replace(task, rounds=())
-    found = trials.refined_starts(task.shown, task.orders, template, plan)
+    found = trials.refined_starts(template, plan)
     others = task.sizes(family)[int(direct) :]
     if direct and not (task.short and others):
         return found
@@ -276,17 +245,6 @@ def _bent(task: Task, choice: Choice) -> bool:
     )
 
 
-def _without_bends(task: Task, best: Choice) -> Choice:
-    """The choice, or the same with the plain map of its family where the data do not show the bends of its own."""
-    assert best.family is not None
-    plain = best.family.plain
-    if plain is None:
-        return best
-    task.control.doing(f"{plain.name} in place of the {best.family.name}")
-    found = task.refined([task.plan(best.model, plain, 0)], best, lambda choice: not evident(best, choice, weights=1))
-    return next(iter(found), best)
-
-
 def _of_best_size(task: Task, best: Choice) -> Choice:
     """The choice, or a better one with a map of another size."""
     family = best.family
@@ -304,128 +262,19 @@ def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
     """
     yield best
     task.control.doing("higher orders")
-    while larger := larger_cascades(best.model, task.topology, task.orders, task.part, limits=task.limits):
+    while larger := larger_cascades(best.model, task.topology, task.orders, task.part):
         plans = [Plan(each, best.family, best.size) for each in larger]
         choice = simplest([best, *task.refined(plans, best, partial(_may_replace, task, best))])
         if choice is best:
             return
         # Zeros in the wrong filter look like poles that are missing.
-        best = _with_filters_exchanged(task, _from_new_starts(task, choice))
+        best = _with_filters_exchanged(task, choice)
         yield best
 
 
 def _may_replace(task: Task, smaller: Choice, larger: Choice) -> bool:
     """Whether cross-validation decides between two orders; of a short record the larger one has to be evident too."""
     return not task.short or evident(larger, smaller)
-
-
-def _from_new_starts(task: Task, choice: Choice) -> Choice:
-    """The choice, or the same structure from the starts for its orders, if that fits its data better.
-
-    A search from a smaller model with a pole more may end at zeros that suit the smaller one only.
-    """
-    family = choice.family
-    if family is None:
-        return choice
-    sizes = iter([len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)])
-    orders = (next(sizes) if task.topology.first else None, next(sizes) if task.topology.second else None)
-    found = task.refined_starts(
-        task.part, orders, choice.model, lambda start: task.plan(start, family, choice.size), choice
-    )
-    return min([choice, *found], key=lambda each: each.known)
-
-
-def at_best_minimum(task: Task, best: Choice) -> Choice:
-    """The choice for given orders from `LARGE` on, or the same structure at a better minimum.
-
-    A larger model has more minima and may be started far from its best. Smaller ones are in it, with poles that zeros
-    cancel; so it is also started at the minimum of each, from the smallest on, and never fits its own data worse. The
-    one of order `LARGE` is also started at the model whose orders a search chooses up to its own.
-
-    Models of one structure have as many parameters, so their errors on the data that they are fitted to compare them.
-    A few steps do not show which start ends lower, so every search continues to its minimum.
-    """
-    nested = nested_orders(task.orders, task.topology)
-    if not nested:
-        return best
-    same = replace(task.settings, static=best.family or task.settings.static)
-    least, smallest, *_ = nested
-    found = [*_chosen(replace(task, orders=least, settings=same, explained=task.explains(best)))]
-    found += _chosen(replace(task, orders=(None, None), limits=smallest, settings=same))
-    for orders in nested[1:]:
-        smaller = replace(task, orders=orders, settings=same, explained=task.explains(best))
-        own = [best] if orders == task.orders else _chosen(smaller)
-        task.control.doing("minima of the same structure")
-        if own or found:
-            found = _lowest(smaller, own, found, divided=orders == smallest)
-    return found[0]
-
-
-def _chosen(task: Task) -> list[Choice]:
-    """The last of the successive choices; none without a start."""
-    with suppress(ModelError):
-        *_, last = improving(task)
-        return [last]
-    return []
-
-
-def nested_orders(orders: Orders, topology: Topology) -> list[Orders]:
-    """Orders from `LARGE` - 1 up to those given, each within the next; none if one is not given, or below `LARGE`.
-
-    Args:
-        orders: that are given, of the filters before and after the map.
-        topology: of the cascade.
-    """
-    given = [order for order in orders if order is not None]
-    if len(given) != topology.first + topology.second or min(given) < LARGE:
-        return []
-    first, second = orders
-    return [
-        (None if first is None else min(first, most), None if second is None else min(second, most))
-        for most in range(LARGE - 1, max(given) + 1)
-    ]
-
-
-def _lowest(task: Task, own: Sequence[Choice], smaller: Sequence[Choice], *, divided: bool) -> list[Choice]:
-    """The `KEPT` lowest minima of choices, with the orders of the task.
-
-    Poles and zeros of the lowest are then divided otherwise between its filters, as long as that lowers it.
-
-    Args:
-        task: whose orders are given.
-        own: of these orders.
-        smaller: of these orders or lower ones.
-        divided: whether poles and zeros are also divided where a smaller one is best.
-    """
-    ends = [_at_minimum(task, each) for each in [*own, *smaller]]
-    best, *others = sorted(ends, key=lambda each: each.known)
-    if divided or best in ends[: len(own)]:
-        compared = replace(task, rounds=())
-        while True:
-            plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]
-            found = min(compared.refined(plans, best), key=lambda each: each.known, default=best)
-            if matters(found.known**2, best.known**2):
-                # It has other knots than the minimum that it leads to, which may not be lower.
-                found = _at_minimum(task, found)
-            if not matters(found.known**2, best.known**2):
-                break
-            others.insert(0, best)
-            best = found
-    kept = [best]
-    for each in others:
-        if len(kept) < KEPT and matters(kept[-1].known ** 2, each.known**2):
-            kept.append(each)
-    return kept
-
-
-def _at_minimum(task: Task, choice: Choice) -> Choice:
-    """The minimum that a choice leads to, with the orders of the task and the knots of the last fit."""
-    start = with_knots(task, replace(choice, model=grown(choice.model, task.orders)), task.part)
-    steps, control = task.settings.max_iterations, task.control.quietly()
-    limits = Search(max_iterations=steps, least_saving=SAVING, covariances=False, control=control)
-    found = searched(start, task.part, **limits)
-    task.control.check()
-    return replace(choice, model=found.model, known=found.error)
 
 
 def with_spread_knots(task: Task, best: Choice, records: Sequence[Record]) -> Cascade:

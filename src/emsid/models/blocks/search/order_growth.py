@@ -46,7 +46,6 @@ def larger_cascades(
     orders: Orders,
     records: Sequence[Record],
     correlated: bool = True,
-    limits: Orders = (None, None),
 ) -> list[Cascade]:
     """The cascade with one pole and zero more in a filter, for every filter whose error shows that one is missing.
 
@@ -58,15 +57,10 @@ def larger_cascades(
         orders: that are given, of the filters before and after the map; the others may rise.
         records: to which it is fitted.
         correlated: as in `search`.
-        limits: the largest orders of both filters, as in `orders.total_orders`.
     """
     filters = [k for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
     there = (topology.first, topology.second)
-    most = [
-        0 if order is not None else LARGEST_ORDER if limit is None else limit
-        for order, limit, used in zip(orders, limits, there, strict=True)
-        if used
-    ]
+    most = [LARGEST_ORDER if order is None else 0 for order, used in zip(orders, there, strict=True) if used]
     open_ = [k for k, order in zip(filters, most, strict=True) if len(_filter(model, k).denominator) < order]
     room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - len(model.parameters)
     if not open_ or room < 2:

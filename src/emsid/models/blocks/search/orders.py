@@ -44,9 +44,7 @@ def measured_response(segments: Sequence[tuple[Array, Array]], period: int | Non
         return None
 
 
-def total_orders(
-    topology: Topology, response: FrequencyResponse | None, orders: Orders, limits: Orders = (None, None)
-) -> list[int]:
+def total_orders(topology: Topology, response: FrequencyResponse | None, orders: Orders) -> list[int]:
     """Orders of the best linear approximation to try: the given ones, or that of least description length and below.
 
     A nonlinearity can look like poles and zeros in the response, so lower orders are tried too: all of them with one
@@ -56,11 +54,8 @@ def total_orders(
         topology: of the cascade.
         response: measured.
         orders: that are given, of the filters before and after the map.
-        limits: the largest orders of both; None has no limit.
     """
     least, most = _least(topology, orders), _total(topology, response, orders)
-    bounds = [limit for limit, there in zip(limits, (topology.first, topology.second), strict=True) if there]
-    most = max(min(most, sum(LARGEST_ORDER if bound is None else bound for bound in bounds)), least)
     return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
 
@@ -91,35 +86,17 @@ def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
     return (1,) if repeats([u for u, _ in as_arrays(records)]) else (1, 2)
 
 
-def order_shares(topology: Topology, orders: Orders, total: int, limits: Orders = (None, None)) -> list[Orders]:
-    """The pairs of filter orders that add up to a total order, each within its limit."""
+def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]:
+    """The pairs of filter orders that add up to a total order."""
     if not topology.first:
         return [(None, total)]
     if not topology.second:
         return [(total, None)]
     pairs = [(first, total - first) for first in range(total + 1)]
-
-    def allowed(pair: Orders) -> bool:
-        below = all(limit is None or (order or 0) <= limit for order, limit in zip(pair, limits, strict=True))
-        return below and all(
-            order == given if given is not None else order for order, given in zip(pair, orders, strict=True)
-        )
-
-    return [pair for pair in pairs if allowed(pair)]
-
-
-def lone_filters(topology: Topology, orders: Orders, total: int, limits: Orders = (None, None)) -> list[Orders]:
-    """The pairs of orders of two filters of which one has a total order and the other, whose order is open, none.
-
-    So a Wiener–Hammerstein cascade includes Hammerstein and Wiener models.
-    """
-    if not (topology.first and topology.second):
-        return []
-    pairs: list[Orders] = [(0, total), (total, 0)]
     return [
         pair
-        for k, pair in enumerate(pairs)
-        if orders[k] is None and orders[1 - k] in (None, total) and total <= (limits[1 - k] or total)
+        for pair in pairs
+        if all(own == given if given is not None else own for own, given in zip(pair, orders, strict=True))
     ]
 
 

@@ -14,12 +14,10 @@ import numpy as np
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.nonlinear.frequency_response import FrequencyResponse
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import delayed
 from emsid.models.blocks.search.orders import (
-    lone_filters,
     measured_response,
     order_shares,
     sign_recovery_orders,
@@ -48,9 +46,6 @@ SAME = 1e-3
 # Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
 # a short record they take little time.
 LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
-# Filters without a pole are tried from this many samples on: of fewer, noise at a limit of the output looks like one of
-# the map behind a lone filter.
-LONE_SAMPLES = 1_000
 
 
 def ordered_starts(
@@ -60,12 +55,10 @@ def ordered_starts(
     settings: CascadeSearch,
     template: Cascade,
     control: Control,
-    limits: Orders = (None, None),
 ) -> Iterator[list[Cascade]]:
     """The cascades to refine, best first: those from the frequency response, and then, if need be, from other sources.
 
-    Of the first ones the best of every order precede the rest. The next have all poles in one filter. The limits of
-    orders are as in `total_orders`.
+    Of the first ones the best of every order precede the rest.
 
     Raises:
         Stopped: by ``control``.
@@ -79,10 +72,10 @@ def ordered_starts(
             yield [candidate.cascade for candidate in recovered]
             return
     response = measured_response(segments, settings.period)  # without one, the other sources remain
-    totals = total_orders(topology, response, orders, limits)
+    totals = total_orders(topology, response, orders)
     pairs: list[Filters] = []
     for total in totals:
-        for first, second in order_shares(topology, orders, total, limits):
+        for first, second in order_shares(topology, orders, total):
             control.check()
             if response is not None:
                 with suppress(ModelError):  # more coefficients than the response has points
@@ -96,45 +89,19 @@ def ordered_starts(
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
     yield (ahead := refined_first([candidate.cascade for candidate in found]))
-    if response is not None and sum(len(y) for _, y in segments) >= LONE_SAMPLES:
-        alone = _lone_filter_starts(topology, segments, orders, settings, template, response, totals, limits)
-        if alone:
-            yield alone
     if (found and found[0].error < enough * level) or template.oversampling > 1:
         return
     control.check()
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
-    shares = order_shares(topology, orders, totals[-1], limits)
+    shares = order_shares(topology, orders, totals[-1])
     for first, second in shares:
         draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
     found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
     others = [candidate.cascade for candidate in found[:REFINED_RANDOM]]
     yield [each for each in others if not any(each is start for start in ahead)]
-
-
-def _lone_filter_starts(
-    topology: Topology,
-    segments: Segments,
-    orders: Orders,
-    settings: CascadeSearch,
-    template: Cascade,
-    response: FrequencyResponse,
-    totals: Sequence[int],
-    limits: Orders,
-) -> list[Cascade]:
-    """Cascades with two filters of which one has order zero, as that of a Hammerstein or a Wiener model."""
-    pairs: list[Filters] = []
-    for total in totals:
-        for share in lone_filters(topology, orders, total, limits):
-            with suppress(ModelError):  # more coefficients than the response has points
-                pairs += linear_candidates(response, share, total, template.oversampling)
-    with suppress(ModelError):
-        found = scanned(pairs, segments, settings.families[0].trial, template, settings.threads)
-        return refined_first([candidate.cascade for candidate in found])
-    return []
 
 
 def _sign_recovery_starts(

@@ -16,11 +16,12 @@ from pathlib import Path
 import emsid
 from emsid.excitation import sines
 from emsid.study.setup import IDENTIFICATION, INPUTS, Settings
-from emsid.study.survey import RECORDED, survey
+from emsid.study.survey import RECORDED
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
 from independent.two_masses import load_speed  # noqa: E402
+from survey import survey  # noqa: E402
 
 
 def rounded(value: object) -> object:

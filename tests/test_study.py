@@ -1,6 +1,7 @@
 """The study of the paper: what its numbers must show, on this motor and on others."""
 
 import json
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from emsid.report.numbers import number
 from emsid.report.study_page import WORST, lead_inputs, study_report, study_rows
 from emsid.report.study_views import models_table, times
 from emsid.study.conclusions import about_the_survey, paper_ratios
-from emsid.study.inputs import HIGHEST_ORDER, over_inputs
+from emsid.study.inputs import HIGHEST_ORDER
 from emsid.study.load_friction import load_friction, rotor_level
 from emsid.study.models import (
     BLOCKS,
@@ -38,17 +39,28 @@ from emsid.study.models import (
     structures,
     two_masses,
 )
-from emsid.study.motors import FAMILY, by_direction, compare, records, regressions
-from emsid.study.readings import FREE_RUN, ONE_STEP, READINGS, largest, motors, ratios
+from emsid.study.motors import records, regressions
 from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
 from emsid.study.summary import findings, headline, study_data, summary
-from emsid.study.survey import recorded
-from emsid.study.two_masses import row as two_mass_row
+from emsid.study.survey import FREE_RUN, ONE_STEP, recorded
 from emsid.study.workflow import study
 from emsid.validation.comparison import assess
 from emsid.wording import sentence
 from emsid.wording.claims import claim
 from independent.two_masses import load_speed
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+from survey import (
+    FAMILY,
+    READINGS,
+    by_direction,
+    compare,
+    largest,
+    motors,
+    over_inputs,
+    ratios,
+)
+from survey import row as two_mass_row
 
 
 @pytest.fixture(scope="module")
@@ -429,20 +441,6 @@ def test_the_survey_of_inputs_is_found_again_for_one_pair():
     assert kept[ONE_MASS].lowest > 1000
 
 
-def test_the_survey_is_repeated_where_it_is_asked_for(regressions_only, monkeypatch):
-    asked = []
-
-    def survey(settings, control):
-        asked.append(settings)
-        return replace(recorded(), recorded=False)
-
-    monkeypatch.setattr("emsid.study.workflow.do_survey", survey)
-    settings = Settings(duration=2.0)
-    assert study(settings).survey.recorded
-    assert not study(settings, survey=True).survey.recorded
-    assert asked == [settings]
-
-
 def test_the_readme_leads_with_the_recorded_survey():
     text = " ".join((Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").split())
     for row in recorded().inputs:
@@ -459,9 +457,6 @@ def test_a_recorded_survey_says_so_and_speaks_of_its_own_motor():
     assert {"study-survey-recorded", "study-many-inputs", "study-two-masses"} <= set(codes)
     codes = [finding.code for finding in about_the_survey(kept, other)]
     assert not {"study-many-inputs", "study-two-masses"} & set(codes)
-    codes = [finding.code for finding in about_the_survey(replace(kept, recorded=False), other)]
-    assert "study-survey-recorded" not in codes
-    assert "study-many-inputs" in codes
 
 
 def test_inputs_are_shown_with_what_they_excite(result):

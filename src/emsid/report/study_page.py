@@ -24,11 +24,11 @@ from emsid.report.study_views import (
 from emsid.report.views import terms
 from emsid.report.views.diagrams import block_diagram, experimental_setup, identification_loop, motor_schematic
 from emsid.study.conclusions import speaks_of
-from emsid.study.inputs import InputRow
 from emsid.study.models import BLOCKS, LINEAR, ONE_MASS, PAPER, TWO_MASSES
-from emsid.study.motors import FAMILY, SHOWN
+from emsid.study.motors import SHOWN
 from emsid.study.setup import EXPERIMENT
 from emsid.study.summary import SummaryRow, findings, headline, summary
+from emsid.study.survey import InputRow
 from emsid.study.workflow import Part, Study
 from emsid.validation.comparison import Assessment
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
@@ -85,7 +85,7 @@ def study_rows(result: Study) -> dict[str, list[SummaryRow]]:
 def lead_inputs(result: Study) -> tuple[InputRow, ...]:
     """The experiment over many inputs, where the survey has the motor of the settings and no record is the user's."""
     survey = result.survey
-    return survey.inputs if survey and not result.own_records and speaks_of(survey, result.settings) else ()
+    return survey.inputs if survey and not result.own_records and speaks_of(result.settings) else ()
 
 
 def claim_sections(result: Study) -> tuple[Section, ...]:
@@ -98,9 +98,8 @@ def claim_sections(result: Study) -> tuple[Section, ...]:
     if result.shown:
         unseen = [pair[1] for pair in result.shown]
         intervals = worst_intervals(unseen)
-        meaning = next(case.meaning for case in FAMILY if case.name == SHOWN)
         drawn = views.responses(unseen, intervals, name="motor-responses")
-        caption = f"A motor with {meaning}, on the bench. {drawn.caption} {WORST}"
+        caption = f"A motor with {SHOWN.meaning}, on the bench. {drawn.caption} {WORST}"
         figures = (replace(drawn, caption=caption),)
     title = "When the paper's model helps"
     return (Section(title, tables=tuple(tables), figures=figures, diagrams=(identification_loop(),)),)
@@ -178,7 +177,7 @@ def model_sections(result: Study) -> tuple[Section, ...]:
         if part is not None:
             section = views.model_section(part.on_unseen(model).fit, part.identification)
             rows = result.survey.two_masses if model == TWO_MASSES and result.survey else ()
-            if rows and result.survey and speaks_of(result.survey, result.settings):
+            if rows and speaks_of(result.settings):
                 section = replace(section, tables=(*section.tables, two_masses_table(rows)))
             sections.append(section)
     return tuple(sections)

@@ -12,15 +12,14 @@ from emsid.report import views
 from emsid.report.document import Axis, Bars, Dash, Figure, Ink, Level, Line, Plot, Points, Stroke, Table
 from emsid.report.numbers import number, percent
 from emsid.study.conclusions import paper_ratios
-from emsid.study.inputs import HIGHEST_ORDER, Excitation, InputRow, Richer
+from emsid.study.inputs import HIGHEST_ORDER, Excitation, Richer
 from emsid.study.load_friction import LoadFriction
 from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER
-from emsid.study.motors import MODELS, MotorRow
+from emsid.study.motors import MODELS
 from emsid.study.priors import PriorRow
-from emsid.study.readings import FREE_RUN, Largest
 from emsid.study.setup import PAPER_MSE, SIMULATION, UNSEEN, paper_ratio
 from emsid.study.summary import SummaryRow
-from emsid.study.two_masses import TwoMassRow
+from emsid.study.survey import FREE_RUN, InputRow, Largest, MotorRow, TwoMassRow
 from emsid.study.workflow import Part
 from emsid.wording import Spelling, as_python
 from emsid.wording.claims import Claim, claim

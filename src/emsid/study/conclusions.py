@@ -13,11 +13,9 @@ from emsid.plant import Motor
 from emsid.study.inputs import Richer
 from emsid.study.load_friction import LoadFriction
 from emsid.study.models import FRICTION, LINEAR, ONE_MASS, PAPER, TWO_MASSES
-from emsid.study.motors import MODELS, MotorRow
-from emsid.study.readings import FREE_RUN, ONE_STEP, Largest
+from emsid.study.motors import MODELS
 from emsid.study.setup import IDENTIFICATION, PAPER_LOAD_FRICTION_MSE, SIMULATION, UNSEEN, Settings, paper_ratio
-from emsid.study.survey import Survey
-from emsid.study.two_masses import TwoMassRow
+from emsid.study.survey import FREE_RUN, ONE_STEP, Largest, MotorRow, Survey, TwoMassRow
 from emsid.study.workflow import Part
 
 EVEN = 0.01
@@ -60,20 +58,19 @@ def about_the_survey(survey: Survey | None, settings: Settings) -> Iterator[Find
     """Findings about other motors, inputs and records."""
     if survey is None or not survey.motors:
         return
-    if survey.recorded:
-        yield Finding("study-survey-recorded", "survey")
-    if speaks_of(survey, settings):
+    yield Finding("study-survey-recorded", "survey")
+    if speaks_of(settings):
         rows = [asdict(row) for row in survey.inputs if row.model in (PAPER, FRICTION, ONE_MASS)]
         yield Finding("study-many-inputs", PAPER, {"rows": rows})
     yield _what_decides(survey.motors)
     yield _largest(survey.largest)
-    if survey.two_masses and speaks_of(survey, settings):
+    if survey.two_masses and speaks_of(settings):
         yield _two_masses(survey.two_masses)
 
 
-def speaks_of(survey: Survey, settings: Settings) -> bool:
+def speaks_of(settings: Settings) -> bool:
     """Whether the survey's inputs and two masses are of the settings' motor."""
-    return not survey.recorded or settings.motor == Motor()
+    return settings.motor == Motor()
 
 
 def _what_decides(rows: tuple[MotorRow, ...]) -> Finding:

@@ -31,7 +31,7 @@ from emsid.record import Record, check_same_channels
 from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input
 from emsid.study.load_friction import LoadFriction, load_friction
 from emsid.study.models import BLOCKS, chosen, of_the_paper, searches, structures
-from emsid.study.motors import FAMILY, SHOWN, regressions
+from emsid.study.motors import SHOWN, regressions
 from emsid.study.priors import PriorRow, priors
 from emsid.study.setup import (
     EXPERIMENT,
@@ -43,7 +43,6 @@ from emsid.study.setup import (
     measure,
 )
 from emsid.study.survey import Survey, recorded
-from emsid.study.survey import survey as do_survey
 from emsid.validation.comparison import Assessment, Row, assess
 
 
@@ -102,7 +101,7 @@ class Study:
         parts: the studies that were done, the experiment first.
         own_records: whether the experiment uses records of the user.
         interrupted: whether the user stopped it before all was done.
-        survey: other motors, inputs and records; recorded with the default settings, unless it was asked for.
+        survey: other motors, inputs and records; recorded with the default settings.
         load_friction: what friction on the load costs.
         richer: what an input with more frequencies changes.
         shown: regressions on one motor of the family, on identification data and on unseen data.
@@ -133,8 +132,6 @@ def study(
     settings: Settings | None = None,
     records: tuple[Record, Record] | None = None,
     control: Control = FREE,
-    *,
-    survey: bool = False,
 ) -> Study:
     """Run the study.
 
@@ -142,8 +139,6 @@ def study(
         settings: by default those of the paper's motor.
         records: identification data and unseen data of a real drive, in place of the virtual bench.
         control: when to stop, and where to report progress. If a part is stopped, its finished models are kept.
-        survey: whether to repeat the survey of motors and inputs with these settings, which takes about two minutes;
-            else the recorded one is used.
 
     Raises:
         DataError: for records whose channels differ, or whose input is the same.
@@ -169,20 +164,19 @@ def study(
             break
     stopped = len(parts) < len(pairs) or parts[-1].interrupted
     done = Study(settings, difference, variance, tuple(parts), records is not None, stopped, recorded())
-    return done if stopped else _beyond(done, control, survey=survey)
+    return done if stopped else _beyond(done, control)
 
 
-def _beyond(done: Study, control: Control, *, survey: bool) -> Study:
+def _beyond(done: Study, control: Control) -> Study:
     """The study with what goes beyond its two parts; as it is where it is stopped there."""
     settings, simulation = done.settings, done.part(SIMULATION)
     try:
-        control.doing(f"motor {SHOWN}")
-        case = next(case for case in FAMILY if case.name == SHOWN)
-        done = replace(done, shown=tuple(regressions(case, settings)), richer=richer_input(settings))
+        control.doing(f"motor {SHOWN.name}")
+        done = replace(done, shown=tuple(regressions(SHOWN, settings)), richer=richer_input(settings))
         if BLOCKS in simulation.models:
             blocks: Any = simulation.on_unseen(BLOCKS).fit.model
             done = replace(done, load_friction=load_friction(settings, blocks, control))
-        return replace(done, survey=do_survey(settings, control=control)) if survey else done
+        return done
     except Stopped:
         return replace(done, interrupted=True)
 

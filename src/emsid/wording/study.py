@@ -62,10 +62,7 @@ def best_model(f: Finding, argument: Spelling) -> str:
 
 @words("study-survey-recorded")
 def survey_recorded(f: Finding, argument: Spelling) -> str:
-    return (
-        "The tables of other motors, inputs and records were recorded with the default settings; give "
-        f"{argument('survey')} to repeat them with yours, which takes about two minutes"
-    )
+    return "The tables of other motors, inputs and records were recorded with the default settings"
 
 
 @words("study-many-inputs")

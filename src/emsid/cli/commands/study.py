@@ -28,9 +28,6 @@ Record = Annotated[
 Validate = Annotated[
     Path | None, typer.Option("--validate", "--verify", metavar="FILE", help="Unseen record to compare the models on.")
 ]
-Survey = Annotated[
-    bool, typer.Option("--survey", help="Repeat the survey of other motors and inputs; takes about two minutes.")
-]
 Motor = Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")]
 Step = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time of the simulated records.")]
 Duration = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the simulated records.")]
@@ -53,7 +50,6 @@ def study(
     forgetting: Forgetting = 1.0,
     knots: Knots = 12,
     transient: Transient = None,
-    survey: Survey = False,
     details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
@@ -62,7 +58,7 @@ def study(
 
     This is the study of Kara and Abokoos, from simulation to validation, on a built-in motor. It takes some twenty
     seconds, and on a new machine up to a minute more for compiling. What it says about other motors and inputs is
-    recorded; --survey repeats it. On records of your own, orders, knots and refinements are chosen as by emsid
+    recorded. On records of your own, orders, knots and refinements are chosen as by emsid
     identify; the paper's models keep their orders.
 
     It prints at most 30 lines: what was found, the ratio of every model, and warnings; --details prints all errors and
@@ -73,7 +69,6 @@ def study(
     Examples:
       emsid study
       emsid study --motor motor.toml --seed 7 --out my-study
-      emsid study --survey
       emsid study --record a.csv --validate b.csv --input u --output y --dt 0.01
     """
     from emsid.io import read_motor
@@ -94,7 +89,7 @@ def study(
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or validate is None else (reader(record), reader(validate))
     with working() as control:
-        result = run(settings, records, control, survey=survey)
+        result = run(settings, records, control)
     with kept(result, "the study") as result:
         unwritten = attempted(lambda: write(out, {"study.json": study_data(result)}))
         with reader_may_leave():

@@ -158,7 +158,7 @@ def improving(task: Task) -> Iterator[Choice]:
                 yield best
     best = _of_best_family(task, best)
     yield best
-    yield from _of_higher_orders(task, _of_best_size(task, best))
+    yield from _of_higher_orders(task, _of_best_size(task, _without_bends(task, best)))
 
 
 def _from_starts(task: Task, rate: int) -> list[Choice]:
@@ -243,6 +243,17 @@ def _bent(task: Task, choice: Choice) -> bool:
         for k, block in enumerate(model.blocks)
         if isinstance(block, StaticMap)
     )
+
+
+def _without_bends(task: Task, best: Choice) -> Choice:
+    """The choice, or the same with the plain map of its family where the data do not show the bends of its own."""
+    assert best.family is not None
+    plain = best.family.plain
+    if plain is None:
+        return best
+    task.control.doing(f"{plain.name} in place of the {best.family.name}")
+    found = task.refined([task.plan(best.model, plain, 0)], best, lambda choice: not evident(best, choice, weights=1))
+    return next(iter(found), best)
 
 
 def _of_best_size(task: Task, best: Choice) -> Choice:

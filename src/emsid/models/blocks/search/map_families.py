@@ -44,6 +44,7 @@ class Family:
         loses_sign: whether its maps are even (lose the sign), so that signs must be recovered before a linear start.
         trial: for the input of the map, maps that are linear in their parameters and test the filters.
         direct: whether the trial maps are of this family, and not others in their place.
+        plain: the family of the trial map, if it is a map of this family without its bends.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Family:
     loses_sign: bool = False
     trial: Callable[[Array], tuple[StaticMap, ...]] = spline_trial
     direct: bool = False
+    plain: Family | None = None
 
 
 @cache
@@ -66,7 +68,9 @@ def family(map_: type[StaticMap]) -> Family:
     trial = map_.trials if own_trials else spline_trial
     made = Family(map_.kind, map_.started, map_.sizes, map_.smooth, map_.loses_sign, trial)
     tried = {type(each) for each in trial(np.linspace(-1.0, 1.0, 2 * TRIAL_KNOTS))} if own_trials else set()
-    return replace(made, direct=own_trials and tried <= {map_})
+    if tried <= {map_}:
+        return replace(made, direct=own_trials)
+    return replace(made, plain=family(tried.pop()))
 
 
 def given(map_: StaticMap, name: str = "given") -> Family:

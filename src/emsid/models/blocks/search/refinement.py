@@ -368,7 +368,7 @@ def simplest(choices: Sequence[Choice]) -> Choice:
     return chosen
 
 
-def evident(choice: Choice, simpler: Choice) -> bool:
+def evident(choice: Choice, simpler: Choice, weights: int = 0) -> bool:
     """Whether the data that two models were refined on show that the larger one is better, by Schwarz's criterion.
 
     Correlated errors, as those of a wrong model, contain fewer independent samples.
@@ -376,8 +376,9 @@ def evident(choice: Choice, simpler: Choice) -> bool:
     Args:
         choice: the larger model.
         simpler: the other one.
+        weights: how many weights of penalties the data have chosen besides; each counts as one more parameter.
     """
-    more = choice.determined - simpler.determined
+    more = choice.determined - simpler.determined + weights
     return schwarz_gain(choice.known**2, simpler.known**2, choice.independent, more) > 0
 
 

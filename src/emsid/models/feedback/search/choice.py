@@ -154,14 +154,13 @@ def _without_delay(contest: Contest) -> Iterator[Trial]:
 
 
 def _more_steps(contest: Contest) -> Iterator[Trial]:
-    several = [contest.best] if contest.best.found.model.maps or contest.complete else contest.single
-    for trial in contest.new("steps", several):
-        if trial.found.model.maps:
+    if contest.best.found.model.maps:
+        for trial in contest.new("steps", [contest.best]):
             yield from more_steps(contest.bench, trial, contest.settings)
 
 
 def _other_maps(contest: Contest, maps: Maps = OTHERS) -> Iterator[Trial]:
-    if contest.settings.static is not None or not contest.complete:
+    if contest.best.found.model.maps and (contest.settings.static is not None or not contest.complete):
         for trial in contest.new(maps[0][0], contest.single):
             yield from with_other_maps(contest.bench, trial, contest.settings, maps)
 

@@ -27,7 +27,6 @@ from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.observations import failure, out_of_time
 from emsid.identification.options import Options
-from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
 from emsid.identification.remainder import leaves_nothing
 from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.record import Record
@@ -98,10 +97,8 @@ def _answer(future: Future[Fit[Any]] | None, control: Control) -> Fit[Any] | Non
     return None
 
 
-SHORT = 2000
-"""The largest number of samples to which every model is fitted in seconds."""
 SLOWEST = ("wiener-hammerstein", "feedback")
-"""The last often takes as long as all others together, the other one in short records."""
+"""They often take as long as all others together, so one place begins with them."""
 
 
 @dataclass(frozen=True)
@@ -187,23 +184,8 @@ class Searches:
         return [name for name in self.names if not (self.by_need and _for_what_is_left(name))]
 
     def order(self, names: Sequence[str]) -> Sequence[str]:
-        """Some of the models in the order in which they are taken here; the other place takes the last one first.
-
-        The slowest searches come first and last, so that both places end at about the same time. What shares the search
-        for the orders of an output-error model comes together, in a short record beside the last, so that one place
-        makes it. Of a long record the regressions without a search come before all others: they take a second, and an
-        interruption leaves them.
-        """
-        if self.elsewhere is None:
-            return names
-        regressions = [name for name in names if name in REGRESSIONS and name not in OF_OUTPUT_ERROR]
-        slowest = [name for name in SLOWEST if name in names]
-        others = [name for name in names if name not in REGRESSIONS and name not in SLOWEST]
-        sharing = [name for name in names if name in OF_OUTPUT_ERROR]
-        if len(self.record) > SHORT:
-            quick = [name for name in regressions if name in QUICK]
-            return list(dict.fromkeys([*quick, *others, *sharing, *regressions, *slowest]))
-        return [*slowest[:-1], *others, *regressions, *sharing, *slowest[-1:]]
+        """Some of the models in the order in which they are taken here; the other place takes the last one first."""
+        return sorted(names, key=SLOWEST.__contains__) if self.elsewhere else names
 
     def all(self) -> Fits:
         """The fits of all models.

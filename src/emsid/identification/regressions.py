@@ -371,6 +371,3 @@ REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | Polynomial
     ),
 }
 """Every regression by name."""
-
-OF_OUTPUT_ERROR = ("polynomial-narx", "output-error")
-"""The regressions that begin with the orders of an output-error model, for which there is one search."""

@@ -38,7 +38,6 @@ from emsid.report.layout import (
     PRINT_POINTS,
     SIZE,
     SMALL,
-    TICK,
     WIDTH,
     Place,
     above,
@@ -117,11 +116,7 @@ def _pdf(figure: Figure | Diagram) -> bytes:
 
     file = BytesIO()
     with rc_context(_SETTINGS):
-        if isinstance(figure, Diagram):
-            sheet = _diagram(figure)
-        else:
-            sheet = _sheet(figure)
-            _fix_ticks(sheet.axes)
+        sheet = _diagram(figure) if isinstance(figure, Diagram) else _sheet(figure)
         # The canvas writes directly: Figure.savefig would draw everything twice for automatic layouts.
         about = {"Creator": "emsid", "Title": figure.name, "CreationDate": None}
         FigureCanvasPdf(sheet).print_pdf(file, metadata=about)  # type: ignore[no-untyped-call]
@@ -217,47 +212,6 @@ def _tick_room(axes: Axes) -> float:
     formatter = axes.yaxis.get_major_formatter()
     texts = formatter.format_ticks([tick for tick in axes.get_yticks() if low <= tick <= high])
     return max((text_width(text) for text in texts), default=0.0) + 6.0
-
-
-def _fix_ticks(several: Sequence[Axes]) -> None:
-    """Replace the ticks of axes by lines and texts that look the same and cannot be moved.
-
-    Matplotlib makes five objects for every tick and lays them out several times, which takes most of the time of a
-    drawing.
-    """
-    from matplotlib.collections import LineCollection
-    from matplotlib.ticker import NullLocator
-    from matplotlib.transforms import ScaledTranslation
-
-    found = [[_shown_ticks(side) for side in (axes.xaxis, axes.yaxis)] for axes in several]  # before shared ones change
-    style: dict[str, Any] = {
-        "colors": _SETTINGS["grid.color"],
-        "linewidths": _SETTINGS["grid.linewidth"],
-        "zorder": 0.5,
-    }
-    for axes, ((xs, x_texts), (ys, y_texts)) in zip(several, found, strict=True):
-        labelled = axes.xaxis.get_tick_params().get("labelbottom", True)
-        upright, level = axes.get_xaxis_transform(), axes.get_yaxis_transform()
-        axes.add_collection(LineCollection([[(x, 0), (x, 1)] for x in xs], transform=upright, **style), autolim=False)
-        axes.add_collection(LineCollection([[(0, y), (1, y)] for y in ys], transform=level, **style), autolim=False)
-        inches = axes.figure.dpi_scale_trans
-        below, left = (ScaledTranslation(x / 72, y / 72, inches) for x, y in ((0, -TICK), (-TICK, 0)))
-        for x, text in zip(xs, x_texts if labelled else [""] * len(xs), strict=True):
-            axes.text(x, 0, text, transform=upright + below, size=SMALL, ha="center", va="top")
-        for y, text in zip(ys, y_texts, strict=True):
-            axes.text(0, y, text, transform=level + left, size=SMALL, ha="right", va="center")
-        axes.xaxis.set_major_locator(NullLocator())
-        axes.yaxis.set_major_locator(NullLocator())
-        height = axes.get_position().height * axes.figure.bbox.height
-        axes.xaxis.set_label_coords(0.5, -(TICK + 1.35 * SMALL + 3) / height)
-
-
-def _shown_ticks(side: MplAxis) -> tuple[list[float], list[str]]:
-    """Positions and labels of the major ticks within the limits."""
-    low, high = sorted(side.get_view_interval())
-    room = 1e-9 * (high - low)
-    places = [float(at) for at in side.get_majorticklocs() if low - room <= at <= high + room]
-    return places, list(side.get_major_formatter().format_ticks(places))
 
 
 def _set_axes(axes: Axes, place: Place) -> None:

@@ -13,12 +13,12 @@ import emsid
 from coverage_feedback import CASES, Signal, fitted, noisy, white
 from emsid import FeedbackModel
 from emsid.blocks import Polynomial
+from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import always_fixed, free_lines
 from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
-from emsid.models.feedback.observer_form import observer_form
 from emsid.models.feedback.search.magnitudes import as_feedback
 from feedback_models import Array, U, X, loop, multiplied
 from independent.nonlinear_systems import duffing
@@ -97,8 +97,8 @@ def test_parameters_that_follow_from_others_are_not_counted(name: str, make: Cal
     """A unit of a sum leaves all of its terms in the table; a unit of one term leaves one out."""
     model = make(name)
     fit = fit_feedback(model, noisy(model, white, 1, 1500))
-    held = observer_form(fit.model, visited_in(fit.model, noisy(model, white, 1, 1500)))[1]
-    assert fit.size == len(fit.model.parameters) - np.count_nonzero(held | always_fixed(fit.model))
+    units = 2 * sum(each.scaling is Scaling.FREE for each in model.maps) + len(model.multiplied)
+    assert fit.size == len(fit.model.parameters) - model.states**2 - units - np.count_nonzero(always_fixed(fit.model))
     assert fit.size + fit.dependent == len(fit.estimate) == len(fit.names)
     assert f"{fit.size} parameters" in repr(fit)
 

@@ -38,7 +38,6 @@ from emsid.models.feedback.coordinates import (
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
-from emsid.models.feedback.observer_form import observer_form
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
@@ -364,19 +363,13 @@ def _last_steps(
     control: Control,
     refused: Refusal | None,
 ) -> tuple[Found, list[Other]]:
-    """The minimum near one that has settled, in the coordinates of `observer_form`, and where others end around it.
+    """The minimum near one that has settled, and where others end around it.
 
-    That form measures z and w by single elements, which cannot be held where signals are shared, and its state is that
-    of the output, which does not mix with those behind a sensor; then the coordinates are those of the search. Others
-    are begun if the search does not converge in a record that is not long.
+    Others are begun if the search does not converge in a record that is not long.
     """
-    model, seen = found.model, visited(found.model, segments, found.states)
-    if model.shared or model.sensor is not None:
-        same, held = whitened(model, seen), None
-    else:
-        same, held = observer_form(model, seen)
+    same = whitened(found.model, visited(found.model, segments, found.states))
     states = [same.state(x) for x in found.states]
-    spread = coordinates(same.model, visited(same.model, segments, states), held)
+    spread = coordinates(same.model, visited(same.model, segments, states))
     limit = _limit(refused, same.model, segments, states)
     problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
     minimum = _gauss_newton(problem, states, iterations, tolerance, control, False)

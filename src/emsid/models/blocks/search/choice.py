@@ -37,8 +37,6 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
 from emsid.selection.improvement import better, matters
 
-# The number of refined starts that continue with a map of the required family; of a short record all do.
-REFINED_MAPS = 2
 # A cascade whose error is below this fraction of the output, a thousandth of its power, explains the output: no further
 # sources of starts are needed.
 EXPLAINED = 0.03
@@ -179,14 +177,8 @@ def _from_starts(task: Task, rate: int) -> list[Choice]:
         return found
     task.control.doing(f"static map: {family.name}")
     size = others[0] if task.short or family.smooth else others[len(others) // 2]
-    plans = [task.plan(each.model, family, size) for each in (found if task.short else _simplest_first(found))]
+    plans = [task.plan(each.model, family, size) for each in (found if task.short else [simplest(found)])]
     return [*(found if direct else []), *task.refined(plans)]
-
-
-def _simplest_first(found: Sequence[Choice]) -> list[Choice]:
-    """The `REFINED_MAPS` choices that continue: the simplest that none improves by more than noise, and the best."""
-    simple = simplest(found)
-    return [simple, *(choice for choice in found if choice is not simple)][:REFINED_MAPS]
 
 
 def _with_filters_exchanged(task: Task, best: Choice) -> Choice:

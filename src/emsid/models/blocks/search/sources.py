@@ -1,7 +1,7 @@
 """Starts of a search for a cascade: pairs of filters from all sources of `starts`, in the order to refine them.
 
 Every pair is scored by one linear problem, with a trial map. Where none of those from the frequency response explains
-the output, also after it is refined, the map may lose the sign, and signs are recovered and filters drawn at random.
+the output, also after it is refined, the map may lose the sign, and signs are recovered.
 """
 
 from __future__ import annotations
@@ -24,11 +24,9 @@ from emsid.models.blocks.search.orders import (
     total_orders,
 )
 from emsid.models.blocks.search.starts import (
-    RANDOM_DRAWS,
     delay_exchanged,
     divided_anew,
     linear_candidates,
-    random_candidates,
     regression_candidate,
     sign_recovery_candidates,
 )
@@ -39,11 +37,11 @@ from emsid.models.one_channel import Segments
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
 
-# Starts that are refined, without and with random ones.
-REFINED, REFINED_RANDOM = 4, 24
+# Starts that are refined, without and with those from recovered signs.
+REFINED, REFINED_RECOVERED = 4, 24
 # Filters are the same if no coefficient differs by more than this part of the largest.
 SAME = 1e-3
-# Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
+# Recovered signs are tried unless the error of another start is below this fraction of the output. In
 # a short record they take little time.
 LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
 
@@ -94,13 +92,8 @@ def ordered_starts(
     control.check()
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
-    draws: list[Filters] = []
-    shares = order_shares(topology, orders, totals[-1])
-    for first, second in shares:
-        draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
-    found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
-    others = [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+    others = [candidate.cascade for candidate in found[:REFINED_RECOVERED]]
     yield [each for each in others if not any(each is start for start in ahead)]
 
 

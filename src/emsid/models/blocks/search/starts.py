@@ -1,6 +1,6 @@
 r"""Automatic start values for cascades.
 
-The free-run cost of a cascade has many minima, and the start decides which one a search reaches. Four sources give
+The free-run cost of a cascade has many minima, and the start decides which one a search reaches. Three sources give
 candidates, each in its own function; `scanned` scores every candidate by one linear problem (`trials`), and
 `fit_cascade` refines the best.
 
@@ -17,9 +17,6 @@ the numerator d of the second filter and (λ₁b₁, λ₂b₁², …) of the ma
 **Sign recovery.** For the map |x|, `sign_recovery` estimates the lost signs of the output, and the first filter is
 fitted to the signed signal. Its constant gives the input at which the signal is zero, which is the kink; it is part of
 the start.
-
-**Random starts.** For a map that is even about the operating point, such as |x|, the best linear approximation is
-zero. Then filters are drawn at random, with poles uniform in logarithmic time constant and in frequency.
 
 References:
     Schoukens, Tiels, *Identification of block-oriented nonlinear systems starting from linear approximations: a
@@ -55,8 +52,6 @@ Array = NDArray[np.float64]
 
 # The largest number of divisions of poles and zeros that are tried.
 MOST_SPLITS = 2_000
-# The number of random pairs of filters.
-RANDOM_DRAWS = 300
 # The largest number of sign sequences that give candidates.
 MOST_SIGN_SEQUENCES = 3
 # Frequencies in cycles per sample at which filters are compared; up to half the sampling rate, a filter of a lower rate
@@ -261,37 +256,6 @@ def sign_recovery_candidates(
             yield (block, quick), 0.0
             if gain:
                 yield (block, quick), -model.output_offset / gain
-
-
-def random_candidates(
-    orders: tuple[int | None, int | None], samples: int, rng: np.random.Generator, draws: int = RANDOM_DRAWS
-) -> Iterator[Filters]:
-    """Random pairs of filters with time constants between two samples and a tenth of the record.
-
-    Args:
-        orders: of the first and the second filter; None if the structure has no such filter.
-        samples: length of the record.
-        rng: source of random numbers.
-        draws: the number of pairs.
-    """
-    slowest = max(np.log(samples / 10), np.log(4.0))
-
-    def drawn(order: int | None) -> Rational | None:
-        if order is None:
-            return None
-        poles: list[complex] = []
-        while len(poles) < order:
-            size = np.exp(-1 / np.exp(rng.uniform(np.log(1.5), slowest)))
-            if order - len(poles) >= 2 and rng.random() < 0.5:
-                pole = size * np.exp(1j * np.exp(rng.uniform(np.log(2 * np.pi / samples), np.log(np.pi / 2))))
-                poles += [pole, np.conj(pole)]
-            else:
-                poles.append(complex(size))
-        denominator = np.real(np.poly(poles))[1:] if poles else np.zeros(0)
-        return of_unit_gain(Rational(np.eye(order + 1)[min(order, 1)], denominator))
-
-    for _ in range(draws):
-        yield drawn(orders[0]), drawn(orders[1])
 
 
 def _stable(block: Rational) -> Rational:

@@ -1,57 +1,111 @@
-"""The recommended model from all data.
+"""The recommended model from more data, by one refit of three budgets.
 
-Where few data were held back, its parameters are estimated again from all data, from the known estimate
-(`emsid.models.refitting`). Its structure was chosen on the fitted part alone. Where the error of a feedback model or of
-a plant is much larger on the held-back part, that part shows something that its structure lacks, such as a tank that
-overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order and
-maps, or refinements, are then chosen again from all data, by the same search. So they are for every short record of a
-sensor that loses the sign, from which a part shows too little. Cascades, whose structure differs less, gain nothing by
-that. Of the two structures the one stands whose errors are smaller on stretches of all data that are left out in turn
-(`ranking.in_turn`). The errors that are reported stay those of the fit that has not seen the held-back part.
+A long record is compared on an excerpt; the recommended model then continues from its estimates to all samples, with
+intervals (`Budget.LAST`). Where few data were held back, its parameters are estimated again from all data, from the
+known estimate (`Budget.STEPS`). Its structure was chosen on the fitted part alone. Where the error of a feedback model
+or of a plant is much larger on the held-back part, that part shows something that its structure lacks, such as a tank
+that overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order
+and maps, or refinements, are then chosen again from all data, by the same search (`Budget.SEARCH`). So they are for
+every short record of a sensor that loses the sign, from which a part shows too little. Cascades, whose structure
+differs less, gain nothing by that. Of the two structures the one stands whose errors are smaller on stretches of all
+data that are left out in turn (`ranking.in_turn`). The errors that are reported stay those of the fit that has not seen
+the held-back part.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
+from enum import Enum, auto
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from emsid.errors import EmsidError
-from emsid.estimation.fit import Ending, Fit, fit_or_problem
+from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
 from emsid.identification.options import Options
-from emsid.identification.ranking import MANY, in_turn
+from emsid.identification.ranking import MANY, in_turn, ranked
 from emsid.identification.verdict import fails_on_unseen
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.refitting import better_refit, is_safe
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
+from emsid.selection.improvement import better
+from emsid.validation.comparison import compare
 
 MOST = 50_000
 """A structure is not chosen twice from as many samples: every search takes seconds for them."""
 
 
-class FromAllData(NamedTuple):
-    """A model with its parameters from all data.
+class Budget(Enum):
+    """How far a model is fitted to other data."""
 
-    Attributes:
-        model: the model.
-        searched: whether its structure is chosen from all data too.
-        larger: whether its error on unseen data is much larger than on those fitted.
+    STEPS = auto()
+    """A few steps of the parameters from the known estimate, without intervals."""
+    LAST = auto()
+    """As the search for it ends, from the known estimate, with intervals."""
+    SEARCH = auto()
+    """The search, for its structure too."""
+
+
+def refit(fit: Fit[Any], data: Record, budget: Budget, options: Options, control: Control = FREE) -> Fit[Any] | None:
+    """The model of a fit from other data.
+
+    Args:
+        fit: the model.
+        data: to which it is fitted.
+        budget: how far.
+        options: how it was fitted.
+        control: when to stop.
+
+    Returns:
+        None where there is no time, where the data do not suit it, for a kind of model that has no such fit, or where
+        the result cannot be used; with `Budget.STEPS` also where it simulates the data no better.
     """
+    name = fit.model.name
+    doing = f"fitting {name} to all data"
+    try:
+        control.doing(doing)
+        if budget is Budget.STEPS:
+            model = better_refit(fit, data, linear=options.estimate, control=control)
+            return None if model is None else fit.at(model)
+        again: Any = CANDIDATES.get(name)
+        if budget is Budget.LAST:
+            again = hasattr(again, "continued") and partial(again.continued, fit)
+        if not again:
+            return None
+        found: Fit[Any] = fit_or_problem(partial(again, data, options, control.during(doing)))
+        control.check()
+        return found if is_safe(found.model, data, fit.model) else None
+    except (EmsidError, Stopped):
+        return None
 
-    model: Model
-    searched: bool
-    larger: bool
+
+def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:
+    """The comparison with the recommended model fitted to the whole record, from its estimates of the excerpt.
+
+    The model of the excerpt is kept where there is no other, and where it is better by more than noise on the unseen
+    data that chose.
+
+    Args:
+        judged: the models, fitted to an excerpt.
+        train: all data to fit.
+        options: how they were fitted.
+        control: when to stop.
+    """
+    fit, found = judged.best, refit(judged.best, train, Budget.LAST, options, control)
+    if found is None:
+        return judged
+    errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], judged.chosen_on), None, options)}
+    return judged if better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found, train)
 
 
 def from_all_data(
     judged: Compared, held_back: Record, whole: Record, options: Options, control: Control = FREE
-) -> FromAllData | None:
-    """The recommended model from all data.
+) -> tuple[Model, Finding] | None:
+    """The recommended model from all data, and a finding about that.
 
     Args:
         judged: the models, fitted to all data but those that were held back.
@@ -66,46 +120,35 @@ def from_all_data(
     few, best = len(held_back) < MANY, judged.best.model
     of_magnitudes = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
     larger = len(whole) < MOST and _structure_is_doubtful(judged)
-    if not (few or larger or of_magnitudes):
+    anew = refit(judged.best, whole, Budget.SEARCH, options, control) if larger or of_magnitudes else None
+    # The search chose that of magnitudes by errors on data left out.
+    searched = anew is not None and (of_magnitudes or _better(anew, judged, whole, options, control))
+    model = anew.model if searched and anew else _with_steps(judged, whole, options, control) if few else None
+    if model is None:
         return None
-    refit = _refit(judged, whole, options, control) if few else None
-    if larger or of_magnitudes:
-        with suppress(Stopped):
-            anew = _searched(judged.best.model.name, whole, options, control)
-            start = judged.on_unseen.best.transient
-            # The search chose that of magnitudes by errors on data left out.
-            if anew is not None and (of_magnitudes or _better(anew, judged.best, whole, start, options, control)):
-                return FromAllData(anew.model, True, larger)
-    return None if refit is None else FromAllData(refit, False, larger)
+    data = {"model": model.name, "samples": len(whole), "of": len(judged.record)}
+    return model, Finding("fitted-to-all-data", whole.name, data | {"searched": searched, "larger": larger})
 
 
-def _better(anew: Fit[Any], known: Fit[Any], whole: Record, start: int, options: Options, control: Control) -> bool:
+def _better(anew: Fit[Any], judged: Compared, whole: Record, options: Options, control: Control) -> bool:
     """Whether a structure has the smaller errors on stretches of all data that are left out in turn."""
-    one, other = in_turn((anew, known), whole, start, options, control)
+    try:
+        one, other = in_turn((anew, judged.best), whole, judged.on_unseen.best.transient, options, control)
+    except Stopped:
+        return False
     return one.errors.mean <= other.errors.mean
 
 
-def _refit(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:
-    """The refit of the recommended model, which the ranking knows where it has seen all data."""
+def _with_steps(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:
+    """The recommended model with its parameters from all data, which the ranking knows where it has seen these."""
     known = next(each for each in judged.ranking if each.fit is judged.best)
     if known.included and judged.on_choice is None:
         return known.refit
-    with suppress(Stopped):
-        return better_refit(judged.best, whole, linear=options.estimate, control=control)
-    return None
+    found = refit(judged.best, whole, Budget.STEPS, options, control)
+    return None if found is None else found.model
 
 
 def _structure_is_doubtful(judged: Compared) -> bool:
     """Whether the error of the recommended model is much larger on unseen data; its kind is then searched anew."""
     anew = getattr(CANDIDATES.get(judged.best.model.name), "searched_anew", False)
     return anew and fails_on_unseen(judged.on_unseen.best, judged.on_record)
-
-
-def _searched(name: str, whole: Record, options: Options, control: Control) -> Fit[Any] | None:
-    """A model with its structure from all data; None where the search finds none or is stopped, or it runs away."""
-    try:
-        control.doing(f"{name} from all data")
-        fit = fit_or_problem(partial(CANDIDATES[name], whole, options, control))
-    except (EmsidError, Stopped):
-        return None
-    return fit if fit.ending is not Ending.INTERRUPTED and is_safe(fit.model, whole) else None

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from emsid.errors import EmsidError
-from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
-from emsid.identification.options import Continued, Options
-from emsid.identification.ranking import ranked
-from emsid.models.refitting import is_safe
 from emsid.record import Record
 from emsid.record.excerpt import excerpt, outside_excerpt
-from emsid.selection.improvement import better
-from emsid.validation.comparison import compare
 
 COMPARED, PIECES, MOST = 24_000, 3, 8
 """The samples and pieces of the excerpt that several models are fitted to. Of several experiments one piece each,
@@ -39,35 +31,6 @@ def to_compare(train: Record, names: Sequence[str]) -> tuple[Record, Record | No
     pieces = min(max(PIECES, len(train.segments)), MOST)
     size = COMPARED * pieces // PIECES, pieces
     return excerpt(train, *size), outside_excerpt(train, *size)
-
-
-def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:
-    """The comparison with the recommended model fitted to the whole record, from its estimates of the excerpt.
-
-    The model of the excerpt is kept where there is no time, for a kind of model that cannot be continued, and where it
-    is better by more than noise on the unseen data that chose.
-
-    Args:
-        judged: the models, fitted to an excerpt.
-        train: all data to fit.
-        options: how they were fitted.
-        control: when to stop.
-    """
-    fit, choice = judged.best, judged.chosen_on
-    kind = CANDIDATES.get(fit.model.name)
-    if not isinstance(kind, Continued):
-        return judged
-    doing = f"fitting {fit.model.name} to all samples"
-    try:
-        control.doing(doing)
-        found = kind.continued(fit, train, options, control.during(doing))
-        control.check()
-        errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], choice), None, options)}
-        safe = is_safe(found.model, choice, fit.model)
-    except (EmsidError, Stopped):
-        return judged
-    worse = better(errors[id(fit)], than=errors[id(found)])
-    return judged.with_finished(found, train) if safe and not worse else judged
 
 
 def about_excerpt(judged: Compared, train: Record) -> list[Finding]:

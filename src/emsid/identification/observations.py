@@ -106,20 +106,6 @@ ENOUGH = 200
 """Samples of a half on which a model is chosen, or judged."""
 
 
-def fitted_to_all_data(model: str, fitted: Record, whole: Record, *, searched: bool, larger: bool) -> Finding:
-    """The finding that a model is there with parameters from all data too.
-
-    Args:
-        model: its name.
-        fitted: the data of the fit that the errors are from.
-        whole: all data.
-        searched: whether its structure is chosen from all data too.
-        larger: whether that is because its error on unseen data is much larger.
-    """
-    data = {"model": model, "samples": len(whole), "of": len(fitted), "searched": searched, "larger": larger}
-    return Finding("fitted-to-all-data", whole.name, data)
-
-
 def length_trusted(fit: Fit[Any], model: Model, whole: Record) -> list[Finding]:
     """For how long the free run of a plant over all data is trusted, where its fit does not say so already.
 

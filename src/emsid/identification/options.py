@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from emsid.arguments import as_names
 from emsid.errors import ModelError, listed
@@ -49,7 +49,7 @@ class Options:
         per_record: physical parameters that have a value of their own in every record, such as the load.
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
-        comparing: whether fits only compare models; the recommended one is then fitted further, see `Continued`.
+        comparing: whether fits only compare models; the recommended one is then fitted further.
         delay_shown: whether ``nk`` was not given: a first look at the data shows that delay, and it may be wrong.
     """
 
@@ -124,7 +124,8 @@ class ModelKind(Protocol):
 
     The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
     it lacks. One with a true ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
-    something of what the other models leave.
+    something of what the other models leave. One with ``continued(fit, record, options, control)`` fits the structure
+    of a fit to a part of a record to all of it, from its estimates.
     """
 
     @property
@@ -139,13 +140,4 @@ class ModelKind(Protocol):
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
-        ...
-
-
-@runtime_checkable
-class Continued(Protocol):
-    """A kind of model whose fit to a part of a record can be continued on all of it."""
-
-    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Fit the same structure to the whole record, from the estimates of the part."""
         ...

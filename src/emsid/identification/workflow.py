@@ -16,12 +16,12 @@ from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.identification.all_data import FromAllData, from_all_data
+from emsid.identification.all_data import from_all_data, on_all_samples
 from emsid.identification.candidates import QUICK
 from emsid.identification.compared import Compared
 from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
-from emsid.identification.long_records import about_excerpt, on_all_samples
-from emsid.identification.observations import fitted_to_all_data, length_trusted, observations
+from emsid.identification.long_records import about_excerpt
+from emsid.identification.observations import length_trusted, observations
 from emsid.identification.options import KEYWORDS, Options, options_of
 from emsid.identification.profiles import Profiles, profiles_of
 from emsid.identification.records import Records
@@ -30,6 +30,7 @@ from emsid.identification.result import Identification
 from emsid.identification.task import Task
 from emsid.identification.verdict import fails_on_unseen, model_verdicts
 from emsid.models.blocks.search.map_families import Family
+from emsid.models.model import Model
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.record import Record
 from emsid.validation.agreement import disagreement
@@ -166,7 +167,7 @@ def _judged(
         on_choice=judged.on_choice,
         model_verdicts=_verdicts(judged, tests=not stopped),
         ranking=judged.ranking,
-        on_all_data=final and final.model,
+        on_all_data=final and final[0],
         by_record=by_record(judged.fits, (*task.records, *task.others), task.transient),
         whole=judged.whole,
     )
@@ -221,7 +222,7 @@ def _findings(
     found: Fits,
     judged: Compared,
     taken: Profiles,
-    final: FromAllData | None,
+    final: tuple[Model, Finding] | None,
     *,
     stopped: bool,
 ) -> Iterator[Finding]:
@@ -244,11 +245,9 @@ def _findings(
         yield Finding("interrupted", data={"missing": list(found.missing)})
     yield from about_excerpt(judged, task.to_fit)
     if final is not None:
-        yield fitted_to_all_data(
-            final.model.name, task.train, task.record, searched=final.searched, larger=final.larger
-        )
+        yield final[1]
     if not stopped:
-        yield from length_trusted(judged.best, final.model if final else judged.best.model, task.record)
+        yield from length_trusted(judged.best, final[0] if final else judged.best.model, task.record)
         yield from _difference_of_records(on_unseen, (*task.records, *task.others))
     yield from taken.failed
 

@@ -564,7 +564,7 @@ def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_la
 
 
 def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
-    monkeypatch.setattr(all_data, "MOST", 1000)
+    monkeypatch.setattr(all_data, "SEARCHED_AGAIN", 1000)
     result = emsid.identify(limited(1, 300), models="feedback")
     assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
 

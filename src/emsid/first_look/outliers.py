@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 SPIKE = 12.0
 """A single sample this many times as far from its neighbours as usual is an outlier."""
-MOST = 0.01
+RARE = 0.01
 """A larger share of the samples is no outlier."""
 
 
@@ -30,7 +30,7 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
     usual = max(float(np.nanpercentile(steps, 95)), 1e-9 * float(np.nanmax(y) - np.nanmin(y)))
     spread = 1.4826 * float(np.nanmedian(np.abs(y - np.nanmedian(y))))
     found = np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
-    found = found if len(found) < MOST * len(y) else found[:0]
+    found = found if len(found) < RARE * len(y) else found[:0]
     return found + 1, away[found]
 
 

@@ -35,7 +35,7 @@ from emsid.record.holding_back import SHORT
 from emsid.selection.improvement import better
 from emsid.validation.comparison import compare
 
-MOST = 50_000
+SEARCHED_AGAIN = 50_000
 """A structure is not chosen twice from as many samples: every search takes seconds for them."""
 
 
@@ -119,7 +119,7 @@ def from_all_data(
     """
     few, best = len(held_back) < MANY, judged.best.model
     of_magnitudes = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
-    larger = len(whole) < MOST and _structure_is_doubtful(judged)
+    larger = len(whole) < SEARCHED_AGAIN and _structure_is_doubtful(judged)
     anew = refit(judged.best, whole, Budget.SEARCH, options, control) if larger or of_magnitudes else None
     # The search chose that of magnitudes by errors on data left out.
     searched = anew is not None and (of_magnitudes or _better(anew, judged, whole, options, control))

@@ -9,7 +9,7 @@ from emsid.identification.compared import Compared
 from emsid.record import Record
 from emsid.record.excerpt import excerpt, outside_excerpt
 
-COMPARED, PIECES, MOST = 24_000, 3, 8
+COMPARED, PIECES, MOST_PIECES = 24_000, 3, 8
 """The samples and pieces of the excerpt that several models are fitted to. Of several experiments one piece each,
 as long as these, and at most eight pieces. From n samples the mean square error of a model with p parameters and white
 noise is larger by the share p/n, so more would not change which model is best. A piece is as long as the stretch that
@@ -28,7 +28,7 @@ def to_compare(train: Record, names: Sequence[str]) -> tuple[Record, Record | No
     """
     if len(names) == 1:
         return train, None
-    pieces = min(max(PIECES, len(train.segments)), MOST)
+    pieces = min(max(PIECES, len(train.segments)), MOST_PIECES)
     size = COMPARED * pieces // PIECES, pieces
     return excerpt(train, *size), outside_excerpt(train, *size)
 

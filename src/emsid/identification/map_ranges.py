@@ -14,7 +14,7 @@ from emsid.models.kinds import capabilities_of
 from emsid.record import Record
 
 BEYOND = 0.1
-"""A map is continued if its input leaves the range of the fit by more than this fraction of it."""
+"""A model extrapolates if an input, of its own or of a map, leaves its range in the fit by more than this fraction."""
 
 
 def about_the_maps(model: Any, record: Record, unseen: Record, seen: bool) -> list[Finding]:

@@ -10,7 +10,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
-from emsid.identification.map_ranges import about_the_maps
+from emsid.identification.map_ranges import BEYOND, about_the_maps
 from emsid.identification.plausibility import Plausibility
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
@@ -21,9 +21,6 @@ from emsid.selection.improvement import NEGLIGIBLE
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
-
-BEYOND = 0.1
-"""Models extrapolate if an input leaves its range in the fit by more than this fraction of the range."""
 
 
 def observations(

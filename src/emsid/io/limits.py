@@ -18,7 +18,7 @@ MOST_ENTRIES, DEEPEST, LONGEST = 50_000, 12, 2_000
 """Limits on the total number of entries, the depth of nested tables, and the characters of a text."""
 MOST_DIGITS = 310
 """Limit on consecutive digits in a text: as many as the largest floating-point number has."""
-MOST: Mapping[str, int] = {
+LIMITS: Mapping[str, int] = {
     "blocks": 16,
     "codes": 1_000,
     "delay": 100_000,
@@ -38,7 +38,7 @@ _DIGITS = re.compile(rf"\d{{{MOST_DIGITS + 1},}}")
 _CHANNEL = re.compile(r"\bu(\d+)\(|\(t-(\d+)\)")
 
 
-def check_limits(data: object, what: str = "the file", most: Mapping[str, int] = MOST) -> None:
+def check_limits(data: object, what: str = "the file", most: Mapping[str, int] = LIMITS) -> None:
     """Refuse built-in types that are deeper, longer or larger than any model is.
 
     Args:

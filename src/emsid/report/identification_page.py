@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from emsid.models.bands import Band
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
-BANDED, MOST = 3, 1_000_000
+BANDED, BANDED_VALUES = 3, 1_000_000
 DRAWN, BASELINE = 3, "arx"
 """Free runs and residuals of this many of the best models and of the linear one are drawn."""
 # At most this many physical parameters, values together, and notices about data and model, are on the first screen.
@@ -88,7 +88,7 @@ def _band(result: Identification) -> Band | None:
     from emsid.validation.bands import free_run_band
 
     best = result.on_unseen.best
-    large = len(best.record) * max(len(best.fit.estimate), 1) > MOST
+    large = len(best.record) * max(len(best.fit.estimate), 1) > BANDED_VALUES
     if result.interrupted or large or not best.fit.has_bands:
         return None
     try:

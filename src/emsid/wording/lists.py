@@ -7,7 +7,7 @@ from shlex import quote
 
 from emsid.errors import listed
 
-MOST = 4
+LISTED = 4
 """List at most this many names, and one more where only one is left."""
 
 
@@ -21,9 +21,9 @@ def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") ->
     >>> shortened(["a", "b"]), shortened(list("abcdefg"))
     ('a, b', 'a, b, c, d and 3 more')
     """
-    if len(texts) <= MOST + 1:  # "and 1 more" would be no shorter
+    if len(texts) <= LISTED + 1:  # "and 1 more" would be no shorter
         return between.join(texts)
-    return f"{between.join(texts[:MOST])}{last}{len(texts) - MOST} more"
+    return f"{between.join(texts[:LISTED])}{last}{len(texts) - LISTED} more"
 
 
 __all__ = ["listed", "shortened"]

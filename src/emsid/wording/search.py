@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
-from emsid.wording.lists import MOST, shortened
+from emsid.wording.lists import LISTED, shortened
 
 SHOW_ZONE = "let it coast at zero command"
 """What to record where the two are inseparable."""
@@ -100,7 +100,7 @@ def parameters_undetermined(f: Finding, argument: Spelling) -> str:
 
 def _some(names: Sequence[str]) -> str:
     """Names in a sentence; of many, the first."""
-    return listed(names) if len(names) <= MOST + 1 else shortened(names)
+    return listed(names) if len(names) <= LISTED + 1 else shortened(names)
 
 
 def _joined(groups: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SHOWN = 20
 """At most this many structures are printed; the JSON has all."""
-MOST = 1000
+HIGHEST = 1000
 """The largest order or delay that can be asked for."""
 
 
@@ -89,7 +89,7 @@ def numbers(text: str, name: str) -> tuple[int, ...]:
             low, high = int(first), int(last if dash else first)
         except ValueError:
             low, high = 0, -1
-        if not 0 <= low <= high <= MOST:
+        if not 0 <= low <= high <= HIGHEST:
             raise DataError(f"{name} {text!r}: write whole numbers with commas between, or a range such as 1-4")
         found += range(low, high + 1)
     return tuple(sorted(set(found)))

@@ -31,7 +31,7 @@ from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Task, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back, shortened
 from emsid.models.blocks.search.dead_time import at_the_input
-from emsid.models.blocks.search.knots import too_few_knots
+from emsid.models.blocks.search.diagnostics import too_few_knots
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state

@@ -24,7 +24,9 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.models.feedback.search.first_map import first_map
 from emsid.models.feedback.search.magnitudes import with_sensor
 from emsid.models.feedback.search.moves import (
+    CLEARLY,
     FREE_FORM,
+    FREE_FRICTION,
     FRICTION,
     MORE,
     OTHERS,
@@ -184,14 +186,30 @@ def _more_maps(contest: Contest, maps: Maps = MORE, most: int = MOST_MAPS) -> It
             return
 
 
+def _second_map(contest: Contest) -> Iterator[Trial]:
+    yield from _more_maps(contest, most=2)
+
+
 def _products(contest: Contest) -> Iterator[Trial]:
+    """Those that are better: the others would take the place of the map that the next one needs."""
     if contest.settings.static is None and not contest.complete:
         for trial in contest.new("product", contest.single):
-            yield from with_products(contest.bench, trial, contest.settings)
+            made = with_products(contest.bench, trial, contest.settings)
+            yield from (each for each in made if contest.bench.prefers(each, contest.best))
 
 
 def _friction(contest: Contest) -> Iterator[Trial]:
     yield from _more_maps(contest, FRICTION, 2)
+
+
+def _free_friction(contest: Contest) -> Iterator[Trial]:
+    bench, best = contest.bench, contest.best
+    if contest.complete or contest.settings.maps == 1:
+        return
+    for trial in maps_more(bench, contest.new("spline", contest.leading(1)), contest.settings, FREE_FRICTION):
+        few = bench.compared or len(best.found.model.maps) < 2
+        if few or bench.left_out(trial).mean < CLEARLY**2 * bench.left_out(best).mean:
+            yield trial
 
 
 Move = Callable[[Contest], Iterator[Trial]]
@@ -199,10 +217,11 @@ MOVES: tuple[Move, ...] = (
     _without_delay,
     _more_steps,
     _other_maps,
+    _second_map,
     _products,
     _more_maps,
     _free_form,
 )
 """From models whose sensor shows the sign."""
-BEFORE_SENSOR: tuple[Move, ...] = (_friction, _more_steps)
+BEFORE_SENSOR: tuple[Move, ...] = (_friction, _free_friction, _more_steps)
 """Before a sensor that loses the sign: other maps may follow a short record better, but hold for its signs only."""

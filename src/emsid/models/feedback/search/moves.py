@@ -49,12 +49,14 @@ MORE: Maps = (("polynomial", 3), ("two-slopes", 0), ("dead-zone", 0))
 """Maps that are added; a saturation is a dead zone beside a line."""
 FRICTION: Maps = (("tanh", 0),)
 """The map before a sensor that loses the sign."""
+FREE_FRICTION: Maps = (("spline", 8),)
+CLEARLY = 0.8
+"""The map that takes its place in a short record where the error on parts that are left out falls below this share: a
+map of many numbers follows a record more closely than it holds on another one."""
 MULTIPLIED, BESIDE_PRODUCT = family_of("two-slopes"), (family_of("dead-zone"), family_of("saturation"))
 """The map that is multiplied by a signal, a line or a magnitude, and those that are tried beside it, for friction."""
 MOST_STEPS = 16
 """Steps per sample, at most: the error of friction that sticks still falls with them."""
-PER_KNOT = 20
-"""A further map takes at least this many samples for every knot, or degree."""
 CUBIC = 3
 """The degree of a polynomial if none is given."""
 FEW = 10
@@ -190,16 +192,14 @@ def maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, m
 
 
 def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Start]:
-    """With a map more of each family, where samples suffice for it and more than noise is left."""
-    samples, found = sum(map(len, bench.shown)), trial.found
+    """With a map more of each family, where more than noise is left."""
+    found = trial.found
     if settings.maps is None and not bench.more_than_noise(found):
         return
     names = [(family_of(name), size) for name, size in maps]
     if settings.static is not None:
         names = [(trial.family, trial.size)]
     for family, size in ((family, usual_size(family, size)) for family, size in names):
-        if settings.maps is None and samples < PER_KNOT * size:
-            continue
         bench.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
         with suppress(EmsidError):
             yield _begun(bench, found, family, size, kept=MANY if trial.loses_sign else KEPT)

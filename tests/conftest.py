@@ -97,7 +97,7 @@ def no_refinements(monkeypatch: pytest.MonkeyPatch) -> None:
     from emsid.identification.candidates import CANDIDATES
 
     for name in ("rigid-motor", "linear-axis"):
-        monkeypatch.setitem(CANDIDATES, name, replace(CANDIDATES[name], refinements=()))
+        monkeypatch.setitem(CANDIDATES, name, replace(CANDIDATES[name], effects=()))
 
 
 @pytest.fixture
@@ -134,11 +134,8 @@ def motor_log(tmp_path_factory: pytest.TempPathFactory, command: Callable[..., i
 
 
 def try_few_refinements(patch: pytest.MonkeyPatch) -> None:
-    """Candidates that are plants try three refinements: to try all takes seconds, and has tests of its own."""
-    from emsid.models.plants.search.refinements.usual import constant_load, late_command, slow_sensor
-
-    few = (late_command, slow_sensor, constant_load)
-    patch.setattr("emsid.identification.candidates.REFINEMENTS", few)
+    """Candidates that are plants try three additions: to try all takes seconds, and has tests of its own."""
+    patch.setattr("emsid.models.plants.search.choice.moves_of", lambda plant: ("delay", "lag", "load"))
 
 
 def pytest_collection_finish() -> None:

@@ -17,7 +17,6 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import plant_from_data, plant_to_data
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.usual import averaging_sensor
 from emsid.record import Record
 from emsid.validation.comparison import assess_model
 from independent.fitting import START, fitted
@@ -180,13 +179,11 @@ def test_a_datasheet_says_that_the_speed_is_a_mean():
 
 def test_refinements_find_that_the_speed_is_a_mean():
     record = ENCODER.record(2)
-    fit = choose(START, record, fixed={"resistance": 1.0, "rotor_viscous": 0.0}, refinements=(averaging_sensor,))
+    fit = choose(START, record, fixed={"resistance": 1.0, "rotor_viscous": 0.0}, effects=("average",))
     assert fit.model.plant.value("sensor.average") == 1
     assert "speed-is-a-mean" in codes(fit)
     assert np.max(deviations(fit)) < 4
-    plain = choose(
-        START, WHITE.record(2), fixed={"resistance": 1.0, "rotor_viscous": 0.0}, refinements=(averaging_sensor,)
-    )
+    plain = choose(START, WHITE.record(2), fixed={"resistance": 1.0, "rotor_viscous": 0.0}, effects=("average",))
     assert plain.model.plant.value("sensor.average") == 0
     assert "speed-is-a-mean" not in codes(plain)
 
@@ -194,4 +191,4 @@ def test_refinements_find_that_the_speed_is_a_mean():
 def test_no_refinement_moves_a_value_that_is_fixed():
     record = replace(ENCODER, noise=0.1).record(3)
     known = {"resistance": 1.0, "rotor_viscous": 0.0, "sensor.average": 0.0}
-    assert choose(START, record, fixed=known, refinements=(averaging_sensor,)).model.plant.value("sensor.average") == 0
+    assert choose(START, record, fixed=known, effects=("average",)).model.plant.value("sensor.average") == 0

@@ -8,13 +8,11 @@ import pytest
 import emsid
 from emsid.errors import ModelError
 from emsid.models.plants.drive import GAUSS, Drive
-from emsid.models.plants.search.refinements.current_rise import current_rise
-from emsid.models.plants.search.refinements.usual import coasting_bridge
 from emsid.plants import choose, rigid_motor
 from independent.chopper import speed
 from independent.one_mass import OneMass
 
-REFINEMENTS = (coasting_bridge, current_rise)
+EFFECTS = ("coasting", "current-rise")
 SIDES = np.repeat([1.0, -1.0], 6)
 
 
@@ -56,10 +54,10 @@ def test_a_pulse_has_the_current_that_rises_in_it_and_falls_after_it():
 
 
 def test_the_rise_of_a_chopped_current_is_found():
-    fit = choose(rigid_motor(), chopped(0.15), refinements=REFINEMENTS)
+    fit = choose(rigid_motor(), chopped(0.15), effects=EFFECTS)
     assert "voltage_dead_zone.half_width" not in fit.names
     assert fit.model.plant.value("drive.rise") == pytest.approx(0.15, rel=0.2)
-    without = choose(rigid_motor(), chopped(0.15), refinements=(coasting_bridge,))
+    without = choose(rigid_motor(), chopped(0.15), effects=("coasting",))
     errors = [emsid.compare(each, chopped(0.15, 4)).rows[0].simulation_rmse for each in (fit, without)]
     assert errors[0] < 0.8 * errors[1]
 
@@ -68,6 +66,6 @@ def test_no_rise_is_found_behind_a_dead_zone():
     motor = OneMass(gain=8.0, damping=4.0, coulomb=(3.0, 3.0), dead_zone=1.0, coasting=1.0, full=10.0, smooth=5e-3)
     duty, noise = levels(1)
     shown = motor.run(10 * duty, 0.01)[0][:480]
-    fit = choose(rigid_motor(), emsid.Record(10 * duty, shown + 0.03 * noise, 0.01), refinements=REFINEMENTS)
+    fit = choose(rigid_motor(), emsid.Record(10 * duty, shown + 0.03 * noise, 0.01), effects=EFFECTS)
     assert "drive.freewheel" in fit.names
     assert "drive.rise" not in fit.names

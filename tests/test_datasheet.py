@@ -11,7 +11,6 @@ from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.usual import by_direction
 from emsid.models.plants.search.result import Status
 from emsid.plant import Friction
 from simulated_plants import VOLTAGE, record_of
@@ -82,7 +81,12 @@ def test_refinements_keep_to_a_datasheet():
             "drive.delay": "unknown",
         },
     )
-    fit = choose(LinearAxis(), record, datasheet=sheet, refinements=(by_direction,))
+    fit = choose(
+        LinearAxis(),
+        record,
+        datasheet=sheet,
+        effects=("coulomb-by-direction", "viscous-by-direction"),
+    )
     plant = fit.model.plant
     assert fit.limits["viscous_friction.forward"] == pytest.approx((157.5, 262.5))
     assert plant.value("viscous_friction.forward") == pytest.approx(157.5)  # as far as the datasheet lets it
@@ -105,7 +109,12 @@ def test_refinements_keep_to_a_datasheet():
 def test_fixed_values_stay_fixed_where_a_parameter_is_split_by_direction(fixed, offset, left):
     truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), offset)
     record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-5, unit="m", signals=(Signal.POSITION,))
-    fit = choose(LinearAxis(), record, fixed=fixed, refinements=(by_direction,))
+    fit = choose(
+        LinearAxis(),
+        record,
+        fixed=fixed,
+        effects=("coulomb-by-direction", "viscous-by-direction"),
+    )
     plant = fit.model.plant
     assert {row.name: row.value for row in fit.table if row.status is Status.FIXED} == fixed
     assert all(plant.value(name) == value for name, value in fixed.items())

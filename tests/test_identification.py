@@ -225,7 +225,6 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
 
     from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
-    from emsid.models.plants.search.refinements.usual import by_direction
     from emsid.plant import Friction
 
     rng = np.random.default_rng(0)
@@ -234,7 +233,11 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     position = truth.simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
     noisy = position + 1e-5 * rng.standard_normal(position.shape)
     record = emsid.Record(force, noisy, 0.005, input_units=("N",), output_units=("m",))
-    monkeypatch.setitem(CANDIDATES, "linear-axis", replace(CANDIDATES["linear-axis"], refinements=(by_direction,)))
+    monkeypatch.setitem(
+        CANDIDATES,
+        "linear-axis",
+        replace(CANDIDATES["linear-axis"], effects=("coulomb-by-direction", "viscous-by-direction")),
+    )
     seen = []
     result = identify(
         record,

@@ -14,7 +14,6 @@ from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.one_mass import Sliding
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.refinements.load_friction import load_dependent
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD
 from emsid.plant import Friction, LoadFriction, Motor, PowerFriction, SquaredLoadFriction
@@ -243,7 +242,7 @@ def test_a_joint_is_found_in_counts_of_its_encoder() -> None:
 def test_friction_by_load_is_found_where_it_is() -> None:
     truth = joint().with_frictions({"rotor_friction": LoadFriction(0.1, load=0.1)})
     record = recorded(truth, torque(1000, 1))
-    fit = emsid.plants.choose(emsid.plants.joint(), record, refinements=(load_dependent,))
+    fit = emsid.plants.choose(emsid.plants.joint(), record, effects=("load-friction",))
     assert fit.names[-1] == "rotor_friction.load"
     assert fit["rotor_friction.load"].value == pytest.approx(0.1, rel=0.02)
     assert fit["rotor_friction.coulomb"].value == pytest.approx(0.1, rel=0.02)
@@ -461,16 +460,6 @@ def test_an_error_above_that_of_rounding_is_one_of_the_model() -> None:
     noisy = replace(record, output=np.round((record.output + noise) * 4096 / (2 * np.pi)) * 2 * np.pi / 4096)
     other = emsid.fit(emsid.plants.joint(), noisy, search=False)
     assert not [each for each in other.findings if each.code == "error-above-rounding"]  # the rest is noise
-
-
-def test_a_factor_that_is_alone_is_not_compared_with_another_direction() -> None:
-    """Where only the factor of the motor is free, one factor for both directions takes its place alone."""
-    from emsid.models.plants.search.support import unsupported
-
-    gear = joint().with_frictions({"rotor_friction": PowerFriction(0.1, motor=0.1)})
-    names = ("rotor_friction.coulomb", "rotor_friction.motor")
-    fit = emsid.fit(gear, recorded(gear, torque(400, 1)), free=names)
-    assert unsupported(fit, names, ()) == []
 
 
 # --- gravity that a record does not show -----------------------------------------------------------------------------

@@ -6,43 +6,15 @@ import numpy as np
 import pytest
 
 from emsid import Record
-from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.look_alikes import in_place
-from emsid.models.plants.search.refinements.catalogue import ADDED, REFINEMENTS
-from emsid.models.plants.search.refinements.inductance import inductance
-from emsid.models.plants.search.refinements.switching_loss import switching_loss
-from emsid.models.plants.search.refinements.usual import averaging_sensor, coasting_bridge, late_command, slow_sensor
-from emsid.models.plants.search.trials import Trials
 from independent import armature
 from independent.cases import levels
 from independent.one_mass import FINE, OneMass
 
 RIGID = PLANTS["rigid-motor"].start
-DELAYS = (late_command, slow_sensor, averaging_sensor)
-
-
-def test_a_mean_beside_a_lag_is_taken_out_and_each_is_tried_in_the_place_of_the_other():
-    record = Record(np.ones(50), np.ones(50), 1e-2, output_units="rad/s")
-    free = ("motor_constant", "sensor.lag")
-    both = RIGID.with_values({"sensor.average": 1.0, "sensor.lag": 5e-3})
-
-    def kinds(plant, names, start=RIGID):
-        return {
-            (bool(each.value("sensor.average")), *(name for name in kept if name not in free[:1]))
-            for group in in_place(plant, names, start, REFINEMENTS, record)
-            for each, kept in group
-        }
-
-    assert (False, "sensor.lag") in kinds(both, free)
-    assert (False, "sensor.lag", "drive.delay") in kinds(both, free)
-    mean = RIGID.with_values({"sensor.average": 1.0})
-    assert kinds(mean, free[:1]) == {(False, "drive.delay"), (False, "sensor.lag")}
-    assert kinds(mean, free[:1], start=mean) == set()  # it was given
-    lag = RIGID.with_values({"sensor.lag": 5e-3})
-    assert (True,) in kinds(lag, free)
+DELAYS = ("delay", "lag", "average")
 
 
 def test_a_lag_behind_a_bridge_with_a_loss_is_no_mean_with_a_shorter_lag():
@@ -59,7 +31,7 @@ def test_a_lag_behind_a_bridge_with_a_loss_is_no_mean_with_a_shorter_lag():
     speed = shown[: FINE * len(u) : FINE] + 4e-3 * rng.standard_normal(len(u))
     plant = RIGID.with_values({"drive.gain": 12 / 255, "drive.supply": 12.0})
     found = choose(
-        plant, Record(u, speed, 1e-2, output_units="rad/s"), refinements=(coasting_bridge, switching_loss, *DELAYS)
+        plant, Record(u, speed, 1e-2, output_units="rad/s"), effects=("coasting", "switching-loss", *DELAYS)
     ).model.plant
     assert found.value("sensor.average") == 0
     assert found.value("sensor.lag") == pytest.approx(late, rel=0.1)
@@ -81,28 +53,11 @@ def counted(volts, rng, current=False, henry=HENRY):
     return Record(volts, both, 1e-2, input_units="V", output_units=("rad/s", "A"))
 
 
-def test_beside_an_inductance_the_score_names_the_mean_that_it_hid():
-    rng = np.random.default_rng(0)
-    record = counted(8 * levels(400, rng, 12), rng, current=True)
-    signals = (Signal.SPEED, Signal.CURRENT)
-    names = ("resistance", "motor_constant", "rotor_inertia", "rotor_friction.coulomb", "inductance")
-    start = RIGID.with_values(
-        dict(zip(names, (1.45, CONSTANT, 2.6e-5, LEVEL, 3.5e-3), strict=True)) | {"rotor_viscous": 0.0, WIDTH: ZONE}
-    )
-    trials = Trials((record,), signals, {})
-    trial = trials.fitted([start], names)
-    effects = {ADDED[each]: each for each in DELAYS}
-    assert averaging_sensor in trials.most_promising(trial, (), effects)
-    right = trials.fitted([trial.plant.with_values({"sensor.average": 1.0, "inductance": HENRY})], names)
-    assert right.cost < 0.8 * trial.cost
-    assert trials.most_promising(right, (), effects) == []
-
-
 @pytest.mark.long
 def test_the_mean_of_an_encoder_is_found_beside_an_instant_current():
     rng = np.random.default_rng(0)
     record = counted(8 * levels(400, rng, 12), rng, current=True)
-    fit = choose(RIGID, record, refinements=(late_command, averaging_sensor, inductance))
+    fit = choose(RIGID, record, effects=("delay", "average", "inductance"))
     assert fit.model.plant.value("sensor.average") == 1
     for name, truth in (("resistance", OHM), ("rotor_inertia", INERTIA), ("inductance", HENRY)):
         low, high = next(row.interval for row in fit.table if row.name == name)

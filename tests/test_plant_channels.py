@@ -39,7 +39,7 @@ def test_a_motor_is_fed_with_what_the_command_is_in(feed, unit, scale):
     made = 1e9 * scale * VOLTAGE / (1.0 if feed is Feed.CURRENT else motor.motor_constant)
     exact = DrivenMotor(far).simulate(made[:, None], DT, np.zeros(2), SPEED)
     assert truth.simulate(record.input, DT, np.zeros(2), SPEED) == pytest.approx(exact, abs=1e-4)
-    fit = choose(STARTS["rigid-motor"], record, fixed={"motor_constant": 0.05}, refinements=())
+    fit = choose(STARTS["rigid-motor"], record, fixed={"motor_constant": 0.05}, effects=())
     assert fit.model.plant.feed is feed
     for name in ("rotor_inertia", "rotor_viscous", "rotor_friction.coulomb"):
         k = fit.names.index(name)
@@ -216,7 +216,7 @@ def test_the_state_of_the_bridge_may_have_a_column_of_its_own():
     record = Record(
         np.column_stack([VOLTAGE, state]), found + 0.1 * np.random.default_rng(0).standard_normal(found.shape), DT
     )
-    fit = choose(replace(beside, motor=replace(RIGID, motor_constant=0.07, rotor_inertia=5e-5)), record, refinements=(),
+    fit = choose(replace(beside, motor=replace(RIGID, motor_constant=0.07, rotor_inertia=5e-5)), record, effects=(),
                  fixed={"resistance": 2.0})  # fmt: skip
     k = fit.names.index("motor_constant")
     assert abs(fit.estimate[k] - RIGID.motor_constant) < 4 * fit.standard_error[k] < 0.1 * RIGID.motor_constant

@@ -20,7 +20,6 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
 from emsid.plant import Friction, Motor
 from emsid.record import Record, concatenate
 from simulated_plants import DT, LATE, LEVELS, RIGID, SPEED, USUAL, VOLTAGE, driven, record_of, rms
@@ -71,7 +70,7 @@ def test_motors_of_any_size_are_found_from_a_record_alone(resistance, constant, 
     clean = record_of(DrivenMotor(motor), VOLTAGE / 5 * volts)
     noise = 0.01 * np.std(clean.output)
     record = replace(clean, output=clean.output + noise * np.random.default_rng(0).standard_normal((2000, 1)))
-    fit = choose(STARTS["rigid-motor"], record[:1400], refinements=(late_command,))
+    fit = choose(STARTS["rigid-motor"], record[:1400], effects=("delay",))
     run = fit.model.simulate(record[1400:])
     assert rms((run.output - record.output[1400:])[run.counted]) == pytest.approx(noise, rel=0.1)
 
@@ -152,7 +151,7 @@ def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
     at_rest = np.array([0.0, 0.0, 0.0, 1.0])
     exact = LATE.simulate(LEVELS[:, None], DT, at_rest, (Signal.POSITION,))
     record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
-    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, refinements=(late_command, slow_sensor))
+    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, effects=("delay", "lag"))
     found = {row.name: row for row in fit.table}
     assert found["drive.delay"].value == pytest.approx(1.4 * DT, abs=0.1 * DT)
     assert found["sensor.lag"].value == pytest.approx(4 * DT, abs=0.2 * DT)

@@ -11,34 +11,18 @@ from scipy.signal import cheby1, cheby2, lfilter
 
 from emsid import Record, concatenate
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE
 from emsid.identification import candidates
 from emsid.identification.options import Options
 from emsid.models.plants.cogging import Cogging
+from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS, plant_from_data, plant_to_data
-from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
-from emsid.models.plants.search.refinements.cogging import cogging, cogging_of_speed
-from emsid.models.plants.search.refinements.inductance import inductance
-from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
-from emsid.models.plants.search.refinements.sensor_offset import sensor_offset
-from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
-from emsid.models.plants.search.refinements.usual import (
-    by_direction,
-    coasting_bridge,
-    constant_load,
-    late_command,
-    slow_sensor,
-    stribeck,
-)
-from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.support import unsupported
+from emsid.models.plants.search.moves import Situation, additions
 from emsid.plant import Friction, GaussianStribeck, Motor
 from emsid.study.demonstration import axis_record
 from independent import armature, two_masses
@@ -77,12 +61,18 @@ def test_the_shape_in_which_friction_fades_is_found(gaussian):
     time, rng = np.arange(450), np.random.default_rng(0)
     u = 6 * np.sin(2 * np.pi * time / 150) * (1 + 0.5 * np.sin(2 * np.pi * time / 450))
     speed = truth.run(u, 1e-2)[0][:450] + 0.1 * rng.standard_normal(450)
-    fit = choose(RIGID, Record(u, speed, 1e-2, output_units="rad/s"), refinements=(stribeck, gaussian_stribeck))
+    fit = choose(RIGID, Record(u, speed, 1e-2, output_units="rad/s"), effects=("stribeck",))
     law = fit.model.plant.motor.rotor_friction
     assert isinstance(law, GaussianStribeck if gaussian else Friction)
     assert law.stribeck_rate[0] == pytest.approx(1 / 8.0, rel=0.02 if gaussian else 0.2)
     assert ("friction-fades-as-gaussian" in {each.code for each in fit.findings}) == gaussian
     assert plant_from_data(plant_to_data(fit.model.plant)).motor.rotor_friction == law
+
+
+def effects(plant: Any, record: Record) -> set[str]:
+    """What may be added to a plant."""
+    at = Situation(plant, plant.default_free, record.segments, signals_of(plant, record))
+    return {row.effect for row in additions(at, ())}
 
 
 def turning(amplitude: float, seed: int) -> Record:
@@ -97,21 +87,21 @@ def turning(amplitude: float, seed: int) -> Record:
 
 def test_cogging_is_found_in_a_speed():
     record = turning(15.0, 2)
-    plant = choose(RIGID, record, refinements=(cogging_of_speed,)).model.plant
+    plant = choose(RIGID, record, effects=("cogging",)).model.plant
     wave = np.array([plant.cogging.cosine_1, plant.cogging.sine_1]) / plant.value("rotor_inertia")
     assert plant.cogging.period == pytest.approx(0.5, rel=5e-3)
     assert wave == pytest.approx([9.0, 12.0], abs=1.0)
-    assert cogging_of_speed(RIGID, RIGID.default_free, concatenate([record[:400], record[:400]])) == []
+    assert "cogging" not in effects(RIGID, concatenate([record[:400], record[:400]]))  # the position of the second
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 5))])
 def test_no_cogging_is_found_in_a_speed_without(seed):
-    fit = choose(RIGID, turning(0.0, seed), refinements=(cogging_of_speed,))
+    fit = choose(RIGID, turning(0.0, seed), effects=("cogging",))
     assert "cogging.period" not in fit.names
 
 
 def test_one_mass_is_taken_where_a_shaft_does_not_help(monkeypatch):
-    one_mass = candidates.Physical("", RIGID, (coasting_bridge,))
+    one_mass = candidates.Physical("", RIGID, ("coasting",))
     monkeypatch.setitem(candidates.CANDIDATES, "rigid-motor", one_mass)
     truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), coasting=1.0, full=12.0, smooth=1e-2)
     rng = np.random.default_rng(0)
@@ -134,7 +124,7 @@ def test_backlash_is_found_where_it_is_only(width):
     record = Record(volts, speed + 0.6 * rng.standard_normal(250), 2e-3, output_units="rad/s")
     known = ("resistance", "inductance", "motor_constant", "rotor_viscous", "rotor_inertia", "shaft_damping")
     fixed = {name: getattr(truth, name) for name in known} | {"voltage_dead_zone.half_width": 0.5}
-    fit = choose(PLANTS["motor"].start, record, fixed=fixed, refinements=OF_SHAFT)
+    fit = choose(PLANTS["motor"].start, record, fixed=fixed, effects=("backlash",))
     found = [row.interval for row in fit.table if row.name == "shaft_backlash"]
     assert len(found) == bool(width)
     assert all(low < width < high < 1.2 * width for low, high in found)
@@ -188,65 +178,19 @@ def test_a_motor_with_inductance_has_no_friction_over_speed_squared_or_position(
 
 
 def test_quadratic_friction_is_found_where_it_is():
-    fit = choose(RIGID, motor(quadratic=0.05), refinements=(quadratic_viscous,))
+    fit = choose(RIGID, motor(quadratic=0.05), effects=("quadratic",))
     inertia, found = (fit.model.plant.value(name) for name in ("rotor_inertia", "quadratic_viscous"))
     assert found / inertia == pytest.approx(0.05, rel=0.2)
-    assert "quadratic_viscous" not in choose(RIGID, motor(), refinements=(quadratic_viscous,)).names
-
-
-@pytest.mark.parametrize(("changes", "idle"), [({}, True), ({"quadratic": 0.5, "coulomb": (0.3, 0.5)}, False)])
-def test_a_refinement_is_idle_where_its_interval_includes_no_effect(changes, idle):
-    sides = ("friction.coulomb.forward", "friction.coulomb.backward")
-    asked = ("mass", "viscous_friction", *sides, "quadratic_viscous")
-    fit = simulation_error(AXIS.with_values({"quadratic_viscous": 0.2}), axis(**changes), free=asked)
-    both = [frozenset({"quadratic_viscous"}), frozenset({*sides, "friction.coulomb"})]
-    assert unsupported(fit, asked, AXIS.default_free) == (both if idle else [])
-    assert unsupported(fit, asked, asked) == []  # what somebody asked for is no refinement
-
-
-@pytest.mark.parametrize(("wider", "idle"), [(0.0, True), (0.6, False)])
-def test_a_dead_zone_by_direction_is_idle_where_both_sides_are_alike(wider, idle):
-    names = ("voltage_dead_zone.b_l", "voltage_dead_zone.b_r")
-    asked, record = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", *names), motor()
-    command = record.input + wider * (record.input > 0)
-    fit = simulation_error(RIGID, replace(record, input=command), free=asked)
-    both = [frozenset({*names, "voltage_dead_zone.half_width"})]
-    assert unsupported(fit, asked, RIGID.default_free) == (both if idle else [])
+    assert "quadratic_viscous" not in choose(RIGID, motor(), effects=("quadratic",)).names
 
 
 def test_a_dead_zone_that_differs_by_direction_is_found():
     record = motor()
-    fit = choose(RIGID, replace(record, input=record.input + 0.6 * (record.input > 0)), refinements=(by_direction,))
+    fit = choose(
+        RIGID, replace(record, input=record.input + 0.6 * (record.input > 0)), effects=("dead-zone-by-direction",)
+    )
     found = [fit.model.plant.value(f"voltage_dead_zone.{side}") for side in ("b_l", "b_r")]
     assert found == pytest.approx([-0.5, 1.1], abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("rate", "interval", "idle"), [(1.0, None, True), (1.0, (0.8, 1.2), True), (0.5, (0.4, 0.6), False)]
-)
-def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate(rate, interval, idle):
-    """Where the rate, as a part of its limit, is not estimated or is that limit."""
-    asked = (*AXIS.default_free, "friction.stribeck", "friction.stribeck_rate")
-    fit = simulation_error(
-        AXIS.with_values({"friction.stribeck": 0.03, "friction.stribeck_rate": 1e6}), axis(), free=asked,
-        find_start=False, max_iterations=5,
-    )  # fmt: skip
-    assert "friction.stribeck_rate" not in fit.names
-    most = fit.limits[asked[-1]][1]
-    part = interval and tuple(most * end for end in interval)
-    shown = {asked[-2]: {"interval": (0.02, 0.04)}, asked[-1]: {"value": rate * most, "interval": part}}
-    rows = [replace(row, **shown.get(row.name, {})) for row in fit.table]
-    assert unsupported(replace(fit, table=rows), asked, AXIS.default_free) == [frozenset(asked[-2:])] * idle
-
-
-def test_what_has_no_effect_is_removed_though_the_last_fit_has_not_converged(monkeypatch):
-    def stopped_early(*args: Any, **options: Any) -> GreyBoxFit:
-        return replace(simulation_error(*args, **options), ending=Ending.OUT_OF_BUDGET)
-
-    monkeypatch.setattr(choice, "simulation_error", stopped_early)
-    fit = choose(AXIS, axis(), refinements=(late_command,), rule=lambda simple, rich: 1.0)
-    assert fit.ending is Ending.OUT_OF_BUDGET
-    assert "drive.delay" not in fit.names
 
 
 def test_stribeck_friction_is_found_without_a_start_for_its_rate():
@@ -256,17 +200,12 @@ def test_stribeck_friction_is_found_without_a_start_for_its_rate():
     assert 2 * fit.cost / len(record) < 1.01 * case.error_of_truth(record) ** 2
 
 
-def test_a_rule_decides_what_is_added():
-    fit = choose(RIGID, motor(quadratic=0.05), refinements=(quadratic_viscous,), rule=lambda simple, rich: -1e9)
-    assert "quadratic_viscous" not in fit.names
-
-
 def test_cogging_is_found_where_it_is():
-    fit = choose(AXIS, axis(cogging=(0.02, 0.1, 0.05)), refinements=(cogging,))
+    fit = choose(AXIS, axis(cogging=(0.02, 0.1, 0.05)), effects=("cogging",))
     found = dict(zip(fit.names, fit.estimate, strict=True))
     assert found["cogging.period"] == pytest.approx(0.02, rel=1e-3)
     assert np.hypot(found["cogging.cosine_1"] - 0.1, found["cogging.sine_1"] - 0.05) < 0.01
-    assert "cogging.period" not in choose(AXIS, axis(), refinements=(cogging,)).names
+    assert "cogging.period" not in choose(AXIS, axis(), effects=("cogging",)).names
 
 
 @pytest.mark.parametrize(("henry", "found"), [(1e-2, True), (1e-5, False)])
@@ -276,14 +215,13 @@ def test_an_inductance_is_found_where_the_sample_time_shows_it(henry, found):
     u[:8] = 0.0  # what rests at first has no current
     y = armature.speed(u, dt, 1.0, henry, 0.05, 2.5e-4, 6e-3, 0.4) + 0.3 * rng.standard_normal(450)
     record = Record(u, y, dt, output_units="rad/s")
-    fit = choose(RIGID, record, fixed={"resistance": 1.0}, refinements=(late_command, slow_sensor, inductance))
+    fit = choose(RIGID, record, fixed={"resistance": 1.0}, effects=("delay", "lag", "inductance"))
     assert ("inductance" in fit.names) is found
     assert not {"drive.delay", "sensor.lag"} & set(fit.names)
     if found:
         assert fit.estimate[fit.names.index("inductance")] == pytest.approx(henry, rel=0.05)
-    assert inductance(RIGID, RIGID.default_free, concatenate([record] * 12)) == []  # too long for its simulation
-    fading = RIGID.with_frictions({**RIGID.frictions, "rotor_friction": GaussianStribeck(1.0, 0.5, 0.1)})
-    assert inductance(fading, RIGID.default_free, record)[0][0].motor.rotor_friction == Friction(1.0, 0.5, 0.1)
+    assert "inductance" in effects(RIGID, record)
+    assert "inductance" not in effects(RIGID, concatenate([record] * 12))  # too long for its simulation
 
 
 @pytest.mark.parametrize("part", [0.7, pytest.param(1.0, marks=pytest.mark.long)])
@@ -298,20 +236,11 @@ def test_the_axis_of_the_demo_has_no_refinement(part):
 def test_an_offset_of_the_sensor_is_told_from_a_constant_load(load, reading):
     record = motor(offset=load)
     shown = replace(record, output=record.output + reading)
-    fit = choose(RIGID, shown, refinements=(constant_load, sensor_offset))
+    fit = choose(RIGID, shown, effects=("load", "sensor-offset"))
     assert ("load_torque" in fit.names, "sensor.offset" in fit.names) == (load > 0, reading > 0)
     if reading:
         row = next(row for row in fit.table if row.name == "sensor.offset")
         assert row.value == pytest.approx(reading, abs=3 * row.standard_error)
-
-
-def test_an_offset_of_the_sensor_is_not_tried_for_a_position():
-    assert not sensor_offset(AXIS, AXIS.default_free, axis())
-    assert sensor_offset(RIGID, RIGID.default_free, motor())
-
-
-def test_cogging_is_not_tried_where_the_position_is_not_measured():
-    assert cogging(RIGID, RIGID.default_free, motor()) == []
 
 
 # --- a record of another system ---------------------------------------------------------------------------------------
@@ -326,12 +255,12 @@ def resonance() -> Record:
 
 
 def test_a_plant_that_leaves_several_times_what_a_linear_model_leaves_is_not_refined_further():
-    tried = (late_command, slow_sensor)
-    ended = choose(RIGID, resonance(), refinements=tried, linear=1e-3)
+    tried = ("delay", "lag")
+    ended = choose(RIGID, resonance(), effects=tried, linear=1e-3)
     (found,) = (each for each in ended.findings if each.code == "probably-another-system")
     assert found.data["left"] > 0.1
     assert found.data["linear"] == 1e-3
-    usual = choose(RIGID, resonance(), refinements=tried)
+    usual = choose(RIGID, resonance(), effects=tried)
     assert "probably-another-system" not in [each.code for each in usual.findings]
     assert len(usual.names) >= len(ended.names)
 
@@ -343,12 +272,12 @@ def test_a_plant_that_leaves_several_times_what_a_regression_leaves_is_not_refin
         asked.append(1)
         return 0.01
 
-    ended = choose(RIGID, resonance(), refinements=(late_command, slow_sensor), linear=0.9, regression=regression)
+    ended = choose(RIGID, resonance(), effects=("delay", "lag"), linear=0.9, regression=regression)
     (found,) = (each for each in ended.findings if each.code == "probably-another-system")
     assert found.data["regression"] == 0.01
     assert found.data["left"] > 0.1
     assert asked == [1]
-    choose(RIGID, motor(), refinements=(late_command,), linear=0.9, regression=regression)
+    choose(RIGID, motor(), effects=("delay",), linear=0.9, regression=regression)
     assert asked == [1]  # a motor leaves little, and is not compared
 
 
@@ -375,5 +304,5 @@ def test_a_motor_is_compared_with_linear_models_of_several_orders(monkeypatch):
 
 
 def test_a_motor_is_refined_also_where_a_linear_model_leaves_nothing():
-    fit = choose(RIGID, motor(), refinements=(late_command,), linear=0.0)
+    fit = choose(RIGID, motor(), effects=("delay",), linear=0.0)
     assert "probably-another-system" not in [each.code for each in fit.findings]

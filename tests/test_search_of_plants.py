@@ -28,16 +28,9 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import choice, continuation
-from emsid.models.plants.search import trials as search_trials
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import begun_again, beside_kinks, simulation_error
-from emsid.models.plants.search.kinds import kinds
 from emsid.models.plants.search.load_drift import chosen as drift_of
-from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
-from emsid.models.plants.search.refinements.knee import knee
-from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
-from emsid.models.plants.search.refinements.supply_limit import supply_limit
-from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command, slow_sensor
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.task import prepare
@@ -285,7 +278,7 @@ def test_a_lag_of_zero_does_not_stay_for_the_initial_reading_that_it_has():
     jumps = np.flatnonzero(np.abs(np.diff(u)) > 8) + 1
     first = int(jumps[jumps > 100][0])
     record = Record(u[first:], speed[first:], 1e-2, output_units="rad/s")
-    fit = choose(RIGID, record, refinements=(late_command, slow_sensor))
+    fit = choose(RIGID, record, effects=("delay", "lag"))
     assert "sensor.lag" not in fit.names
     assert fit.model.plant.value("drive.delay") == pytest.approx(6e-3, rel=0.05)
 
@@ -314,22 +307,25 @@ def bridge(seed: int = 0, most: float = 12.0, **changes: Any) -> tuple[OneMass, 
 
 
 BRIDGES = {
-    "drive.supply": ({"limit": 8.0}, supply_limit),
-    "drive.knee": ({"knee": 7.0, "beyond": 1.8}, knee),
-    "voltage_dead_zone.m_l": ({"backward_gain": 1.04}, gain_by_direction),
+    "drive.supply": ({"limit": 8.0}, ("supply",)),
+    "drive.knee": ({"knee": 7.0, "beyond": 1.8}, ("knee",)),
+    "voltage_dead_zone.m_l": ({"backward_gain": 1.04}, ("gain-by-direction",)),
     "rotor_friction.coulomb.backward": (
         {"backward_gain": 0.9, "coulomb": (26.0, 20.0)},
-        gain_and_friction_by_direction,
+        ("gain-by-direction",),
     ),
-    "rotor_friction.stribeck.backward": ({"stribeck": (4.0, 24.0), "stribeck_speed": 12.0}, stribeck_by_direction),
+    "rotor_friction.stribeck.backward": (
+        {"stribeck": (4.0, 24.0), "stribeck_speed": 12.0},
+        ("stribeck", "stribeck-by-direction"),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", BRIDGES)
 def test_what_a_bridge_adds_is_found_where_it_is(name):
-    changes, refinement = BRIDGES[name]
+    changes, effects = BRIDGES[name]
     truth, fitted, unseen = bridge(**changes)
-    fit = choose(RIGID, fitted, refinements=(refinement,))
+    fit = choose(RIGID, fitted, effects=effects)
     assert name in fit.names
     error = float(np.sqrt(np.mean((unseen.output - fit.model.simulate(unseen).output)[100:] ** 2)))
     best = float(np.sqrt(np.mean((unseen.output[:, 0] - truth.run(unseen.input[:, 0], 1e-2)[0][:900])[100:] ** 2)))
@@ -338,40 +334,8 @@ def test_what_a_bridge_adds_is_found_where_it_is(name):
 
 def test_what_a_bridge_does_not_have_is_left_out():
     _, fitted, _ = bridge(seed=1)
-    fit = choose(RIGID, fitted, refinements=(coasting_bridge, supply_limit, knee, gain_by_direction))
+    fit = choose(RIGID, fitted, effects=("coasting", "supply", "knee", "gain-by-direction"))
     assert not {"drive.freewheel", "drive.supply", "drive.knee", "voltage_dead_zone.m_l"} & set(fit.names)
-
-
-def test_two_refinements_begin_together_where_each_of_them_was_found(monkeypatch):
-    _, fitted, _ = bridge(backward_gain=1.04, delay=6e-3)
-    begun, starts_of = [], Trials.fitted
-
-    def joined(trial: Trial, *others: Any) -> Any:
-        starts = search_trials.joined(trial, *others)
-        begun.extend((trial, others[1], start) for start in starts)
-        return starts
-
-    def seen(trials: Trials, starts: Any, *others: Any) -> Any:
-        tried.update(id(start) for start in starts)
-        return starts_of(trials, starts, *others)
-
-    tried: set[int] = set()
-    monkeypatch.setattr(choice, "joined", joined)
-    monkeypatch.setattr(Trials, "fitted", seen)
-    fit = choose(RIGID, fitted, refinements=(late_command, gain_by_direction))
-    assert {"drive.delay", "voltage_dead_zone.m_l"} <= set(fit.names)
-    assert begun
-    for trial, best, (plant, names) in begun:
-        assert id(plant) in tried
-        assert set(names) > set(trial.names)
-        for name in names:
-            assert plant.value(name) == (trial if name in trial.names else best).plant.value(name)
-
-
-def test_a_break_of_which_one_side_was_hardly_seen_is_left_out():
-    _, fitted, _ = bridge(most=9.0, limit=10.0)
-    assert 0 < np.mean(np.abs(fitted.input[:, 0]) > 10.0) < 0.02
-    assert "drive.supply" not in choose(RIGID, fitted, refinements=(supply_limit,)).names
 
 
 def test_directions_of_which_one_was_hardly_seen_are_not_told_apart():
@@ -382,19 +346,8 @@ def test_directions_of_which_one_was_hardly_seen_are_not_told_apart():
     assert 0 < np.mean(y < -1) < 0.02
     few = Record(u, y, 1e-2, output_units="rad/s")
     for record, found in ((fitted, True), (few, False)):
-        names = choose(RIGID, record, refinements=(by_direction,)).names
+        names = choose(RIGID, record, effects=("coulomb-by-direction", "viscous-by-direction")).names
         assert ("rotor_friction.coulomb.backward" in names) is found
-
-
-def test_kinds_of_samples_are_levels_speeds_and_directions():
-    t = np.arange(1200.0)
-    u = np.sin(0.02 * t)
-    masks = list(kinds([Record(u, u, 1e-2)], [Signal.SPEED]))
-    assert len(masks) == 8  # three levels, three speeds, two directions
-    low, high = masks[0][0], masks[2][0]
-    assert np.max(np.abs(u[low])) < np.min(np.abs(u[high]))
-    assert np.array_equal(masks[6][0], u > 0)
-    assert list(kinds([Record(np.ones(100), np.ones(100), 1e-2)], [Signal.SPEED])) == []
 
 
 # --- structures that look alike ---------------------------------------------------------------------------------------
@@ -651,22 +604,3 @@ def test_a_speed_is_thinned_where_samples_lie_between_their_neighbours():
 
 
 # --- long records ---------------------------------------------------------------------------------------------------
-
-
-def test_few_refinements_of_a_long_record_are_fitted_to_all_of_it(monkeypatch):
-    """Refinements are fitted to an excerpt first, and only the best of these to all samples."""
-    monkeypatch.setattr(choice, "SCREENED", 300)
-    monkeypatch.setattr(choice, "CONFIRMED", 1)
-    samples, complete = [], Trials.fitted
-
-    def fitted(trials, *arguments):
-        samples.append((sum(map(len, trials.segments)), arguments[1]))
-        return complete(trials, *arguments)
-
-    monkeypatch.setattr(Trials, "fitted", fitted)
-    found = choose(RIGID, known("motor 0", 800), refinements=(supply_limit, late_command)).names
-    tried = [(size, set(names) - set(found)) for size, names in samples]
-    few, complete_ones = ([names for size, names in tried if size == each and names] for each in (300, 800))
-    assert {"drive.supply"} in few
-    assert {"drive.delay"} in few
-    assert len(complete_ones) == 1

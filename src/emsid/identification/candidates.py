@@ -50,8 +50,6 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import OF_JOINT, OF_SHAFT, REFINEMENTS
-from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
@@ -155,24 +153,24 @@ class Feedback:
 
 @dataclass(frozen=True)
 class Physical:
-    """A plant with physical parameters as a candidate, with refinements that improve it.
+    """A plant with physical parameters as a candidate, with additions that improve it.
 
     Args:
         summary: what it is, in a few words.
-        plant: the plant without refinements.
-        refinements: possible additions, if it has a drive.
+        plant: the plant without additions.
+        effects: what is tried, if it has a drive; None for what suits this kind of plant.
     """
 
     summary: str
     plant: Plant
-    refinements: tuple[Refinement, ...] = REFINEMENTS
+    effects: tuple[str, ...] | None = None
     uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "per_record", "profile")
     searched_anew: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose the refinements unless ``free`` is given, then fit to the whole record.
+        """Choose the additions unless ``free`` is given, then fit to the whole record.
 
-        A plant with a shaft is one mass where that, with its own refinements, has a smaller error.
+        A plant with a shaft is one mass where that, with its own additions, has a smaller error.
         """
         plant = self.coded(options).for_command(with_unit_of_name(record))
         if plant.driven is not None and plant.driven.turn:
@@ -181,7 +179,7 @@ class Physical:
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
-        by_record = any("[" in name for name in options.fixed)  # refinements are for one value in all records
+        by_record = any("[" in name for name in options.fixed)  # additions are for one value in all records
         driven = plant.driven
         if options.free or by_record or driven is None:
             return simulation_error(
@@ -206,7 +204,7 @@ class Physical:
                 weighting=None if options.recent is None else weighting,
                 hold=options.hold,
                 per_record=options.per_record,
-                refinements=self.refinements,
+                effects=self.effects,
                 linear=inf if linear is None else (1 - linear.fit) ** 2,
                 regression=partial(_left_by_regression, record, control),
                 control=control,
@@ -221,7 +219,7 @@ class Physical:
         return replace(simpler, findings=(Finding("no-shaft-needed", fit.model.name, data), *simpler.findings))
 
     def _without_shaft(self, record: Record, options: Options, control: Control) -> GreyBoxFit | None:
-        """The plant as one mass, fitted with its own refinements; None where it has no shaft, or one that is known."""
+        """The plant as one mass, fitted with its own additions; None where it has no shaft, or one that is known."""
         shaft = self.plant.secondary
         less = self.plant.simpler(self.plant.default_free)
         if less is None or shaft & {*options.fixed, *options.datasheet}:
@@ -303,12 +301,7 @@ class _Candidates(MutableMapping[str, ModelKind]):
         if name in self.given:
             return self.given[name]
         kind = PLANTS[name]
-        start = kind.start
-        if start.driven is not None and start.driven.turn:
-            tried = OF_JOINT
-        else:
-            tried = REFINEMENTS if kind.refined else OF_SHAFT if start.secondary else ()
-        return Physical(kind.summary, start, tried)
+        return Physical(kind.summary, kind.start, None if kind.refined or kind.start.secondary else ())
 
     def __setitem__(self, name: str, kind: ModelKind) -> None:
         self.given[name] = kind

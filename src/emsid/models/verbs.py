@@ -32,7 +32,6 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import refinements_of
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.plant import Motor
 from emsid.record import ChannelNames, Record, concatenate
@@ -130,7 +129,7 @@ def fit_plant(
         together = several[0] if len(several) == 1 else concatenate(several)
         return choose(
             plant, together, fixed=fixed, datasheet=datasheet, weighting=weighting, hold=hold, per_record=per_record,
-            refinements=refinements_of(plant), control=control,
+            control=control,
         )  # fmt: skip
     return simulation_error(
         plant, records, free=free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,

@@ -107,6 +107,18 @@ def better(model: StretchErrors, than: StretchErrors) -> bool:
     return _more_than_noise(model, than, lambda model, than: than.means - model.means)
 
 
+def steady(model: StretchErrors, than: StretchErrors) -> bool:
+    """Whether a model saves something, however little, in more than one stretch of the data.
+
+    What is saved in a single stretch has a mean of one standard deviation of that mean, which is no more than chance.
+
+    Args:
+        model: the errors of the more complex model.
+        than: those of the simpler one on the same samples.
+    """
+    return not np.isfinite(than.mean) or _more_than_chance(_of_both(than.means - model.means, model, than))
+
+
 def better_by_ratio(model: StretchErrors, than: StretchErrors) -> bool:
     """Whether a model is better than another by a factor, by more than noise.
 
@@ -155,7 +167,11 @@ def _more_than_noise(
         return bool(np.isfinite(model.mean))
     if not matters(model.mean, than.mean):
         return False
-    saved = _of_both(savings(model, than), model, than)
+    return _more_than_chance(_of_both(savings(model, than), model, than))
+
+
+def _more_than_chance(saved: Array) -> bool:
+    """Whether the mean of what is saved by stretch is larger than chance explains."""
     return len(saved) < 2 or float(np.mean(saved)) > stdtrit(len(saved) - 1, 1 - CHANCE) * _deviation_of_mean(saved)
 
 

@@ -36,6 +36,7 @@ from scipy.special import fdtrc
 
 from emsid.estimation.uncertainty.coloured_residuals import colour, effective_samples
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
+from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -51,12 +52,15 @@ class Promise:
     Attributes:
         share: of the squared error that they would take away, to first order.
         step: (k,) their change from the neutral value, to first order.
-        chance: the probability that noise alone promises as much; one where nothing is promised.
+        chance: the probability that noise alone promises as much; one where nothing is promised, or nobody asked.
+        gain: by how much Schwarz's criterion would prefer the larger model if all samples were independent. That is an
+            upper limit; what a poor model leaves is slow, and says little about the samples of a better one.
     """
 
     share: float
     step: Array
     chance: float
+    gain: float = -np.inf
 
 
 class Score:
@@ -83,7 +87,7 @@ class Score:
         Args:
             added: (Nᵢ, k) A of every stretch.
             lower, upper: (k,) bounds of their change from the neutral value.
-            least: the share below which the chance is not computed, but one.
+            least: the share below which the chance is not computed, but one; one for never.
         """
         effect = np.concatenate(added)
         none = Promise(0.0, np.zeros(effect.shape[1]), 1.0)
@@ -99,7 +103,8 @@ class Score:
         step = _step(basis.T @ own, -(basis.T @ self._error), lower, upper)
         left = self._error + own @ step
         share = max(1.0 - float(left @ left) / self._power, 0.0)
-        return Promise(share, step, self._chance(basis, left) if share > least else 1.0)
+        gain = schwarz_gain(1.0 - share, 1.0, len(left), basis.shape[1])
+        return Promise(share, step, self._chance(basis, left) if share > least else 1.0, gain)
 
     def _chance(self, basis: Array, left: Array) -> float:
         """The probability that noise coloured like what is left promises as much."""

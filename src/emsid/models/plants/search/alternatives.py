@@ -44,7 +44,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import CLEAR
 from emsid.models.plants.search.conditions import TOLERABLE
-from emsid.models.plants.search.refinements.stribeck_shape import with_usual_shape
+from emsid.models.plants.search.moves import with_usual_shape
 from emsid.models.plants.search.task import Task
 from emsid.record import concatenate
 from emsid.record.excerpt import excerpt

@@ -1,34 +1,32 @@
-"""The choice of a plant: refinements are added while a criterion prefers them, and removed if it does not.
+"""The choice of a plant: what its score promises is added while a criterion prefers it, and taken out if it does not.
 
-The search begins with the effects that every motor has. `refinements` lists further effects of real drives. The search
-is greedy. In every round each refinement is fitted, from several starts, to the whole record, and the one that
-Schwarz's criterion prefers most is added (`trials.gain`), until it prefers none. Then superfluous refinements are
-removed in the same way. A delay, a lag and a mean over the sample have similar effects; they are exchanged if that is
-better (`look_alikes`).
+The search begins with the effects that every motor has. `moves` lists further effects of real drives. They are scored,
+refitted and taken by the driver of all searches (`emsid.models.search.driver`). Schwarz's criterion decides, where the
+larger plant saves something all along the record (`steady`): an effect that only one stretch shows may be chance, or a
+break of which the record has one side.
 
 All of this is done in units of the record's own size (`scaling`), so the outcome does not depend on the units of its
 channels. Only the last fit, with its intervals, is done in SI units.
 
 **Drift.** The effect of a slow disturbance on the free run of a position never decays. The drift of the load is
-estimated before and after these rounds (`load_drift`); if it changes, refinements are added and removed under the new
-one. An initial state that agrees with the first samples (`beginning`) is estimated, as an inexact one looks like drift.
+estimated before and after the search (`load_drift`); if it changes, the search goes on under the new one. An initial
+state that agrees with the first samples (`beginning`) is estimated, as an inexact one looks like drift.
 
-**Another system.** If the error of a plant with one refinement is several times that of a linear model or of a
-nonlinear regression, the record is of another kind of system, and the plant is refined no further (`reference`).
-
-**Intervals.** Of the refinements whose intervals include the value without effect (`support`), the one that costs least
-is removed and the rest is fitted again, until there is none.
+**Another system.** If the error of a plant with one addition is several times that of a linear model or of a
+nonlinear regression, the record is of another kind of system, and nothing is added any more (`reference`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from math import inf, log
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.restarts import AGREEING
@@ -40,68 +38,42 @@ from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import Weighting, all_alike, threads_for
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search import kinds
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
-from emsid.models.plants.search.look_alikes import in_place
+from emsid.models.plants.search.moves import Addition, Situation, additions, level_name, moves_of
 from emsid.models.plants.search.reference import Reference
-from emsid.models.plants.search.refinements.catalogue import (
-    ADDED,
-    BREAKS,
-    BY_DIRECTION,
-    DELAYS,
-    EXTRAPOLATES,
-    INSTEAD,
-    REFINEMENTS,
-    simplified,
-    without_effect,
-)  # fmt: skip
-from emsid.models.plants.search.refinements.contract import Refined, Refinement
-from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
-from emsid.models.plants.search.refinements.switching_loss import switching_loss
-from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit, with_choices
 from emsid.models.plants.search.scaling import Scaling
+from emsid.models.plants.search.scored import bounds_of, effect_of, score_at
 from emsid.models.plants.search.starts import started
-from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import all_known, known_values
 from emsid.models.plants.search.thinning import thinned
-from emsid.models.plants.search.trials import KEPT, Trial, Trials, begun_with, gain, has_load, joined, not_needed, rank
+from emsid.models.plants.search.trials import KEPT, Trial, Trials, gain, has_load
+from emsid.models.search.driver import climb
+from emsid.models.search.score import Promise, Score
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
-from emsid.selection.improvement import better
+from emsid.selection.improvement import steady
 
 Array = NDArray[np.float64]
-Rule = Callable[[Trial, Trial], float]
-"""A rule of choice between a simpler and a richer trial; see `choose`."""
+Start = tuple[DrivenPlant, tuple[str, ...]]
+"""A plant to begin with and what is estimated of it."""
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """The plant of every kind that a search without other knowledge begins with."""
 
-MOST = 8
-"""How many refinements may be added, and how many removed."""
-OTHERS = 2
-"""First starts from which a refinement is tried too, besides the best plant so far."""
 RESTARTS = 8
 """The most fits of a chosen plant from points around its minimum; they end when `AGREEING` of them agree."""
-SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
-"""Where trials see more than twice `SCREENED` samples, refinements are fitted to an excerpt of that many samples in
-`PIECES` pieces first, and only the best `CONFIRMED` of them to all."""
-POSITIVE = 2.0
-"""By how much Schwarz's criterion prefers an unusual friction, at least: positive evidence (Kass, Raftery 1995)."""
 PASSES = 3
-"""The most passes of adding and removing refinements, as another structure may need another weighting."""
+"""The most searches, as another structure may need another weighting."""
 AKAIKE = 2.0
 """The increase of Akaike's criterion for a parameter."""
-STRONG = 10.0
-"""Schwarz's criterion is strong evidence above this (Kass, Raftery, *Bayes factors*, JASA 90 (1995))."""
 
 
 @one_blas_thread()
@@ -114,13 +86,12 @@ def choose(
     weighting: Weighting | None = None,
     hold: Hold | str | None = None,
     per_record: str | Sequence[str] = (),
-    refinements: Sequence[Refinement] = REFINEMENTS,
-    rule: Rule = gain,
+    effects: Sequence[str] | None = None,
     linear: float = inf,
     regression: Callable[[], float] | None = None,
     control: Control = FREE,
 ) -> GreyBoxFit:
-    """The plant with the refinements that the record supports, fitted to all of it.
+    """The plant with the additions that the record supports, fitted to all of it.
 
     Args:
         plant: to begin with.
@@ -129,11 +100,10 @@ def choose(
         datasheet: likewise, as far as it is `applicable` to the plant.
         weighting: how errors count by their age; chosen where it is None.
         hold: as in `simulation_error`.
-        per_record: likewise; the refinements are chosen with the same values in all records.
-        refinements: what is tried.
-        rule: by how much the richer of two trials (simple, rich) is preferred; negative for the simpler.
-        linear: the share of the output's variance that a linear model leaves in free run; a plant with one refinement
-            that leaves much more is refined no further.
+        per_record: likewise; additions are chosen with the same values in all records.
+        effects: what is tried, of `moves.MOVES`; by default what suits this kind of plant.
+        linear: the share of the output's variance that a linear model leaves in free run; nothing more is added to a
+            plant with one addition that leaves much more.
         regression: gives the same share for a nonlinear regression.
         control: when to stop; the best plant so far is then the answer.
     """
@@ -142,28 +112,22 @@ def choose(
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
     plant = with_usual_sizes(plant.measured_by(all_known(values, sheet), free), free, values)
-    if not refinements:
+    effects = moves_of(plant) if effects is None else effects
+    if not effects:
         return simulation_error(
             plant, record, free=free, fixed=values, datasheet=sheet, weighting=weighting or all_alike, hold=hold,
             per_record=per_record, control=control,
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
     how = weighting or (all_alike if plant.turn else None)  # gravity pulls a joint back: its errors do not add up
-    stopped = search.run(how, refinements, rule, Reference(linear, regression))
+    stopped = search.run(how, effects, Reference(linear, regression))
     last = {"max_iterations": 0, "control": Control(cancelled=control.cancelled)} if stopped else {"control": control}
 
-    def concluded() -> GreyBoxFit:
-        return simulation_error(
-            search.found, record, free=search.asked, fixed=values, datasheet=sheet,
-            weighting=search.weighting_of(record), hold=hold if search.between_samples_open else search.found.hold,
-            per_record=per_record, find_start=False, **last,
-        )  # fmt: skip
-
-    fit = concluded()
-    while (
-        not stopped and fit.ending is not Ending.INTERRUPTED and search.take_out(unsupported(fit, search.asked, free))
-    ):
-        fit = concluded()
+    fit = simulation_error(
+        search.found, record, free=search.asked, fixed=values, datasheet=sheet,
+        weighting=search.weighting_of(record), hold=hold if search.between_samples_open else search.found.hold,
+        per_record=per_record, find_start=False, **last,
+    )  # fmt: skip
     if search.trial.ends:
         said = searches_agreeing(plant.name, search.trial.cost, [cost for cost, _ in search.trial.ends])
         fit = replace(fit, findings=tuple(said if each.code == SEARCHES else each for each in fit.findings))
@@ -176,7 +140,7 @@ def choose(
 
 
 class _Choice:
-    """A search for refinements in units of the record's own size.
+    """The search for additions in units of the record's own size; a `Family` of the driver.
 
     Attributes:
         trial: the best plant so far.
@@ -227,7 +191,10 @@ class _Choice:
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
             self._starts += started(start, task.segments, signals, self._fixed)
-        self.trial = Trial(start, tuple(reached.names), reached.states, reached.cost, [])
+        load = start.load_name
+        without = (Addition("load", start.with_values({load: 0.0}), (load,)),) if load in free else ()
+        self._begun_with = len(without)
+        self.trial = Trial(start, tuple(reached.names), reached.states, reached.cost, [], added=without)
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
         """The record for trials, with a held command if it has fewer samples; of a position, one segment at most."""
@@ -270,11 +237,9 @@ class _Choice:
         """Whether the last fit decides on the hold of the command."""
         return not self.another_system and (self.thinned or self.found.hold is not Hold.ZERO)
 
-    def run(
-        self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, reference: Reference
-    ) -> Ending | None:
-        """Choose the weighting where it is None, add and remove refinements; how it was ended early, if it was."""
-        self._rule, self.reference = rule, reference
+    def run(self, weighting: Weighting | None, effects: Sequence[str], reference: Reference) -> Ending | None:
+        """Choose the weighting where it is None, and search for additions; how it was ended early, if it was."""
+        self._effects, self.reference = effects, reference
         try:
             self._begin(all_alike if weighting is None else weighting)
             if not self.trial.residuals:
@@ -282,28 +247,125 @@ class _Choice:
             if weighting is None:
                 self._weigh(*self._rich())
             for _ in range(PASSES):
-                self._add([each for each in refinements if each not in INSTEAD])
-                if self.another_system:
-                    break
-                if self._exchange(refinements):  # beside it another short time may be seen that it hid
-                    effects = {ADDED[each]: each for each in DELAYS if each in refinements}
-                    self._add(self._trials.most_promising(self.trial, self._fixed, effects), most=1)
-                self._remove()
+                climb(self.trial, self, self._taken)
+                if self.another_system or (len(self.trial.added) == self._begun_with and self._is_another_system()):
+                    return None
+                if self._may_be_straight:
+                    self._exchange_hold()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
                     break
+            self._take(self._trials.around(self.trial, self._rng, RESTARTS, AGREEING))
         except Stopped as stop:
             return stop.ending
         return None
 
+    # --- the family -------------------------------------------------------------------------------------------------
+
+    def likely(self, state: Trial) -> list[tuple[Addition, Promise]]:
+        """The additions whose promise may be worth a parameter, the best of each effect, the most promising first.
+
+        All of them where the present error is no noise: so far from the truth a derivative says little.
+        """
+        self._doing("scoring additions")
+        problem = self._trials.problem(state.plant, state.names, state.states)
+        if problem is None:
+            return []
+        at = Situation(state.plant, state.names, self._trials.segments, self._trials.signals)
+        known = {name: self.trial.plant.value(name) for name in self._fixed}
+        rows = list(additions(at, self._fixed, self._effects, known))
+        score = score_at(problem)
+        with in_threads(threads_for(self._trials.segments)) as in_turn:
+            promises = list(in_turn(lambda row: self._promised(problem, score, row), rows))
+        best: dict[object, tuple[Addition, Promise]] = {}
+        for row, promise in zip(rows, promises, strict=True):
+            key = row.effect, row.names, row.law
+            if promise is not None and (key not in best or promise.gain > best[key][1].gain):
+                best[key] = row, promise
+        samples = sum(map(len, state.residuals))
+        poor = effective_samples(state.residuals) < WHITE * samples  # far from the truth, where no derivative is right
+        likely = [pair for pair in best.values() if poor or pair[1].gain > 0]
+        return sorted(likely, key=lambda pair: -round(pair[1].gain, 3))  # equal promises in the order of the table
+
+    def _promised(self, problem: FreeRunError, score: Score, row: Addition) -> Promise | None:
+        """What an addition promises; None where it cannot be simulated."""
+        if not row.scored:
+            return Promise(1.0, np.zeros(len(row.names)), 1.0, inf)
+        with suppress(EmsidError):
+            columns = effect_of(problem, row.start, row.names, row.probe)
+            return score.promise(columns, *bounds_of(row.start, row.names), least=1.0)
+        return None
+
+    def refitted(self, state: Trial, moves: Sequence[tuple[Addition, Promise]]) -> list[Trial | None]:
+        """The trials with additions, each from the step that its score promises and from usual values."""
+        self._doing(f"trying {len(moves)} additions")
+        return self._fitted([
+            (row.begun(promise.step, self._bounds(row)), row.free(state.names), (*state.added, row))
+            for row, promise in moves
+        ], state)  # fmt: skip
+
+    def smaller(self, state: Trial) -> list[Trial]:
+        """The trials without each of the additions in turn."""
+        self._doing("taking additions out")
+        found = [(row, row.taken_out(state.plant, state.names)) for row in state.added]
+        rest = [(row, each) for row, each in found if each is not None]
+        tried = self._fitted([
+            ([plain], names, tuple(other for other in state.added if other is not row)) for row, (plain, names) in rest
+        ], state)  # fmt: skip
+        return [each for each in tried if each is not None]
+
+    def gain(self, simple: Trial, rich: Trial) -> float:
+        """By how much the richer of two trials is preferred: by Schwarz's criterion, where it saves something steadily.
+
+        Akaike's decides for a constant load that drifts: many samples do not make the drift smaller, so Schwarz's
+        penalty is too large for this parameter.
+        """
+        more = has_load(rich) - has_load(simple)
+        found = gain(simple, rich)
+        if isinstance(self.weighting, tuple):
+            found += more * (log(effective_samples(rich.residuals)) - AKAIKE)
+        richer = len(rich.names) > len(simple.names)
+        return min(found, 0.0) if richer and not steady(rich.errors, simple.errors) else found
+
+    def _bounds(self, row: Addition) -> dict[str, tuple[float, float]]:
+        handles, limits = row.start.handles, self._trials.limits
+        names = {*row.names, *(name for each in row.begins for name in each)}
+        return {name: limits.get(name, (handles[name].lower, handles[name].upper)) for name in names}
+
+    def _fitted(
+        self, groups: Sequence[tuple[Sequence[DrivenPlant], tuple[str, ...], tuple[Addition, ...]]], state: Trial
+    ) -> list[Trial | None]:
+        """A trial for each of several starts, free names and additions; None if none of the starts can be simulated."""
+
+        def tried(group: tuple[Sequence[DrivenPlant], tuple[str, ...], tuple[Addition, ...]]) -> Trial | None:
+            plants, free, added = group
+            names = without_overlap(plants[0], free, self._fixed)
+            found = self._trials.fitted(plants, names, state.states) if names else None
+            return None if found is None else replace(found, added=added)
+
+        with in_threads(threads_for(self._trials.segments)) as in_turn:
+            return list(in_turn(tried, groups))
+
+    def _taken(self, trial: Trial, how: str) -> bool:
+        """Go on with a trial, unless another model leaves much less than it with its first addition."""
+        first = how == "added" and len(trial.added) == 1 + self._begun_with
+        self._take(trial)
+        return not (first and self._is_another_system())
+
+    def _is_another_system(self) -> bool:
+        self.another_system = self.reference.is_much_less(self.left)
+        return self.another_system
+
+    # --- the weighting and the hold -----------------------------------------------------------------------------------
+
     def _begin(self, weighting: Weighting) -> None:
         self._trials = replace(self._trials, weighting=weighting)
-        self._starts = self._trials.by_cost(self._starts, self.trial.names)
-        self._fit_again(self._starts[:KEPT])  # no others would be searched from
+        starts = self._trials.by_cost(self._starts, self.trial.names)
+        self._fit_again(starts[:KEPT])  # no others would be searched from
 
     def _fit_again(self, starts: Sequence[DrivenPlant], states: Sequence[Array] | None = None) -> None:
         found = self._trials.fitted(starts, self.trial.names, states)
         if found is not None:
-            self._take(found)
+            self._take(replace(found, added=self.trial.added))
 
     def _rich(self) -> tuple[list[DrivenPlant], tuple[str, ...]]:
         """Starts of a plant with what friction has most often, unless something of it is fixed, and what is free."""
@@ -311,9 +373,23 @@ class _Choice:
         if any(name in self._fixed for name in plant.default_free):
             return [plant], names
         starts = [(plant, names)]
-        for refine in (by_direction, stribeck):
-            starts = [new for each in starts for new in refine(*each, self._record)] or starts
+        for effect in ("coulomb-by-direction", "stribeck"):
+            starts = [new for start in starts for new in self._with(effect, *start)] or starts
         return [each for each, _ in starts], starts[0][1]
+
+    def _with(
+        self, effect: str, plant: DrivenPlant, names: tuple[str, ...]
+    ) -> list[tuple[DrivenPlant, tuple[str, ...]]]:
+        """Starts of a plant with an effect that begins at a third of its level."""
+        at = Situation(plant, names, self._trials.segments, self._trials.signals)
+        part = 0.3 * plant.value(level_name(plant))
+        return [
+            (
+                row.start.with_values(dict.fromkeys(row.names, part)) if effect == "stribeck" else row.start,
+                row.free(names),
+            )
+            for row in additions(at, self._fixed, (effect,))
+        ]
 
     def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:
         """Estimate the drift of the load with a structure, linearised there; whether it has changed."""
@@ -324,87 +400,6 @@ class _Choice:
         self._fit_again([self.trial.plant], self.trial.states)
         return not alike(self.weighting, before)
 
-    def _gain(self, simple: Trial, rich: Trial) -> float:
-        """By how much the richer of two trials is preferred: by the rule, or Akaike's for a constant load that drifts.
-
-        Many samples do not make the drift smaller, so Schwarz's penalty is too large for this parameter.
-        """
-        more = has_load(rich) - has_load(simple)
-        drifts = isinstance(self.weighting, tuple) and self._rule is gain
-        return self._rule(simple, rich) + (more * (log(effective_samples(rich.residuals)) - AKAIKE) if drifts else 0.0)
-
-    def _add(self, refinements: Sequence[Refinement], most: int = MOST) -> None:
-        tried: list[Trial | None] = [None] * len(refinements)
-        added: Refinement | None = None
-        for done in range(most):
-            self._doing(f"trying {len(refinements)} refinements", done)
-            groups = [begun_with(each, self.trial, self._starts[:OTHERS], self._record) for each in refinements]
-            for group, before in zip(groups, tried, strict=True):
-                if group and before is not None and added is not None:
-                    group += joined(before, added, self.trial, self._record)
-            tried = self._tried_from_neutral(self._screened(groups))
-            self._doing("adding refinements", done)
-            richer = [
-                (trial, refine)
-                for trial, refine in zip(tried, refinements, strict=True)
-                if trial is not None and self._gain(self.trial, trial) > 0
-            ]
-            gains = {id(trial): self._gain(self.trial, trial) for trial, _ in richer}
-            others = [trial for trial, _ in richer]
-            richer.sort(key=lambda pair: rank(pair[0], others, gains), reverse=True)
-            best, added = next((pair for pair in richer if self._is_safe(*pair)), (None, None))
-            if best is not None:
-                self._trials, best = self._trials.settled(best)
-                self._take(best)
-            self.another_system = done == 0 and self.reference.is_much_less(self.left)
-            if best is None or self.another_system:
-                break
-
-    def _tried_from_neutral(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
-        """Trials of refined plants; one that ends above the best plant begins there again, without effect.
-
-        A refinement without effect is the plant without it, so no minimum with it is higher.
-        """
-        tried, above = self._tried(groups), []
-        for group, trial in zip(groups, tried, strict=True):
-            search = group and (trial is None or trial.cost > self.trial.cost)
-            above.append(without_effect(group[0], self.trial.plant, self.trial.names) if search else [])
-        return [
-            min((each for each in both if each is not None), key=lambda each: each.cost, default=None)
-            for both in zip(tried, self._tried(above), strict=True)
-        ]
-
-    def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
-        """Whether the record has both cases that a refinement distinguishes, and a break improves both.
-
-        With one that extrapolates it is better by more than noise, also on what it was not fitted to.
-        """
-        if refine in BREAKS:
-            return kinds.better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
-        if refine is switching_loss:
-            return kinds.better_at_full_duty_and_below(self._trials, trial, self.trial)
-        if refine in BY_DIRECTION:
-            return kinds.both_directions_seen(self._trials)
-        if refine in DELAYS:
-            return kinds.better_in_both_changes(self._trials, trial, self.trial)
-        if refine in EXTRAPOLATES:
-            return better(trial.errors, self.trial.errors) and kinds.better_on_kinds(self._trials, trial, self.trial)
-        return True
-
-    def _exchange(self, refinements: Sequence[Refinement]) -> bool:
-        """Take look-alikes in the place of each other, and another hold; whether a look-alike was taken."""
-        groups = in_place(self.trial.plant, self.trial.names, self._original, refinements, self._record)
-        exchanged = [(self._gain(self.trial, each), each) for each in self._tried(list(groups)) if each is not None]
-        gained, best = max(exchanged, key=lambda pair: pair[0], default=(0.0, self.trial))
-        if gained > 0:
-            self._take(best)
-        shaped = self._tried([usual_shape(self.trial.plant, self.trial.names)])[0]
-        if shaped is not None and gain(shaped, self.trial) < POSITIVE:
-            self._take(shaped)
-        if self._may_be_straight:
-            self._exchange_hold()
-        return gained > 0
-
     def _exchange_hold(self) -> None:
         """Take another hold if it changes the simulation of some segment and improves that of all."""
         segments = self._record.segments
@@ -413,87 +408,15 @@ class _Choice:
             other = self.trial.plant.with_hold(hold)
             if (held := holds_in(other, segments)) not in seen:
                 seen.append(held)
-                exchanged = self._tried([[(other, self.trial.names)]])[0]
+                exchanged = self._fitted([([other], self.trial.names, self.trial.added)], self.trial)[0]
                 if exchanged is not None and exchanged.cost < self.trial.cost:
                     self._take(exchanged)
 
-    def _remove(self) -> None:
-        for done in range(MOST):
-            self._doing("removing refinements", done)
-            tried = self._tried([[each] for each in simplified(self.trial.plant, self.trial.names)])
-            enough = [trial for trial in tried if trial is not None and self._gain(trial, self.trial) < 0]
-            if not enough:
-                break
-            self._take(min(enough, key=lambda trial: self._gain(trial, self.trial)))
-
-    def take_out(self, changes: Sequence[frozenset[str]]) -> bool:
-        """Remove the refinement that costs least among those that change these free names; whether there is one.
-
-        None is removed without which the error is larger by more than noise.
-        """
-        names = frozenset(self.trial.names)
-        groups = [[each] for each in simplified(self.trial.plant, self.trial.names) if names ^ set(each[1]) in changes]
-        try:
-            enough = not_needed([trial for trial in self._tried(groups) if trial is not None], self._needed)
-            if enough:
-                self._take(min(enough, key=lambda each: each.cost))
-        except Stopped:
-            return False
-        return bool(enough)
-
-    def _needed(self, without: Trial) -> bool:
-        """Whether a trial without a refinement has an error that is larger by more than noise.
-
-        If the residual is white, strong evidence by Schwarz's criterion is accepted too: for a rate, or for parameters
-        that compensate for each other, an interval from the derivatives is less reliable.
-        """
-        samples = sum(len(residual) for residual in self.trial.residuals)
-        white = effective_samples(self.trial.residuals) >= WHITE * samples
-        return better(self.trial.errors, without.errors) or (white and self._gain(without, self.trial) > STRONG)
-
-    def _doing(self, what: str, done: int) -> None:
-        self._trials.control.doing(f"{self._original.name}: {what}", done)
-
-    def _screened(self, groups: Sequence[Sequence[Refined]]) -> Sequence[Sequence[Refined]]:
-        """Starts for `_tried`: for a long record only the groups that are best on an excerpt; the others become empty.
-
-        A position is not cut into pieces, of which each would need an initial state of its own.
-        """
-        if len(self._record) <= 2 * SCREENED or self._trials.signals == (Signal.POSITION,):
-            return groups
-        few = replace(self._trials, segments=excerpt(self._record, SCREENED, PIECES).segments)
-        plain = few.fitted([self.trial.plant], self.trial.names)
-        if plain is None:
-            return groups
-        found = self._tried(groups, few)
-        gains = [-np.inf if trial is None else self._rule(plain, trial) for trial in found]
-        best = set(np.argsort(gains)[-CONFIRMED:].tolist())
-        kept = enumerate(found)
-        return [[(trial.plant, trial.names)] if k in best and trial is not None else [] for k, trial in kept]
-
-    def _tried(self, groups: Sequence[Sequence[Refined]], few: Trials | None = None) -> list[Trial | None]:
-        """A trial for each group of starts with the same free names; None if none can be simulated.
-
-        Args:
-            groups: of starts, each a plant and its free names.
-            few: trials over other samples than those of the search.
-        """
-        known = {name: self.trial.plant.value(name) for name in self._fixed}
-
-        def tried(starts: Sequence[Refined]) -> Trial | None:
-            starts = [each for each in starts if all(each[0].value(name) == known[name] for name in known)]
-            names = without_overlap(starts[0][0], starts[0][1], self._fixed) if starts else ()
-            if not names:
-                return None
-            plants = [plant for plant, _ in starts]
-            return self._trials.fitted(plants, names, self.trial.states) if few is None else few.fitted(plants, names)
-
-        with in_threads(threads_for(self._trials.segments)) as in_turn:
-            return list(in_turn(tried, groups))
+    def _doing(self, what: str) -> None:
+        self._trials.control.doing(f"{self._original.name}: {what}", len(self.trial.added))
 
     def _take(self, trial: Trial) -> None:
-        """Continue with a trial, or a better one near it."""
-        trial = self._trials.around(trial, self._rng, RESTARTS, AGREEING)
+        """Continue with a trial."""
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]
         self.asked = (*kept, *(name for name in after if name not in kept))

@@ -41,7 +41,7 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.search.alternatives import Addition, nothing
-from emsid.models.plants.search.refinements.contract import level_name
+from emsid.models.plants.search.moves import level_name
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.search.trials import Trial, Trials
 

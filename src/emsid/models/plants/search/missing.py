@@ -14,7 +14,7 @@ The best one is named first. The others are scored again beside it, since what i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -27,12 +27,12 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
-from emsid.models.plants.parameters import Signal, parts
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.additions import Addition, additions
 from emsid.models.plants.search.conditions import held_names
-from emsid.models.plants.search.scored import ALIKE, bounds_of, by_channel, effect_of, score_at
+from emsid.models.plants.search.moves import Addition, Situation, additions
+from emsid.models.plants.search.scored import bounds_of, by_channel, effect_of, score_at
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.models.search.score import Promise, Score
@@ -40,6 +40,8 @@ from emsid.selection.improvement import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
+ALIKE = 0.9
+"""Additions that promise this part of the best one are as likely: these data hardly tell them apart."""
 CHANCE = 0.01
 """The probability that noise alone makes any of the moves of one fit seem to matter."""
 TRIED = 3
@@ -176,8 +178,9 @@ def _moves(task: Task, problem: FreeRunError, names: Sequence[str]) -> Iterator[
         return
     held = held_names(task, plant, names)
     if isinstance(plant, DrivenPlant):
-        for row in additions(plant, names, (*task.fixed, *task.asked), task.segments, task.signals):
-            yield from _of(task, problem, "effect-missing", row.names, row)
+        at = Situation(plant, tuple(names), task.segments, task.signals)
+        for row in additions(at, (*task.fixed, *(name for name in task.asked if name not in names)), fixed=task.fixed):
+            yield from _of(task, problem, "effect-missing", row.names, row) if row.scored else ()
     for name in held:
         yield from _of_value(task, problem, name)
     if Signal.POSITION not in task.signals and not isinstance(task.weighting, tuple):
@@ -192,7 +195,7 @@ def _of_value(task: Task, problem: FreeRunError, name: str) -> Iterator[Move]:
             continue
         for part in SMALLER:
             probe = part * problem.plant.value(name)
-            yield from _of(task, problem, "value-contradicted", (name,), probe=probe) if probe else ()
+            yield from _of(task, problem, "value-contradicted", (name,), probe={name: probe}) if probe else ()
 
 
 def _of(
@@ -201,12 +204,12 @@ def _of(
     code: str,
     names: tuple[str, ...],
     row: Addition | None = None,
-    probe: float = 0.0,
+    probe: Mapping[str, float] | None = None,
 ) -> Iterator[Move]:
     """The move of some parameters; none if the plant cannot be simulated with them."""
     task.control.check()
     with suppress(EmsidError):
-        start = problem.plant.with_values(row.beside) if row is not None and row.beside else problem.plant
+        start = problem.plant if row is None else row.start
         columns = effect_of(problem, start, names, probe if row is None else row.probe)
         lower, upper = bounds_of(start, names)
         yield Move(code, names, columns, lower, upper, start, row)
@@ -240,9 +243,7 @@ def _tried(
         return _halves(task, problem, minimum, move.names[0])
     row = move.addition
     values = {name: float(move.start.value(name) + step) for name, step in zip(move.names, promise.step, strict=True)}
-    free = (*(name for name in names if row is None or name != row.instead), *move.names)
-    if row is not None and row.instead:
-        free = (*free, *(side for side in parts(move.start, row.instead) if side not in free))
+    free = (*names, *move.names) if row is None else row.free(tuple(names))
     start = move.start.with_values(values)
     handles = start.handles
     limits = {**{name: (handles[name].lower, handles[name].upper) for name in free}, **task.limits}

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.search.additions import Addition
-from emsid.models.search.score import Promise, Score
-from emsid.selection.improvement import NEGLIGIBLE
+from emsid.models.search.score import Score
 
 Array = NDArray[np.float64]
-
-ALIKE = 0.9
-"""Additions that promise this part of the best one are as likely: these data hardly tell them apart."""
 
 
 def by_channel(problem: FreeRunError, rows: Array) -> list[Array]:
@@ -54,14 +47,16 @@ def score_at(
     return Score(residuals, jacobians, channels)
 
 
-def effect_of(problem: FreeRunError, plant: Plant, names: Sequence[str], probe: float = 0.0) -> list[Array]:
+def effect_of(
+    problem: FreeRunError, plant: Plant, names: Sequence[str], probe: Mapping[str, float] | None = None
+) -> list[Array]:
     """(Nᵢ, k) the derivative of the residual by some parameters, of every segment and channel.
 
     Args:
         problem: that is fitted; it gives segments, initial states and weighting.
         plant: with the values at which the derivative is taken.
-        names: of the parameters; with a probe, of the same value.
-        probe: the value to which a difference is taken; 0 for the derivative itself.
+        names: of the parameters.
+        probe: the value of one parameter to which a difference is taken; none for the derivative itself.
 
     Raises:
         EmsidError: where the plant cannot be simulated with them.
@@ -77,8 +72,9 @@ def effect_of(problem: FreeRunError, plant: Plant, names: Sequence[str], probe: 
     if not probe:
         other = run(plant, names)
         return [part for _, jacobian in other.exactly(other.start) for part in by_channel(problem, jacobian)]
-    here, there = (run(each, ()) for each in (plant, plant.with_values(dict.fromkeys(names, probe))))
-    way = probe - plant.value(names[0])
+    ((name, value),) = probe.items()
+    here, there = (run(each, ()) for each in (plant, plant.with_values(probe)))
+    way = value - plant.value(name)
     both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
     return [part for a, b in both for part in by_channel(problem, ((b - a) / way)[:, None])]
 
@@ -88,14 +84,3 @@ def bounds_of(plant: Plant, names: Sequence[str]) -> tuple[Array, Array]:
     ends = [(plant.handles[name].lower, plant.handles[name].upper) for name in names]
     low, high = np.array(ends).T - np.array([plant.value(name) for name in names])
     return low, high
-
-
-def promises(problem: FreeRunError, rows: Iterable[Addition]) -> list[tuple[Promise, Addition]]:
-    """What each of some additions promises at the start of a problem; without those that cannot be simulated."""
-    score, found = score_at(problem), []
-    for row in rows:
-        with suppress(EmsidError):
-            plant = problem.plant.with_values(row.beside) if row.beside else problem.plant
-            columns = effect_of(problem, plant, row.names, row.probe)
-            found.append((score.promise(columns, *bounds_of(plant, row.names), NEGLIGIBLE), row))
-    return found

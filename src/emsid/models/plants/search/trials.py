@@ -18,7 +18,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import inf, isfinite
@@ -36,12 +36,10 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
-from emsid.models.plants.search.additions import additions
-from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
-from emsid.models.plants.search.scored import ALIKE, promises
+from emsid.models.plants.search.moves import Addition, level_name
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
-from emsid.selection.improvement import NEGLIGIBLE, StretchErrors, schwarz_gain
+from emsid.selection.improvement import StretchErrors, schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -52,8 +50,6 @@ TOLERANCE = 0.02
 """Of a search, in standard errors."""
 MUCH_WORSE = 10.0
 """A start whose cost is more than this multiple of the best one takes no steps."""
-CHANCE = 0.01
-"""An effect promises nothing if noise promises as much with a larger probability."""
 SHORTER = 0.25 ** np.arange(8)
 """Parts of a draw from a covariance that are tried until the cost is not much larger: the covariance holds only
 nearby."""
@@ -70,6 +66,7 @@ class Trial:
         cost: half the sum of squares of the weighted free-run error.
         residuals: that error, segment by segment.
         ends: where searches ended that began around it, each as its cost and the values of ``names``.
+        added: what it has in addition to the plant that the search began with.
     """
 
     plant: DrivenPlant
@@ -78,6 +75,7 @@ class Trial:
     cost: float
     residuals: list[Array]
     ends: tuple[tuple[float, Array], ...] = ()
+    added: tuple[Addition, ...] = ()
 
     @property
     def errors(self) -> StretchErrors:
@@ -94,63 +92,6 @@ def gain(simple: Trial, rich: Trial) -> float:
     """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
     samples = effective_samples(rich.residuals)
     return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
-
-
-def begun_with(refine: Refinement, best: Trial, others: Sequence[DrivenPlant], record: Record) -> list[Refined]:
-    """Starts of the best plant with a refinement, and of others; none if the best cannot be refined like this.
-
-    Others have no part in it whose friction law does not have all parameters of the best.
-    """
-    begun = list(refine(best.plant, best.names, record))
-    alike = [plant for plant in others if begun and plant.handles.keys() >= set(best.names)]
-    return begun + [each for plant in alike for each in refine(plant, best.names, record)]
-
-
-def joined(trial: Trial, added: Refinement, best: Trial, record: Record) -> list[Refined]:
-    """Starts with two refinements that were tried separately, each with its values from there.
-
-    In a narrow valley, a search that begins with usual values of one of them may not find those of the other.
-
-    Args:
-        trial: with one of them.
-        added: the other one.
-        best: with the other one.
-        record: as refinements take it.
-    """
-    return [
-        (plant.with_values({name: best.plant.value(name) for name in names if name not in trial.names}), names)
-        for plant, names in added(trial.plant, trial.names, record)
-    ]
-
-
-def rank(trial: Trial, others: Sequence[Trial], gains: Mapping[int, float]) -> tuple[float, float]:
-    """The key by which trials are sorted: the gain, but at most that of a trial that is better with no more parameters.
-
-    The gains of two trials count different numbers of independent samples, so the gain of the worse one may be larger.
-
-    Args:
-        trial: one of the others.
-        others: all that are sorted.
-        gains: of every trial, by its identity.
-    """
-    return min(gains[id(each)] for each in _at_least_as_good(trial, others)), -trial.cost
-
-
-def not_needed(tried: Sequence[Trial], needed: Callable[[Trial], bool]) -> list[Trial]:
-    """Trials without a refinement that is not needed, not even in a better trial with no more parameters.
-
-    A trial that has ended beside its minimum may have so large an error in one stretch that its mean is useless.
-
-    Args:
-        tried: each without one refinement.
-        needed: whether the refinement that a trial is without is needed, as the trial shows.
-    """
-    return [each for each in tried if not any(map(needed, _at_least_as_good(each, tried)))]
-
-
-def _at_least_as_good(trial: Trial, others: Sequence[Trial]) -> list[Trial]:
-    """The trial itself, and others with no more parameters and no higher cost."""
-    return [each for each in others if each.cost <= trial.cost and len(each.names) <= len(trial.names)]
 
 
 def _first_equal(ranked: Sequence[tuple[float, int, FreeRunError]]) -> dict[int, int]:
@@ -240,7 +181,7 @@ class Trials:
         """
         found = []
         for k, start in enumerate(starts):
-            problem = self._problem(start, names, states)
+            problem = self.problem(start, names, states)
             if problem is not None:
                 with problem.under(self.control):
                     found.append((cost_of(problem), k, problem))
@@ -277,7 +218,7 @@ class Trials:
         A trial need not be at a minimum, so its covariance may be meaningless: no parameter is moved further than is
             plausible, nor to points of a much larger cost.
         """
-        problem = self._problem(trial.plant, trial.names, trial.states)
+        problem = self.problem(trial.plant, trial.names, trial.states)
         if problem is None or not len(problem.start):
             return None
         lower, upper = self._within(problem)
@@ -307,30 +248,15 @@ class Trials:
 
     def residuals(self, trial: Trial) -> list[Array]:
         """The weighted free-run error of a trial in every segment; infinite where it cannot be simulated."""
-        problem = self._problem(trial.plant, (), trial.states)
+        problem = self.problem(trial.plant, (), trial.states)
         if problem is None:
             return [np.full(segment.output.size, inf) for segment in self.segments]
         return problem.residuals(problem.start)
 
-    def most_promising(
-        self, trial: Trial, known: Collection[str], effects: Mapping[str, Refinement]
-    ) -> list[Refinement]:
-        """The refinements that promise most to a trial, beyond noise and about equally; none if no promise matters.
-
-        Args:
-            trial: where it ended.
-            known: parameters whose values were given.
-            effects: the refinements by their effects as `additions`.
-        """
-        problem = self._problem(trial.plant, trial.names, trial.states)
-        if problem is None:
-            return []
-        rows = additions(trial.plant, trial.names, known, self.segments, self.signals)
-        promised = promises(problem, [row for row in rows if row.effect in effects])
-        likely = {row.effect: each.share for each, row in promised if each.share > NEGLIGIBLE and each.chance < CHANCE}
-        return [effects[effect] for effect, share in likely.items() if share > ALIKE * max(likely.values())]
-
-    def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
+    def problem(
+        self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None = None
+    ) -> FreeRunError | None:
+        """The least-squares problem of some parameters; None for a plant that cannot have them."""
         bounds = self._bounds(plant, names)
         try:
             inside = plant.with_values({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})

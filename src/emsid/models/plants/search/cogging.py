@@ -16,21 +16,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.motion_regression import motion_rows, smoothed, solved
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.refinements.contract import Refined
 from emsid.models.plants.search.starts import after_drive
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-FIRST, SECOND = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cogging.cosine_2", "cogging.sine_2"))
-"""The parameters of the harmonics; the period comes with the first."""
-SPEEDS = (Signal.SPEED, Signal.ROTOR_SPEED)
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
 FEWEST_TURNS, MOST_TURNS, SPACING = 8.0, 120.0, 0.25
@@ -47,47 +41,24 @@ FEWEST = 100
 """The fewest samples in motion for a spectrum."""
 
 
-def cogging_of_speed(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """A force repeats with the integral of the measured speed; along a short way, drift of a position looks like it."""
-    return cogging(plant, free, record) if signals_of(plant, record)[0] in SPEEDS else []
-
-
-def cogging(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """A force repeats with the position, measured or integrated: with one harmonic, then with two."""
-    shown = signals_of(plant, record)[0]
-    known = shown is Signal.POSITION or (shown in SPEEDS and len(record.segments) == 1)
-    if FIRST[0] not in plant.handles or not known:
-        return []
-    if FIRST[0] in free:
-        return [] if SECOND[0] in free else [(plant, (*free, *SECOND))]
-    wave = _wave(plant, record)
-    if wave is None:
-        return []
-    moved = _moved(plant, wave[0])
-    return [
-        (each.with_values(dict(zip(FIRST, wave[1], strict=True))), (*free, *FIRST))
-        for each in (moved, plant)
-        if each is not None
-    ]
-
-
-def _moved(plant: DrivenPlant, motion: Motion) -> DrivenPlant | None:
-    """The plant with a motion; None where it cannot have it."""
-    try:
-        return plant.with_motion(motion)
-    except EmsidError:
-        return None
-
-
-def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, float, float]] | None:
+def wave(
+    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]
+) -> tuple[Motion, tuple[float, float, float]] | None:
     """The motion of the regression with the best wave, and that wave: its period, cosine and sine.
 
     None if no wave stands out in the residual of a regression without one.
+
+    Args:
+        plant: with its drive and dead zone.
+        segments: the records.
+        signals: of their outputs; the first one is used.
     """
-    segments = after_drive(plant, [segment for segment in record.segments if len(segment) > 12])
+    largest = max(float(np.max(np.abs(plant.drive.commands(segment.input)))) for segment in segments) or 1.0
+    force = max(plant.largest_force(segment.input) for segment in segments)
+    segments = after_drive(plant, [segment for segment in segments if len(segment) > 12])
     zone = next((plant.value(name) for name in plant.handles if name.endswith(".half_width")), 0.0)
     width = zone / abs(plant.drive.gain)
-    is_position = signals_of(plant, record)[0] is Signal.POSITION
+    is_position = signals[0] is Signal.POSITION
     tables = [motion_rows(segment, 0, is_position, SMOOTH, width, plant.drive.offset) for segment in segments]
     kept = [mask for _, mask in tables]
     if sum(int(mask.sum()) for mask in kept) < FEWEST:
@@ -101,7 +72,6 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
         return None
     power = _power(left, position / travel)
     peaks = [k for k in np.argsort(-power) if power[k] == power[max(k - 2, 0) : k + 3].max()][:TRIED]
-    largest = float(np.max(np.abs(plant.drive.commands(record.input)))) or 1.0
     tried = [TURNS[k] for k in peaks if power[k] > STANDS_OUT * np.median(power)]
     if not tried:
         return None
@@ -112,7 +82,7 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
     gain, damping, coulomb, offset, cosine, sine = values
     if gain == 0:
         return None
-    mass = plant.largest_force(record.input) / largest / abs(gain)
+    mass = force / largest / abs(gain)
     return Motion(gain, max(damping, 0.0), coulomb, offset, width), (travel / best, mass * cosine, mass * sine)
 
 

@@ -4,7 +4,7 @@ Simulated plants come from a simulator that is not the program's own (``tests/in
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
 ``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``cascades`` take several CPU minutes,
-``windows`` one, ``steps`` eight, ``rules`` ten, ``starts`` twelve; name parts to print only these:
+``windows`` one, ``steps`` eight, ``starts`` twelve; name parts to print only these:
 ``python bench/accuracy.py emps``. The last table has the targets of all parts that were run.
 """
 
@@ -30,7 +30,6 @@ from emsid.plants import choose, linear_axis, rigid_motor
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
 import cascades  # noqa: E402
-import rules  # noqa: E402  (after the path of the tests)
 import starts  # noqa: E402
 import windows  # noqa: E402
 from independent.cases import Case, named  # noqa: E402
@@ -234,7 +233,6 @@ PARTS: dict[str, Callable[[str], list[Target] | None]] = {
     "steps": lambda _: steps(),
     "regressions": lambda systems: regressions.main([systems] if systems else []),
     "cascades": lambda seeds: cascades.main(seeds, console),
-    "rules": lambda begins: rules.main(begins, console),
     "starts": searches,
     "windows": lambda which: windows.main(which, console),
 }

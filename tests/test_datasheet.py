@@ -102,7 +102,7 @@ def test_refinements_keep_to_a_datasheet():
         ({"friction.coulomb.forward": 25.0}, -8.0, {"offset": -8.0, "friction.coulomb.backward": 25.0}),
         ({"offset": -8.0}, -8.0, {"friction.coulomb": 25.0}),
         ({"viscous_friction.backward": 220.0}, 0.0, {"friction.coulomb": 25.0}),
-        ({}, -8.0, {"friction.coulomb.forward": 17.0, "friction.coulomb.backward": 33.0}),
+        ({}, -8.0, {"friction.coulomb": 25.0, "offset": -8.0}),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, dict) else None,
 )

@@ -242,12 +242,12 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     result = identify(
         record,
         models=["linear-axis"],
-        options=Options(profile=("friction.coulomb", "mass", "friction.coulomb.forward")),
+        options=Options(profile=("viscous_friction", "mass", "viscous_friction.forward")),
         control=Control(report=lambda activity: seen.append(activity.doing)),
     )
     levels = {each.name: each for each in result.profiles["linear-axis"]}
-    assert list(levels) == ["friction.coulomb.forward", "friction.coulomb.backward", "mass"]
-    for name, value in (("friction.coulomb.forward", 25.0), ("friction.coulomb.backward", 15.0), ("mass", 80.0)):
+    assert list(levels) == ["viscous_friction.forward", "viscous_friction.backward", "mass"]
+    for name, value in (("viscous_friction.forward", 150.0), ("viscous_friction.backward", 220.0), ("mass", 80.0)):
         error = levels[name].standard_error
         assert levels[name].interval == pytest.approx((value, value), abs=5 * error)
     assert "linear-axis (profile 3 of 3): mass" in seen

@@ -12,6 +12,8 @@ import emsid
 from emsid import Record
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.moves import MOVES
+from emsid.wording.plants import EFFECTS
 from independent.fitting import START
 from independent.one_mass import OneMass
 from independent.settings import DT, RESISTANCE, TRUTH, Setting, levels, mass_of
@@ -193,3 +195,7 @@ def test_noise_as_slow_as_the_record_is_said_to_be_so(walks):
     for name in TRUTH:
         low, high = next(row.interval for row in fit.table if row.name == name)
         assert low < TRUTH[name] < high
+
+
+def test_every_effect_that_may_be_added_has_words() -> None:
+    assert set(MOVES) == set(EFFECTS)

@@ -26,7 +26,6 @@ from emsid.models.plants.search.constructors import joint, linear_axis, motor, r
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
-from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import Servo
 from emsid.models.plants.state import PlantState
@@ -87,7 +86,6 @@ __all__ = [
     "SquaredLoadFriction",
     "StaticCharacteristic",
     "Status",
-    "Trial",
     "by_direction",
     "choose",
     "datasheet",

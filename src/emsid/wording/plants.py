@@ -122,6 +122,14 @@ EFFECTS = {
     "sensor-offset": "an offset of the sensor",
     "coulomb-by-direction": "a Coulomb level for each direction",
     "viscous-by-direction": "viscous friction for each direction",
+    "stribeck-by-direction": "a Stribeck level for each direction",
+    "dead-zone-by-direction": "a dead zone that is not symmetric",
+    "coasting": "a bridge that coasts in its off-time",
+    "supply": "a voltage that ends at the supply",
+    "knee": "another gain above some voltage",
+    "switching-loss": "a loss of the bridge where it switches",
+    "current-rise": "a current that rises in every pulse",
+    "load-friction": "friction that grows with the load of the gear",
 }
 """What may be added to a plant, by the names that searches give it."""
 

@@ -15,8 +15,9 @@ from typing import Protocol, TypeVar
 S = TypeVar("S")
 M = TypeVar("M")
 
-REFITTED = 4
-"""Moves that are refitted together: those that delay an output look alike, and there are four of them."""
+REFITTED, BATCHES = 4, 2
+"""Moves that are refitted together, and how often if none of them is better: four of them delay an output and look
+alike. With all moves the search of a motor for what is none takes six times as long, and is no better."""
 ROUNDS = 12
 """The most additions; no plant, recorded or simulated, took more than six."""
 POSITIVE = 2.0
@@ -80,7 +81,7 @@ def _best(state: S, family: Family[S, M]) -> S | None:
     """The state that the criterion prefers most to the present one, of the likeliest that moves lead to, or else of the
     next ones; None without one. Of about equal ones it is the first, so that rounding does not decide."""
     likely = family.likely(state)
-    for k in range(0, len(likely), REFITTED):
+    for k in range(0, min(len(likely), BATCHES * REFITTED), REFITTED):
         moved = [each for each in family.refitted(state, likely[k : k + REFITTED]) if each is not None]
         found = [(family.gain(state, each), each) for each in moved]
         most = max((gain for gain, _ in found), default=0.0)

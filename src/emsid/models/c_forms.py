@@ -26,5 +26,5 @@ def c_form_of(model: Any, level: ArrayLike = 0.0, dt: float | None = None) -> CF
     """
     stepper = start(model, level, dt)
     if isinstance(stepper, PlainStepper):
-        raise ModelError(f"{stepper.model.name} has functions of a user in Python, which have no form in C")
+        raise ModelError(f"{stepper.model.name} has functions in Python or backlash, which have no form in C")
     return capabilities_of(stepper.model).c_form(stepper)

@@ -26,10 +26,11 @@ from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, w
 from emsid.models.plants.drive import Acting, Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.gravity import CONSTANTS, Gravity
-from emsid.models.plants.motor_equations import WEIGHT, equations, linear_motor, of_joint, quantities, together
+from emsid.models.plants.lost_motion import begun, check_gap, first_gap, moved_apart
+from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, check_two_masses, two_masses
-from emsid.models.plants.motor_start import at_motor, by_torque, hung, with_motion
+from emsid.models.plants.motor_motion import MotorMotion, check_two_masses, two_masses, without_shaft
+from emsid.models.plants.motor_start import at_motor, by_torque, hung, usual_free, with_motion
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import (
@@ -76,6 +77,7 @@ class MotorPlant(DrivenPlant):
         cogging: torque over the angle, in N·m and rad; of a rigid motor.
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
         servo: the controller of a joint, for target positions; by default one with a gain of one.
+        backlash: of a joint, the angle in rad that its motor crosses alone between the two flanks of its load.
 
     Raises:
         ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has quadratic
@@ -93,6 +95,7 @@ class MotorPlant(DrivenPlant):
     cogging: Cogging = Cogging()  # noqa: RUF009  (frozen)
     gravity: Gravity | None = None
     servo: Servo | None = None
+    backlash: float = 0.0
 
     def __post_init__(self) -> None:
         check_quadratic(self.name, self.quadratic_viscous)
@@ -103,6 +106,7 @@ class MotorPlant(DrivenPlant):
             raise ModelError("a joint with gravity is simulated as one mass only; give Motor.rigid()")
         if self.gravity is not None and self.servo is None:
             object.__setattr__(self, "servo", Servo())
+        check_gap(self)
 
     @property
     def name(self) -> str:
@@ -123,16 +127,7 @@ class MotorPlant(DrivenPlant):
         Only parameters with an effect are included; with a current or a torque as input there is no dead zone, and none
         in a joint, whose friction hides it.
         """
-        hangs = () if self.gravity is None else ("gravity.torque", "gravity.angle")
-        if self.feed is not Feed.VOLTAGE:
-            constant = ("motor_constant",) if self.feed is Feed.CURRENT else ()
-            return (*constant, "rotor_viscous", "rotor_inertia", self._level, *hangs)
-        names = ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
-        if not self.motor.is_rigid:
-            names += ["load_inertia", "shaft_stiffness", "shaft_damping"]
-        if self.motor.inductance > 0:
-            names.append("inductance")
-        return (*names, self._level, *(hangs or ("voltage_dead_zone.half_width",)))
+        return usual_free(self.motor, self.feed, self._level, self.gravity is not None)
 
     @property
     def _level(self) -> str:
@@ -222,8 +217,11 @@ class MotorPlant(DrivenPlant):
         return self.torque_per_unit * self.drive.largest(inputs)
 
     def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
-        """See `DrivenPlant.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
+        """See `DrivenPlant.with_starts`; a load that is estimated begins with the inertia of the rotor, a backlash with
+        what the angle shows."""
         plant = super().with_starts(asked, segments, limits)
+        if "backlash" in asked and not self.backlash:
+            plant = plant.with_values({"backlash": float(np.clip(first_gap(segments), *limits["backlash"]))})
         if "load_inertia" not in asked or self.motor.load_inertia > TINY:
             return plant
         return plant.with_values({"load_inertia": plant.value("rotor_inertia")})
@@ -267,12 +265,8 @@ class MotorPlant(DrivenPlant):
 
     def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
         """One mass without inductance, if the names include a parameter of the shaft."""
-        left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
-        if "rotor_inertia" in left and "load_inertia" in left:  # one mass has only their sum
-            left.remove("load_inertia")
-        if not left or not any(name.startswith("shaft_") for name in names):
-            return None
-        return replace(self, motor=replace(self.motor, inductance=0.0).rigid()), left
+        left = without_shaft(names)
+        return (replace(self, motor=replace(self.motor, inductance=0.0).rigid()), left) if left else None
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
@@ -290,7 +284,9 @@ class MotorPlant(DrivenPlant):
         speed, angle = float(state[0]), float(state[1])
         commands = self.drive.standing(command, dt, samples, self.before(state, command))
         motor, motion = self.motor, np.array([speed, angle])
-        if not self.is_one_mass:
+        if self.backlash:
+            motion = begun(self, speed, angle)
+        elif not self.is_one_mass:
             volts = commands[:1, 0]
             across = volts[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(volts)[0])
             current = (across - motor.motor_constant * speed) / motor.resistance
@@ -301,7 +297,7 @@ class MotorPlant(DrivenPlant):
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
         dt = state.dt
         on = self.drive.acting(inputs, state.commands, dt)
-        simulated = self._one_mass if self.is_one_mass else self._two_masses
+        simulated = self._one_mass if self.is_one_mass or self.backlash else self._two_masses
         at, motion = simulated(on, state.motion)
         sensor = self.sensor
         shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
@@ -320,7 +316,7 @@ class MotorPlant(DrivenPlant):
         Raises:
             ModelError: for quadratic friction or cogging with a shaft or an inductance.
         """
-        if self.drive.loaded or self.follows or self.sensor.backlash:
+        if self.drive.loaded or self.follows or self.sensor.backlash or self.backlash:
             return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not self.is_one_mass:
@@ -337,8 +333,11 @@ class MotorPlant(DrivenPlant):
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""
         torque, braking = self._torque(on.voltage, on.conducts)
-        speeds, positions = self._moved(self._sliding(torque, braking), on, motion)
-        motion = np.array([speeds[-1], positions[-1]])
+        if self.backlash:
+            speeds, positions, motion = moved_apart(self, torque, braking, on, motion)
+        else:
+            speeds, positions = self._moved(self._sliding(torque, braking), on, motion)
+            motion = np.array([speeds[-1], positions[-1]])
         speeds, positions = speeds[on.samples], positions[on.samples]
 
         def current() -> Array:
@@ -355,6 +354,7 @@ class MotorPlant(DrivenPlant):
         return self._sliding(*self._torque(voltage, conducts))
 
     def _sliding(self, torque: Array, braking: Array) -> OneMass:
+        """Motor and load as one mass, for torques of the drive and their decrease per rad/s."""
         motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
         waves = self.cogging.waves
         if self.gravity is not None:
@@ -390,11 +390,10 @@ class MotorPlant(DrivenPlant):
 
     @property
     def is_one_mass(self) -> bool:
-        """True for a rigid motor without inductance, and for any that is fed with a current or a torque."""
+        """True for a rigid motor without inductance and backlash, and for any other fed with a current or a torque."""
         motor = self.motor
-        return self.feed is not Feed.VOLTAGE or (
-            motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
-        )
+        plain = motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
+        return not self.backlash and (plain or self.feed is not Feed.VOLTAGE)
 
     def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:
         """The torque on one mass at rest, and its decrease per rad/s, for an output of the drive."""
@@ -438,7 +437,8 @@ class MotorPlant(DrivenPlant):
             moved = replace(self, motor=with_motion(self.motor, self.drive.gain, motion, fixed))
         else:
             per_unit = self.torque_per_unit * (1.0 if self.follows else self.drive.gain)
-            moved = self.with_values(by_torque(self.motor, self._level, per_unit, self._weight, motion))
+            apart = self.backlash > 0 and "load_inertia" not in fixed
+            moved = self.with_values(by_torque(self.motor, self._level, per_unit, self._weight, motion, apart))
         if self.gravity is None:
             return moved
         known = hung(moved.motor, self.gravity, self._weight, self.sensor.ratio, motion)
@@ -473,7 +473,7 @@ class MotorPlant(DrivenPlant):
         """(4.1)–(4.11) as far as they apply."""
         extra = "" if self.gravity is None else WEIGHT
         extra += extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ")
-        return equations(self.motor, self.feed, extra)
+        return equations(self.motor, self.feed, extra) + (LOST if self.backlash else "")
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""

@@ -18,6 +18,8 @@ GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
 """The torque of a shaft with backlash, before its damping."""
 WEIGHT = " − (T_a + m·g·l)·sin(θ − θ₀)"
 """The torque of gravity on a joint."""
+LOST = "\nmotor and load move alone while |θ_m − θ_L| < β, and with one speed after they touch"
+"""What backlash in a joint adds."""
 STATES = ("current", "rotor speed", "load speed", "twist", "angle")
 """All that a linear motor may have."""
 

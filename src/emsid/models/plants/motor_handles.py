@@ -63,5 +63,7 @@ def motor_handles(
         found |= cogging_handles("N*m", "rad")
     if hangs:
         gap = Parameter("sensor.backlash", "2β", "rad", "backlash between motor and measured load, its whole width")
+        alone = Parameter("backlash", "2β", "rad", "backlash between measured motor and load, its whole width")
+        found |= scalar(("backlash",), alone, Measure.OTHER)
         found |= gravity_handles() | servo_handles() | scalar(("sensor", "backlash"), gap, Measure.OTHER)
     return found | outer_handles(*MADE[feed], "m/s" if wheel else "rad/s", Measure.SPEED)

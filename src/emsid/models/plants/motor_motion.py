@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from typing import NamedTuple
 
@@ -63,6 +63,16 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
         ends = np.column_stack([np.array(rows)[:, every], motion])
     current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
     return MotorMotion(lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
+
+
+def without_shaft(names: Sequence[str]) -> list[str]:
+    """Those of the names that one mass without inductance has; none where no name is of a shaft."""
+    if not any(name.startswith("shaft_") for name in names):
+        return []
+    left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
+    if "rotor_inertia" in left and "load_inertia" in left:  # one mass has only their sum
+        left.remove("load_inertia")
+    return left
 
 
 def check_two_masses(quadratic: float, waves: Array) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
+from emsid.models.plants.drive import Feed
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import TINY
@@ -24,7 +25,9 @@ def at_motor(motion: Motion, ratio: float) -> Motion:
     )
 
 
-def by_torque(motor: Motor, level: str, per_unit: float, weight: float, motion: Motion) -> dict[str, float]:
+def by_torque(
+    motor: Motor, level: str, per_unit: float, weight: float, motion: Motion, apart: bool
+) -> dict[str, float]:
     """Inertia and friction of a motor that a current or a torque drives, by name.
 
     Args:
@@ -33,10 +36,17 @@ def by_torque(motor: Motor, level: str, per_unit: float, weight: float, motion: 
         per_unit: its torque per unit of the command.
         weight: the inertia of a known weight on the arm of a joint.
         motion: from a regression.
+        apart: whether the load has an inertia of its own, with the present share; else it is kept.
     """
     inertia = max(per_unit / motion.gain, 2 * TINY)
+    load = motor.load_inertia
+    own = {}
+    if apart:
+        load *= max(inertia - weight, 2 * TINY) / (motor.rotor_inertia + load)
+        own["load_inertia"] = load
     return {
-        "rotor_inertia": max(inertia - motor.load_inertia - weight, TINY),
+        **own,
+        "rotor_inertia": max(inertia - load - weight, TINY),
         "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
         level: inertia * max(motion.coulomb, 0.0),
     }
@@ -95,3 +105,15 @@ def _constants_of(motor: Motor, motion: Motion, gain: float, fixed: Collection[s
     elif "rotor_inertia" not in fixed:
         inertia = constant / (motor.resistance * gain)
     return constant, inertia, inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous
+
+
+def usual_free(motor: Motor, feed: Feed, level: str, hangs: bool) -> tuple[str, ...]:
+    """The parameters that are estimated by default; ``level`` is that of the friction."""
+    gravity = ("gravity.torque", "gravity.angle") if hangs else ()
+    if feed is not Feed.VOLTAGE:
+        constant = ("motor_constant",) if feed is Feed.CURRENT else ()
+        return (*constant, "rotor_viscous", "rotor_inertia", level, *gravity)
+    shaft = () if motor.is_rigid else ("load_inertia", "shaft_stiffness", "shaft_damping")
+    inductance = ("inductance",) if motor.inductance > 0 else ()
+    names = ("resistance", "rotor_viscous", "motor_constant", "rotor_inertia", *shaft, *inductance, level)
+    return (*names, *(gravity or ("voltage_dead_zone.half_width",)))

@@ -282,12 +282,19 @@ def _in_python(kernel: Any) -> Any:
 
 
 @cache
-def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
-    """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python."""
+def compiled_with_law(law: Level, kernel: Any, between: Any = None) -> Callable[..., None]:
+    """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python.
+
+    Args:
+        law: the friction law.
+        kernel: calls `move`, or ``between``.
+        between: a kernel that calls `move`; None where ``kernel`` does.
+    """
     if law is level:
         return kernel  # type: ignore[no-any-return]
     made = _compiled_with if hasattr(law, "py_func") else _with
-    return made(law, kernel, {"move": _move_with(law)})
+    inner = {"move": _move_with(law)}
+    return made(law, kernel, inner if between is None else {between.__name__: made(law, between, inner)})
 
 
 @cache

@@ -1,0 +1,210 @@
+r"""A joint whose motor crosses the backlash of its gear alone: two masses that touch, or do not.
+
+The gap 2β is between motor (angle x, speed v) and load (z, w), both on the side of the motor. In it each moves as one
+mass of its own (`one_mass`): the motor with J_m, its friction and the drive, the load with J_L + m·l²/n², its own
+friction, gravity and the constant load. Where they touch, x − z = ±β, they move as one mass with the sum of both.
+
+- Impact: where the gap closes they have one speed after it, (J_m·v + J_L·w)/(J_m + J_L), as a geared shaft without
+  rebound has. The time at which it closes is found by bisection in the exact motion of both.
+- Separation: contact pushes and never pulls. It lasts over a step where motor and load, each moved alone, would come
+  into each other; else the step of each alone is taken. At separation the contact carries nothing, so that a separation
+  found at a step's begin changes the angle by the third power of the step only.
+
+An encoder on the motor reads x. The survey of Nordin and Gutman, Automatica 38 (2002), derives both for stiff shafts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isfinite, remainder, tau
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.compiled import njit
+from emsid.errors import ModelError
+from emsid.models.plants.cogging import Cogging
+from emsid.models.plants.drive import Acting
+from emsid.models.plants.gravity import Gravity
+from emsid.models.plants.one_mass import OneMass, Sliding, compiled_with_law, move
+from emsid.plant.friction import Friction
+
+if TYPE_CHECKING:
+    from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+MOST = 8
+"""Impacts and separations within one step; with more, motor and load stay together until its end."""
+BISECTIONS = 50
+"""Halvings of the time of an impact within a step: to the last digit."""
+TOUCHING = 1e-9
+"""The part of the gap within which motor and load touch: rounding of large angles."""
+
+
+def begun(plant: Any, speed: float, position: float) -> Array:
+    """(5,) the motion of a joint whose motor and load have one speed; gravity has moved the load where it can.
+
+    That is speed and angle of motor and load, and the side on which they touch: 1, −1, or 0 for none.
+    """
+    gravity, half, distance = plant.gravity or Gravity(), _half(plant), 0.0
+    if gravity.whole:
+        per_unit = gravity.per_unit(plant.sensor.ratio)
+        distance = remainder(per_unit * position - tau * gravity.angle / gravity.period, tau) / per_unit
+    behind = min(max(distance, -half), half)
+    return np.array([speed, position, speed, position - behind, np.sign(behind) if abs(distance) >= half else 0.0])
+
+
+def check_gap(plant: Any) -> None:
+    """Refuse a backlash that is negative or not finite, or of a motor that is no joint.
+
+    Raises:
+        ModelError: for such a backlash.
+    """
+    if not (isfinite(plant.backlash) and plant.backlash >= 0):
+        raise ModelError(f"joint with a backlash of {plant.backlash}; it cannot be negative and must be finite")
+    if plant.backlash and (plant.gravity is None or plant.motor.inductance or plant.sensor.backlash):
+        raise ModelError(
+            "backlash with the encoder on the motor is simulated for a joint without inductance; give sensor.backlash "
+            "for an encoder on the load, not both"
+        )
+
+
+def first_gap(segments: Sequence[Record]) -> float:
+    """A backlash to begin a search with: a third of the way between two samples at top speed.
+
+    A search that began with all of that way missed the widest of the gaps that were tried (0.01 to 0.05 rad).
+    """
+    ways = [
+        each.output[:, 0] * each.dt if each.output_units[0].endswith("/s") else np.diff(each.output[:, 0])
+        for each in segments
+    ]
+    return float(np.max(np.abs(np.concatenate(ways)))) / 3
+
+
+def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: Array) -> tuple[Array, Array, Array]:
+    """Speeds and angles (M + 1,) of the motor at the ends of pieces, and the motion (5,) after them; see `begun`.
+
+    Args:
+        plant: the joint.
+        torque, braking: (M + 1,) of the drive at rest, and its decrease per rad/s.
+        on: what the drive applies.
+        motion: (5,) before the first piece.
+    """
+    mass, laws, friction, force, damping = zip(*_bodies(plant, torque, braking), strict=True)
+    acting = (np.array(mass), Sliding.of_all(friction), np.array(force), np.array(damping), on.load)
+    speeds, angles, after = np.empty(len(torque)), np.empty(len(torque)), np.array(motion, dtype=float)
+    compiled_with_law(laws[0], _across, _moved_alone)(
+        *acting, on.dt, on.late, plant.steps, _half(plant), after, speeds, angles
+    )
+    return speeds, angles, after
+
+
+def _half(plant: Any) -> float:
+    """β on the side of the motor."""
+    return float(0.5 * plant.backlash * abs(plant.sensor.ratio))
+
+
+def _bodies(plant: Any, torque: Array, braking: Array) -> list[OneMass]:
+    """Motor, load, and both together with the motor ahead of the load, and behind it."""
+    motor, hangs, none = plant.motor, plant.gravity or Gravity(), np.zeros(len(torque))
+    law = motor.rotor_friction
+    alone = replace(
+        plant,
+        motor=replace(motor, load_viscous=0.0, load_friction=Friction()),
+        gravity=replace(hangs, torque=0.0, mass=0.0),
+        load_torque=0.0,
+    )._sliding(torque, braking)
+    behind = replace(
+        plant,
+        motor=replace(motor, rotor_viscous=0.0, rotor_friction=type(law)()),
+        cogging=Cogging(),
+        quadratic_viscous=0.0,
+    )._sliding(none, none)
+    load = behind._replace(mass=plant.inertia_of_all - motor.rotor_inertia, force=none - plant.load_torque)
+    shift = 0.5 * plant.backlash * (1 if plant.sensor.ratio > 0 else -1)
+    both = [replace(plant, gravity=replace(hangs, angle=hangs.angle + side * shift)) for side in (1, -1)]
+    return [alone._replace(mass=motor.rotor_inertia), load, *(each._sliding(torque, braking) for each in both)]
+
+
+@njit(nogil=True, error_model="numpy")
+def _moved_alone(
+    body: int, mass: Array, friction: Sliding, force: Array, damping: Array, load: Array, h: float, begin: Any
+) -> tuple[float, float]:
+    """Speed and position of a body after h seconds under the forces (4,) of now."""
+    own = Sliding(
+        friction.numbers[body],
+        friction.breakaway[body],
+        friction.varies[body],
+        friction.viscous[body],
+        friction.quadratic[body],
+        friction.waves[body],
+        friction.load[body],
+        friction.servo[0] if body != 1 else friction.servo[0][:0],
+    )
+    pull, drag = np.full(2, force[body]), np.full(2, damping[body])
+    speeds, positions = np.empty(2), np.empty(2)
+    move(mass[body], own, pull, drag, load, h, 0.0, 1, begin[0], begin[1], speeds, positions)
+    return speeds[1], positions[1]
+
+
+@njit(nogil=True, error_model="numpy")
+def _across(
+    mass: Array,
+    friction: Sliding,
+    force: Array,
+    damping: Array,
+    load: Array,
+    dt: float,
+    late: float,
+    steps: int,
+    half: float,
+    motion: Array,
+    speeds: Array,
+    angles: Array,
+) -> None:
+    """See `moved_apart`; ``motion`` is replaced by that after the run."""
+    none = load[:0]
+    v, x, w, z, side = motion[0], motion[1], motion[2], motion[3], motion[4]
+    for k in range(force.shape[1] - 1):
+        speeds[k], angles[k] = v, x
+        more = load[k : k + 1]
+        for part in range(2):
+            whole = late * dt if part == 0 else (1.0 - late) * dt
+            if whole <= 0.0:
+                continue
+            pull, drag = force[:, k + part].copy(), damping[:, k + part].copy()
+            for _ in range(steps):
+                left = whole / steps
+                for event in range(MOST + 1):
+                    v1, x1 = _moved_alone(0, mass, friction, pull, drag, none, left, (v, x))
+                    w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, left, (w, z))
+                    apart = x1 - z1
+                    if side != 0.0 and (side * apart >= half * (1.0 - TOUCHING) or event == MOST):
+                        v, x = _moved_alone(2 if side > 0.0 else 3, mass, friction, pull, drag, more, left, (v, x))
+                        w, z = v, x - side * half
+                        break
+                    side = 0.0
+                    if abs(apart) <= half:
+                        v, x, w, z = v1, x1, w1, z1
+                        break
+                    towards = 1.0 if apart > 0.0 else -1.0
+                    low, high = 0.0, left
+                    for _ in range(BISECTIONS):
+                        middle = 0.5 * (low + high)
+                        v1, x1 = _moved_alone(0, mass, friction, pull, drag, none, middle, (v, x))
+                        w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, middle, (w, z))
+                        if towards * (x1 - z1) > half:
+                            high = middle
+                        else:
+                            low = middle
+                    v = w = (mass[0] * v1 + mass[1] * w1) / (mass[0] + mass[1])
+                    x, side = x1, towards
+                    z = x - side * half
+                    left -= high
+                    if left <= 0.0:
+                        break
+    motion[0], motion[1], motion[2], motion[3], motion[4] = v, x, w, z, side
+    speeds[-1], angles[-1] = v, x

@@ -26,9 +26,11 @@ PLAIN = Motor().rigid()
 
 
 @contextmanager
-def served(pace: float = 10.0, terminal: bool = False, changes: tuple[MotorChange, ...] = ()) -> Iterator[Server]:
+def served(
+    pace: float = 10.0, terminal: bool = False, changes: tuple[MotorChange, ...] = (), dt: float = DT
+) -> Iterator[Server]:
     """A server in a thread, ended in every case."""
-    server = Server(Board(PLAIN, DT, Bench.typical(), changes), terminal=terminal, pace=pace)
+    server = Server(Board(PLAIN, dt, Bench.typical(), changes), terminal=terminal, pace=pace)
     ended: list[bool] = []
     thread = Thread(target=server.run, args=(lambda: bool(ended),), daemon=True)
     thread.start()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from math import comb
-from typing import Any
 
 import numpy as np
 import pytest
@@ -150,6 +148,7 @@ def test_the_number_of_knots_is_limited_by_the_samples() -> None:
     assert map_sizes(SPLINE, HAMMERSTEIN, [few], (None, 2), CascadeSearch(size=20)) == (20,)
 
 
+@pytest.mark.long
 def test_few_knots_move_to_where_the_map_bends() -> None:
     """Spread over the data, ten knots leave 3.8 times the noise."""
     record, judge, noise = diode_circuit(seed=4, samples=1_500, noise=8e-4)
@@ -210,21 +209,6 @@ def test_a_filter_at_a_higher_rate_responds_alike_at_low_frequencies(poles: list
 
 
 # --- sources of starts -----------------------------------------------------------------------------------------------
-
-
-def test_other_sources_of_starts_are_left_out_where_a_refined_start_explains_the_output(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    record = record_of(Cascade((BEND, SLOW)), 800)
-    sources = cascade_choice.ordered_starts
-
-    def batches(*arguments: Any) -> Iterator[list[Cascade]]:
-        yield next(sources(*arguments))
-        pytest.fail("other sources are searched")
-
-    monkeypatch.setattr(cascade_choice, "ordered_starts", batches)
-    fit = hammerstein(record, 2, replace(AT_RATE, size=6))
-    assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
 
 
 # --- data that decide ------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,22 +13,14 @@ from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.nonlinear.gauss_newton import PATIENCE
 from emsid.estimation.nonlinear.losses import Huber
-from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import unit_gain
-from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
-from emsid.models.blocks.search.estimation import wiener_hammerstein
-from emsid.models.blocks.search.map_families import TRIAL_KNOTS
-from emsid.models.blocks.search.refinement import FINISHED, Plan, promising, refined, unseen_errors
-from emsid.models.blocks.search.sources import refined_first
-from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Saturation, TwoSlopes, UserMap
-from emsid.selection.improvement import StretchErrors
+from emsid.models.blocks.static_maps import DeadZone, Saturation, TwoSlopes, UserMap
 
 
 @pytest.mark.parametrize("name", [n for n in CASCADES if n not in ("user's", "oversampled")])
@@ -224,79 +215,3 @@ def test_bad_input() -> None:
 
 
 # --- which starts are refined ----------------------------------------------------------------------------------------
-
-
-def test_of_every_pair_of_orders_one_start_is_refined_and_none_twice() -> None:
-    def start(first: int, second: int, pole: float) -> Cascade:
-        filters = [Rational(np.eye(order + 1)[0], pole * np.eye(order)[0]) for order in (first, second)]
-        return Cascade((filters[0], Saturation(1.0, -1.0, 1.0), filters[1]))
-
-    starts = [start(4, 2, 0.1 * (k // 2)) for k in range(8)] + [start(3, 4, 0.1), start(3, 3, 0.1), start(3, 3, 0.2)]
-    assert refined_first(starts) == [starts[0], starts[8], starts[9], *starts[2:8:2]]
-
-
-def test_of_many_starts_those_that_are_far_after_a_few_steps_are_given_up() -> None:
-    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
-    record = record_of(true, 100)
-    stuck = Cascade((Rational(np.array([1.0]), np.zeros(0)),))  # without the pole no search comes near
-    starts = [stuck, *[true.with_parameters((0.9 + 0.01 * k) * true.parameters) for k in range(FINISHED)]]
-    left = promising([Plan(each) for each in starts], [record], {}, 1, Control())
-    assert len(left) == FINISHED
-    assert all(len(plan.model.parameters) == len(true.parameters) for plan in left)
-    (alone,) = promising([Plan(stuck)], [record[:1]], {}, 1, Control())  # too short for any search
-    assert alone.model is stuck
-
-
-def test_without_splits_the_best_choice_of_every_kind_is_left_and_none_is_run_on_unseen_data() -> None:
-    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
-    record, gain = record_of(true, 100), Cascade((Rational(np.array([1.0]), np.zeros(0)),))
-    starts = [gain, *[true.with_parameters(part * true.parameters) for part in (0.9, 1.1)]]
-    first, second = refined([Plan(each) for each in starts], [record], (), 1, Control())
-    assert [len(each.model.parameters) for each in (first, second)] == [len(true.parameters), len(gain.parameters)]
-    assert first.known < second.known
-    assert first.error == second.error == np.inf
-
-
-def test_the_trial_splines_of_a_short_record_are_not_cross_validated(monkeypatch: pytest.MonkeyPatch) -> None:
-    compared = []
-
-    def unseen(model: Cascade, *others: Any) -> Any:
-        compared.append(next(len(block.knots) for block in model.blocks if isinstance(block, CubicSpline)))
-        return unseen_errors(model, *others)
-
-    monkeypatch.setattr("emsid.models.blocks.search.refinement.unseen_errors", unseen)
-    record = record_of(CASCADES["wiener-hammerstein"], 300, noise=0.01)
-    wiener_hammerstein((1, 1), static="spline", oversampling=1).fit(record)
-    assert compared
-    assert TRIAL_KNOTS not in compared
-
-
-def test_a_search_that_ends_where_it_saves_little_is_not_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = CASCADES["wiener-hammerstein"]
-    record, start = record_of(true, 400, noise=0.1), true.with_parameters(0.6 * true.parameters)
-    again: list[Minimum] = []
-
-    def begun_again(minimum: Minimum, *_: object) -> Minimum:
-        again.append(minimum)
-        return minimum
-
-    monkeypatch.setattr("emsid.models.blocks.fitting.begun_again", begun_again)
-    few, _ = search(start, record, least_saving=1.0, restarts=True)
-    assert (few.ending, few.iterations, again) == (Ending.OUT_OF_BUDGET, PATIENCE, [])
-    same, _ = search(start, record, max_iterations=PATIENCE, restarts=True)
-    assert again == [same]
-
-
-def test_a_model_that_is_much_worse_on_the_first_split_is_not_fitted_to_the_others() -> None:
-    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
-    record = record_of(true, 400)
-    splits = [Round([record[200:]], [record[:200]], [0]), Round([record[:200]], [record[200:]], [0])]
-    start = true.with_parameters(0.9 * true.parameters)
-    assert unseen_errors(start, splits, Control(), None).mean < 1e-9  # fitted again to each
-    rival = StretchErrors.of(np.full(400, 1e-30))
-    with pytest.raises(ModelError, match="much larger"):
-        unseen_errors(start, [splits[0], Round([], [], [])], Control(), rival)
-    squares = np.full(400, 1e-30)
-    squares[300:] = 1e-29  # the second split is the harder one for the rival, so it comes first
-    with pytest.raises(ModelError, match="much larger"):
-        unseen_errors(start, [Round([], [], []), splits[1]], Control(), StretchErrors.of(squares))

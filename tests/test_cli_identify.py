@@ -235,9 +235,9 @@ def test_a_budget_that_ends_before_a_model_is_found_is_said(run, log, tmp_path, 
 
 def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):
     rng = np.random.default_rng(6)
-    command = np.repeat(rng.uniform(-10, 10, 60), 20)
-    command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 1000.0
-    command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 999.0
+    command = np.repeat(rng.uniform(-10, 10, 60), 10)
+    command[np.repeat(rng.uniform(size=60) < 0.2, 10)] = 1000.0
+    command[np.repeat(rng.uniform(size=60) < 0.2, 10)] = 999.0
     codes = ((1000.0, Bridge.BRAKE), (999.0, Bridge.COAST))
     plant = emsid.MotorPlant(emsid.Motor(inductance=0.0, voltage_dead_zone=None).rigid(), Drive(codes=codes))
     speed = plant.simulate(command[:, None], 0.01, np.zeros(2), (Signal.SPEED,))[:, 0]
@@ -260,7 +260,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):
 def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path, no_refinements):
     path, out = tmp_path / "axis.csv", tmp_path / "out"
     rng = np.random.default_rng(4)
-    force = np.repeat(rng.uniform(-60, 60, 40), 50)
+    force = np.repeat(rng.uniform(-60, 60, 40), 25)
     axis = emsid.LinearAxis().with_values(
         {"mass": 20.0, "viscous_friction": 30.0, "friction.coulomb": 8.0, "offset": 2.0}
     )

@@ -44,6 +44,7 @@ def test_every_division_keeps_the_product_of_the_filters() -> None:
         np.testing.assert_allclose(product(each), product(model), rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_zeros_beyond_the_band_of_the_input_end_in_the_right_filter(seed: int) -> None:
     """All zeros are at half the sampling rate, where the input has no power; there is a minimum at 1.5 × the noise."""

@@ -134,6 +134,7 @@ def test_intervals_are_as_narrow_as_the_band_of_the_map(truth: FeedbackModel, si
     assert share["z.x1"] < 0.02
 
 
+@pytest.mark.long
 def test_the_cubic_spring_of_an_oscillator_is_known_to_one_percent() -> None:
     """It was 30 % in the unit of a single element."""
     fit = emsid.fit(emsid.feedback(2, delay=0), duffing(samples=2048).fitted)

@@ -103,6 +103,7 @@ def test_a_sensor_may_be_curved_and_slow() -> None:
     assert emsid.compare([fit], other).best.row.simulation_rmse < 2.0 * NOISE
 
 
+@pytest.mark.long
 def test_friction_that_levels_off_soon_has_two_numbers() -> None:
     """With a spline in their place, the error on the other record is 1.26 times the noise."""
     fit = emsid.fit(emsid.feedback(order=3), magnitudes(300, 32, friction=soon))
@@ -110,6 +111,7 @@ def test_friction_that_levels_off_soon_has_two_numbers() -> None:
     assert emsid.compare([fit], magnitudes(300, 150, friction=soon)).best.row.simulation_rmse < 1.1 * NOISE
 
 
+@pytest.mark.long
 def test_maps_of_a_given_family_that_loses_the_sign_are_all_of_it() -> None:
     search = emsid.feedback(order=3, static="even-spline", maps=2, delay=0, oversampling=1)
     fit = emsid.fit(search, magnitudes(300))

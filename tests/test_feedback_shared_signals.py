@@ -149,6 +149,7 @@ def test_intervals_contain_the_true_values_where_signals_are_shared() -> None:
     assert binom.cdf(np.mean(inside, axis=0).min() * 30, 30, 0.95) > 0.001
 
 
+@pytest.mark.long
 def test_signals_that_are_one_save_variance() -> None:
     """The mean square error is about σ²p/N, and 8 of 22 parameters are saved; on 20 records, for a larger input."""
     truth = sharing(*PAIRS)

@@ -37,7 +37,7 @@ def test_the_estimate_over_time_has_many_points_also_where_a_file_comes_at_once(
 def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     absent = {"change-detected", "source-gap", "samples-not-tracked", "source-disconnected", "source-silent"}
     absent |= {"lines-not-used", "log-not-written", "tracking-errors-coloured"}
-    session, found = tracked(lines(6000), folder=tmp_path, settings=Settings(0.01, patience=1, false_alarm=3600))
+    session, found = tracked(lines(6000), folder=tmp_path, settings=Settings(0.1, patience=1, false_alarm=3600))
     assert not absent & set(findings(found))
     assert [each["kind"] for each in found if each["kind"] != "estimate"] == ["start", "end"]
     assert all(json.loads(json.dumps(each)) == each for each in found)

@@ -159,7 +159,7 @@ def test_bench_run_says_that_zero_volts_are_not_confirmed(
 
 def test_a_killed_tracker_leaves_a_log_that_reads(tmp_path: Path) -> None:
     """The short form of 50 kills in ``bench/live.py``; then Ctrl-C, after which everything is written."""
-    with served(pace=1.0) as server:
+    with served(pace=1.0, dt=0.01) as server:
         words = [sys.executable, "-m", "emsid", "track", url(server), "--json", "--out", str(tmp_path)]
         for end in (signal.SIGKILL, signal.SIGINT):
             process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -88,6 +88,7 @@ def test_a_jump_between_filters_is_found_and_no_noise_before_it(seed: int) -> No
     assert "process-noise" not in [finding.code for finding in fit.findings]
 
 
+@pytest.mark.long
 def test_a_jump_is_narrowed_before_other_maps_are_compared_with_it() -> None:
     """The smooth jump of a start leaves more than a piecewise linear map, which ends at 3.6 times the noise."""
     record, noise = with_jump(77239)

@@ -81,6 +81,7 @@ def test_correlated_errors_show_less_than_independent_ones() -> None:
     assert not evident(replace(larger, independent=15.0), simpler)
 
 
+@pytest.mark.long
 def test_two_slopes_are_found_where_nobody_names_them() -> None:
     """A dead zone ends at the bound of its edges here, and a piecewise linear map has 2.5 times the noise."""
     _, fitted, judge, noise = cascade(31)

@@ -167,6 +167,7 @@ def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map() -> None:
     assert len(found.fit.model.blocks[2].parameters) == 7
 
 
+@pytest.mark.long
 def test_a_spline_takes_the_place_of_another_map_in_noise_before_it(noisy: Circuit) -> None:
     """A cubic polynomial leaves an error that is small beside this noise, and three times that of the true map."""
     cubic = Polynomial(np.array([0.0, 0.9, 0.0, -0.1]), -3, 3)

@@ -31,7 +31,7 @@ from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Task, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back, shortened
 from emsid.models.blocks.search.dead_time import at_the_input
-from emsid.models.blocks.search.diagnostics import too_few_knots
+from emsid.models.blocks.search.knots import too_few_knots, with_enough_knots
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state
@@ -298,6 +298,7 @@ def _fitted(
     how["threads"] = settings.threads
     first = Search(restarts=True, least_saving=settings.least_saving, control=control.during(f"fitting {start.name}"))
     found = with_steeper_jumps(searched(start, records, **(how | first)), **(how | first))
+    found = found if settings.size else with_enough_knots(found, **(how | first))
     corrected = Corrected()
     if settings.loss is SQUARES:
         averages, free_map = steady.each if steady else 1.0, len(settings.families) > 1

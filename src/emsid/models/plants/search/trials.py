@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import inf, isfinite
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
 from emsid.estimation.nonlinear.restarts import SAME, SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
+from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal, parts
@@ -118,7 +118,6 @@ class Trials:
         control: when to stop.
         complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it gives
             the initial states. None if the segments themselves do.
-        counted: (N,) of every segment, 0 for samples whose errors do not count; None where all of them do.
         begins: how the initial states are found; see `beginning`.
     """
 
@@ -128,7 +127,6 @@ class Trials:
     weighting: Weighting = all_alike
     control: Control = FREE
     complete: Record | None = None
-    counted: tuple[Array, ...] | None = None
     begins: InitialState = InitialState.SAMPLES
 
     def fitted(
@@ -230,29 +228,6 @@ class Trials:
         except EmsidError:
             return None
 
-    def settled(self, trial: Trial) -> tuple[Trials, Trial]:
-        """These trials with the source of initial states that the records allow, and the plant fitted with it.
-
-        The initial state of a position is estimated if that agrees with its first samples. If the load drifts, it was
-        chosen together with the drift.
-        """
-        if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
-            return self, trial
-
-        def search(start: InitialState, before: Trial | None) -> Trial | None:
-            begin = before or trial
-            return replace(self, begins=start).fitted([begin.plant], begin.names, begin.states)
-
-        found = as_seen(self.seen, trial.cost, search)
-        return (self, trial) if found is None else (replace(self, begins=found[0]), found[1])
-
-    def residuals(self, trial: Trial) -> list[Array]:
-        """The weighted free-run error of a trial in every segment; infinite where it cannot be simulated."""
-        problem = self.problem(trial.plant, (), trial.states)
-        if problem is None:
-            return [np.full(segment.output.size, inf) for segment in self.segments]
-        return problem.residuals(problem.start)
-
     def problem(
         self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None = None
     ) -> FreeRunError | None:
@@ -268,13 +243,12 @@ class Trials:
             return None
 
     def _counted(self, plant: DrivenPlant) -> tuple[Array, ...] | None:
-        """(N,) of every segment, 0 for samples whose errors do not count: the first speed in motion, too."""
+        """(N,) of every segment, 0 for the first speed in motion, whose error does not count, and 1 for others."""
         if Signal.POSITION in self.signals:
-            return self.counted
-        counted = self.counted or tuple(np.ones(len(segment)) for segment in self.segments)
+            return None
         return tuple(
-            np.where((np.arange(len(segment)) == 0) & bool(plant.free_states(self.signals, segment)), 0.0, some)
-            for segment, some in zip(self.segments, counted, strict=True)
+            np.where((np.arange(len(segment)) == 0) & bool(plant.free_states(self.signals, segment)), 0.0, 1.0)
+            for segment in self.segments
         )
 
     @property

@@ -47,7 +47,8 @@ def ratio(model: emsid.Cascade, judge: Record, noise: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [("dead zone", 1), ("saturation", 1), pytest.param("saturation", 3, marks=pytest.mark.long)]
+    ("name", "seed"),
+    [("dead zone", 1), *(pytest.param("saturation", seed, marks=pytest.mark.long) for seed in (1, 3))],
 )
 def test_a_kink_gets_knots_until_noise_hides_it(name: str, seed: int) -> None:
     """With 40 knots the errors are 1.6 to 2.5 times the noise."""
@@ -60,7 +61,7 @@ def test_a_kink_gets_knots_until_noise_hides_it(name: str, seed: int) -> None:
     assert ratio(fit.model, judge, noise) < 1.08
 
 
-@pytest.mark.parametrize(("name", "noise"), [("hyperbolic tangent", 0.001), ("dead zone", 0.05), ("saturation", 0.05)])
+@pytest.mark.parametrize(("name", "noise"), [("hyperbolic tangent", 0.001), ("dead zone", 0.05)])
 def test_no_knots_are_added_where_noise_hides_what_they_show(name: str, noise: float) -> None:
     record, _, _ = records(MAPS[name], 1, noise)
     fit = emsid.fit(emsid.wiener_hammerstein((2, 1), static="spline", delay=0), record)

@@ -62,12 +62,16 @@ def terms(fit: Fit[RegressionModel]) -> dict[str, tuple[float, float]]:
 
 
 @pytest.mark.parametrize(
-    "noise", [of_output, *(pytest.param(other, marks=pytest.mark.long) for other in (of_output_coloured, of_equation))]
+    ("noise", "records"),
+    [
+        (of_output, 5),
+        *(pytest.param(each, 10, marks=pytest.mark.long) for each in (of_output, of_output_coloured, of_equation)),
+    ],
 )
-def test_selection_ends_at_the_terms_of_the_system(noise: Callable[[Array], tuple[Array, Array]]) -> None:
+def test_selection_ends_at_the_terms_of_the_system(noise: Callable[[Array], tuple[Array, Array]], records: int) -> None:
     """Without the last criterion, half of these models have one to nine terms more."""
-    found = [set(terms(fitted(seed, noise))) for seed in range(10)]
-    assert sum(each == set(TRUTH) for each in found) >= 8
+    found = [set(terms(fitted(seed, noise))) for seed in range(records)]
+    assert sum(each == set(TRUTH) for each in found) >= 0.8 * records
 
 
 @pytest.mark.long

@@ -9,7 +9,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import cache
+from types import FunctionType
 from typing import Any, TypeVar, cast
+
+import numpy as np
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -65,6 +69,41 @@ def njit(*, cache: bool = True, **options: Any) -> Callable[[Kernel], Kernel]:
         return cast(Kernel, made)
 
     return compiled
+
+
+@cache
+def with_functions(kernel: Any, **functions: Any) -> Any:
+    """A kernel that calls other functions by some of the names that it, or a kernel that it calls, uses.
+
+    It is compiled if these functions are, and kept on disk if they are of this package; otherwise it is plain Python.
+
+    Args:
+        kernel: made by `njit`.
+        functions: by the names that kernels of its package know others by.
+    """
+    made = _with(kernel, tuple(sorted(functions.items())))
+    return made if _kernel(made) else np.errstate(all="ignore")(made)
+
+
+@cache
+def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
+    code, replaced = kernel.py_func, dict(functions)
+    known = {name: code.__globals__[name] for name in code.__code__.co_names if name in code.__globals__}
+    made = {name: replaced.get(name) or _with(each, functions) for name, each in known.items() if _kernel(each)}
+    if all(each is known[name] for name, each in made.items()):
+        return kernel
+    name = "_with_".join([code.__name__, *(each.__name__ for _, each in functions)])
+    changed = FunctionType(code.__code__, {**code.__globals__, **made}, name)
+    changed.__qualname__ = name  # the file on disk is found by this name alone
+    if not all(map(_kernel, replaced.values())):
+        return changed
+    ours = all(each.__module__.startswith("emsid.") for each in replaced.values())
+    options = {key: value for key, value in kernel.targetoptions.items() if key not in ("nopython", "boundscheck")}
+    return njit(cache=ours, **options)(changed)
+
+
+def _kernel(function: Any) -> bool:
+    return hasattr(function, "py_func")
 
 
 def _do_without(cache: Any) -> None:

@@ -9,11 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compiled import njit
-from emsid.errors import ModelError
 from emsid.plant.friction import Friction, FrictionLaw
 from emsid.plant.motor import Motor
 
 Array = NDArray[np.float64]
+
+
+class Extra(NamedTuple):
+    """What acts on a motor besides the equations of `emsid.plant.motor`; an energy balance does not have it.
+
+    Attributes:
+        quadratic: friction by the square of the speed on the load, in N·m·s²/rad².
+        waves: (n, 4) torques that repeat with the angle of a body and act against it: the body, phase per rad of its
+            angle, cosine and sine in N·m.
+    """
+
+    quadratic: float = 0.0
+    waves: Array = np.empty((0, 4))
+
+
+NOTHING = Extra()
 
 
 class Constants(NamedTuple):
@@ -22,77 +37,78 @@ class Constants(NamedTuple):
     resistance: float
     inductance: float
     motor_constant: float
-    inertia: Array  # (2,) by body
-    viscous: Array  # (2,) by body
     stiffness: float
     damping: float
     gap: float  # half the backlash
+    quadratic: float
     rigid: bool
-    coulomb: Array  # (2, 2) by body and direction, as the next three
-    stribeck: Array
-    stribeck_rate: Array
-    breakaway: Array  # for a rigid motor, both bodies together in the first row
+    curved: bool  # whether forces are not linear, other than by the exponential of (4.7)
+    holds: NDArray[np.bool_]  # (2,) by body, whether its friction may hold it; of a rigid motor, both together first
+    inertia: Array  # (2,) by body
+    viscous: Array  # (2,) by body
     edge: Array  # (2,) break points of the torque dead zone
     slope: Array  # (3,) of its branches: left, within, right
     corner: Array  # (3,) torque at which the branch is zero
     scale: Array  # (4,) current, speeds and twist that one volt causes
+    breakaway: (
+        Array  # (2, 2) by body and direction without load; of a rigid motor, both bodies together in the first row
+    )
+    friction: Array  # (2, 2, n) the numbers of the friction laws, by body and direction
+    waves: Array  # (m, 4) see `Extra`
 
 
 def flattened(m: Constants) -> Array:
-    """(39,) the constants in one array, which a compiled function takes from Python in less time than all of them."""
-    flat: Array = np.concatenate([np.ravel(each) for each in m]).astype(float)
+    """The constants in one array, which a compiled function takes from Python in less time than all."""
+    flat: Array = np.concatenate([[m.friction.shape[2]], *map(np.ravel, m)]).astype(float)
     return flat
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def from_flat(flat: Array) -> Constants:
     """The constants of `flattened`."""
+    n = int(flat[0])
     return Constants(
-        flat[0],
         flat[1],
         flat[2],
-        flat[3:5],
-        flat[5:7],
+        flat[3],
+        flat[4],
+        flat[5],
+        flat[6],
         flat[7],
-        flat[8],
-        flat[9],
-        flat[10] > 0.0,
-        flat[11:15].reshape(2, 2),
-        flat[15:19].reshape(2, 2),
-        flat[19:23].reshape(2, 2),
-        flat[23:27].reshape(2, 2),
-        flat[27:29],
-        flat[29:32],
-        flat[32:35],
-        flat[35:39],
+        flat[8] > 0.0,
+        flat[9] > 0.0,
+        flat[10:12] > 0.0,
+        flat[12:14],
+        flat[14:16],
+        flat[16:18],
+        flat[18:21],
+        flat[21:24],
+        flat[24:28],
+        flat[28:32].reshape(2, 2),
+        flat[32 : 32 + 4 * n].reshape(2, 2, n),
+        flat[32 + 4 * n :].reshape(-1, 4),
     )
 
 
-def _paper_law(law: FrictionLaw) -> Friction:
-    """The friction (4.7), whose Taylor series the kernels know.
-
-    Raises:
-        ModelError: for any other friction law.
-    """
-    if not isinstance(law, Friction):
-        raise ModelError(
-            f"friction law {type(law).__name__}: a motor with a shaft, an inductance or a torque dead zone is "
-            "simulated with coulomb-stribeck friction only; use a rigid motor with inductance 0"
-        )
-    return law
+def acting_laws(motor: Motor) -> list[FrictionLaw]:
+    """The friction laws on rotor and load; one whose level does not change is that of (4.7)."""
+    laws = (motor.rotor_friction, motor.load_friction)
+    return [law if isinstance(law, Friction) or law.varies.any() else Friction(law.breakaway) for law in laws]
 
 
-def constants(motor: Motor) -> Constants:
-    """The motor in this form.
-
-    Raises:
-        ModelError: for a friction law whose Taylor series the kernels do not know.
-    """
-    frictions = (_paper_law(motor.rotor_friction), _paper_law(motor.load_friction))
-    levels = np.array([[f.forward, f.backward] for f in frictions])
-    breakaway = levels[:, :, 0] + levels[:, :, 1]
+def constants(motor: Motor, extra: Extra = NOTHING) -> Constants:
+    """The motor in this form."""
+    laws = acting_laws(motor)
+    other = not all(isinstance(law, Friction) for law in laws)
+    curved = other or extra.quadratic > 0 or len(extra.waves) > 0
+    breakaway = np.array([law.breakaway for law in laws])
+    holds = np.array([law.varies.any() or any(law.breakaway) for law in laws])
     if motor.is_rigid:
         breakaway[0] += breakaway[1]
+        holds[0] |= holds[1]
+    friction = np.zeros((2, 2, max(law.numbers.shape[1] for law in laws)))
+    for body, law in enumerate(laws):
+        friction[body, :, : law.numbers.shape[1]] = law.numbers
     zone = motor.torque_dead_zone
     stiffness = 0.0 if motor.is_rigid else motor.shaft_stiffness
     stall, idle = 1 / motor.resistance, 1 / motor.motor_constant
@@ -101,20 +117,22 @@ def constants(motor: Motor) -> Constants:
         motor.resistance,
         motor.inductance,
         motor.motor_constant,
-        np.array([motor.rotor_inertia, motor.load_inertia]),
-        np.array([motor.rotor_viscous, motor.load_viscous]),
         stiffness,
         0.0 if motor.is_rigid else motor.shaft_damping,
         0.0 if motor.is_rigid else 0.5 * motor.shaft_backlash,
+        float(extra.quadratic),
         motor.is_rigid,
-        np.ascontiguousarray(levels[:, :, 0]),
-        np.ascontiguousarray(levels[:, :, 1]),
-        np.ascontiguousarray(levels[:, :, 2]),
-        breakaway,
+        curved,
+        holds,
+        np.array([motor.rotor_inertia, motor.load_inertia]),
+        np.array([motor.rotor_viscous, motor.load_viscous]),
         np.array([zone.b_l, zone.b_r]) if zone else np.array([-inf, inf]),
         np.array([zone.m_l, 0.0, zone.m_r]) if zone else np.ones(3),
         np.array([zone.b_l, 0.0, zone.b_r]) if zone else np.zeros(3),
         np.array([stall, idle, idle, twist]),
+        breakaway,
+        friction,
+        extra.waves,
     )
 
 

@@ -18,14 +18,14 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.compiled import njit
+from emsid.compiled import njit, with_functions
 from emsid.errors import ModelError
 from emsid.plant.parameter import Measure
 
@@ -236,6 +236,19 @@ def law_name(law: FrictionLaw) -> str:
 def coulomb_stribeck(speed: float, numbers: Array, side: int) -> float:
     """α₀ + α₁·exp(−α₂·|ω|): (4.7) for one direction."""
     return float(numbers[side, 0] + numbers[side, 1] * np.exp(-numbers[side, 2] * speed))
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def of_motion(speed: float, numbers: Array, side: int, made: float, outside: float) -> float:
+    """(4.7) for one direction, as a function of the forces of the drive and from outside too, on which it does not
+    depend."""
+    return float(coulomb_stribeck(speed, numbers, side))
+
+
+@cache
+def of_forces(level: Level) -> Level:
+    """A level as a function of speed, numbers, side and the forces of the drive and from outside, whatever it takes."""
+    return level if sees_load(level) else with_functions(of_motion, coulomb_stribeck=level)  # type: ignore[no-any-return]
 
 
 @friction_law("coulomb-stribeck")

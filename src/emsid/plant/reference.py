@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from emsid.plant.friction import FrictionLaw
+from emsid.plant.friction import FrictionLaw, sees_load
 from emsid.plant.motor import Motor
 
 Array = NDArray[np.float64]
@@ -60,36 +60,43 @@ def simulate_reference(motor: Motor, voltage: Array, dt: float, *, tolerance: fl
     return np.array(states), transitions
 
 
-def _net_torques(motor: Motor, x: Array) -> Array:
-    """(2,) the torques on rotor and load without the friction (4.7)."""
+def _torques(motor: Motor, x: Array) -> list[tuple[float, float]]:
+    """For rotor and load, the torque that drives it and the one from outside, which the load of a friction law is."""
     current, rotor, load, twist, _ = x
     torque = motor.motor_constant * current
     if motor.torque_dead_zone is not None:
         torque = float(motor.torque_dead_zone(torque))
     shaft = motor.shaft_stiffness * twist + motor.shaft_damping * (rotor - load)
-    return np.array([torque - shaft - motor.rotor_viscous * rotor, shaft - motor.load_viscous * load])
+    return [(torque, -shaft), (shaft, 0.0)]
 
 
 def _derivative(motor: Motor, x: Array, volt: float, motion: tuple[int, ...]) -> Array:
     current, rotor, load, _, _ = x
-    rotor_net, load_net = _net_torques(motor, x)
     return np.array(
         [
             (volt - motor.resistance * current - motor.motor_constant * rotor) / motor.inductance,
-            _acceleration(rotor_net, motor.rotor_friction, motor.rotor_inertia, rotor, motion[0]),
-            _acceleration(load_net, motor.load_friction, motor.load_inertia, load, motion[1]),
+            _acceleration(motor, x, 0, motion[0]),
+            _acceleration(motor, x, 1, motion[1]),
             rotor - load,
             load,
         ]
     )
 
 
-def _acceleration(net: float, friction: FrictionLaw, inertia: float, speed: float, direction: int) -> float:
+def _acceleration(motor: Motor, x: Array, body: int, direction: int) -> float:
     """The acceleration of a stuck (direction 0) or sliding body; trial steps beyond standstill keep its direction."""
     if direction == 0:
         return 0.0
-    level = type(friction).level(direction * speed, _numbers(friction), int(direction < 0))
-    return float(net - direction * level) / inertia
+    made, outside = _torques(motor, x)[body]
+    viscous, inertia = (motor.rotor_viscous, motor.load_viscous)[body], (motor.rotor_inertia, motor.load_inertia)[body]
+    level = _level(motor, body, direction * float(x[1 + body]), direction, made, outside)
+    return float(made + outside - viscous * x[1 + body] - direction * level) / inertia
+
+
+def _level(motor: Motor, body: int, speed: float, direction: int, made: float, outside: float) -> float:
+    friction = (motor.rotor_friction, motor.load_friction)[body]
+    level = type(friction).level
+    return float(level(speed, _numbers(friction), int(direction < 0), *(made, outside) * sees_load(level)))
 
 
 @lru_cache(maxsize=8)
@@ -99,23 +106,23 @@ def _numbers(friction: FrictionLaw) -> Array:
 
 def _event(motor: Motor, body: int, direction: int) -> Callable[[float, Array], float]:
     """A function of time and state that falls through zero when the motion of a body ends."""
-    forward, backward = _breakaway(motor, body)
 
     def margin(_: float, x: Array) -> float:
         if direction != 0:
             return direction * float(x[1 + body])
-        net = float(_net_torques(motor, x)[body])
-        return min(forward * (1 + _SLACK) - net, net + backward * (1 + _SLACK))
+        return min(_margins(motor, x, body, 1 + _SLACK))
 
     margin.terminal, margin.direction = True, -1  # type: ignore[attr-defined]
     return margin
 
 
+def _margins(motor: Motor, x: Array, body: int, factor: float = 1.0) -> list[float]:
+    """What is left, forward and backward, until the torque on a body at rest exceeds break-away."""
+    made, outside = _torques(motor, x)[body]
+    ways = (1, -1)
+    return [factor * _level(motor, body, 0.0, way, made, outside) - way * (made + outside) for way in ways]
+
+
 def _motion_from_rest(motor: Motor, x: Array, body: int) -> int:
-    net = _net_torques(motor, x)[body]
-    forward, backward = _breakaway(motor, body)
-    return int(net > forward) - int(net < -backward)
-
-
-def _breakaway(motor: Motor, body: int) -> tuple[float, float]:
-    return (motor.rotor_friction, motor.load_friction)[body].breakaway
+    forward, backward = _margins(motor, x, body)
+    return int(forward < 0) - int(backward < 0)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.plant.constants import constants, stored
+from emsid.plant.constants import NOTHING, Extra, constants, stored
 from emsid.plant.motor import Motor
-from emsid.plant.taylor import SPARE_EVENTS, SPARE_STEPS, run
+from emsid.plant.taylor import SPARE_EVENTS, SPARE_STEPS, run, with_laws
 
 Array = NDArray[np.float64]
 
@@ -171,6 +171,7 @@ def simulate(
     initial: State = AT_REST,
     method: Taylor = STANDARD,
     energy: bool = False,
+    extra: Extra = NOTHING,
 ) -> Trajectory:
     """Simulate the motor for a voltage that is held from sample to sample.
 
@@ -187,6 +188,7 @@ def simulate(
         initial: the state at the first sample.
         method: order and tolerance of the integration.
         energy: whether to compute the energy balance.
+        extra: what else acts on the motor.
 
     Raises:
         DataError: for inputs of other shapes or with values that are not finite, for a dt that is not
@@ -200,7 +202,7 @@ def simulate(
     if motor.is_rigid and (initial.rotor_speed != initial.load_speed or initial.twist != 0):
         raise ModelError(f"initial {initial}: a rigid motor has one speed and no twist")
 
-    known = constants(motor)
+    known, simulated = constants(motor, extra), with_laws(run, motor)
     armature = volts if motor.voltage_dead_zone is None else motor.voltage_dead_zone(volts)
     states = np.empty((len(volts) + 1, len(start)))
     states[0] = start
@@ -210,7 +212,7 @@ def simulate(
     while happened > capacity:  # again, if the arrays were too short
         capacity, spent[:] = happened, 0.0
         instant, events, counts = np.empty(capacity), np.empty((capacity, 3), np.int64), np.empty(2, np.int64)
-        run(known, volts, armature, torques, holds, *steps, energy, states, spent, instant, events, counts)
+        simulated(known, volts, armature, torques, holds, *steps, energy, states, spent, instant, events, counts)
         happened, reached = counts.tolist()
     instant, events = instant[:happened].copy(), events[:happened].copy()
     time = np.concatenate([[0.0], np.cumsum(holds)])

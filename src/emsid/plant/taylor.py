@@ -11,6 +11,12 @@ x_k of every quantity follow from the equations order by order, for example
 to any order and without another evaluation of the law. The step for which the last terms stay below the tolerance is
 known in advance (Jorba and Zou, Experimental Mathematics 14, 2005). The series is also the dense output.
 
+Any other force – of any friction law, also by load, of friction by the square of the speed, of torques that repeat with
+an angle – is a polynomial of time over the step, through its values at the Chebyshev points of the step, where the
+series has speeds, angles and loads. The series follows from the polynomials as above, and they from the series, in
+turns, until nothing changes (Picard iteration; a collocation method). Between these points the polynomials and the
+forces are compared; where they differ by more than the tolerance, as at a corner of a force, the step is shorter.
+
 A step ends at the first event in it, which is the first zero of a polynomial:
 
 - the speed of a sliding body reaches zero: the body is held, its speed is exactly 0;
@@ -24,24 +30,45 @@ A step ends at the first event in it, which is the first zero of a polynomial:
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.compiled import njit
-from emsid.plant.constants import Constants
+from emsid.compiled import njit, with_functions
+from emsid.plant.collocation import (
+    ANGLE,
+    CURRENT,
+    CURVED,
+    DECAY,
+    DEGREE,
+    LEVEL,
+    MARGIN,
+    NET,
+    POINTS,
+    ROWS,
+    SPEED,
+    TWIST,
+    WAVE,
+    Directions,
+    forces_at,
+    missed_by,
+    put_through,
+)
+from emsid.plant.constants import Constants, acting_laws
+from emsid.plant.friction import of_forces
+from emsid.plant.motor import Motor
 from emsid.plant.polynomials import first_below, polynomial_value, product_integral
 
 Array = NDArray[np.float64]
-Directions = NDArray[np.int64]  # (2,) by body: 1 forward, −1 backward, 0 held
 
 _kernel = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
-# Rows of the table of Taylor coefficients: the five states, then the derived quantities. If rotor and load have one row
-# each, the row of the load is second.
-_CURRENT, _SPEED, _TWIST, _ANGLE, _DECAY, _NET, _ROWS = 0, 1, 3, 4, 5, 7, 9
-
 _SLACK = 1e-12  # relative; a thousand times the rounding of a sum of torques
+_ROUNDS = 12  # of series and polynomials in turns, which take four to six; a shorter step then converges
+_BEYOND = 1.0 + 1e-9  # of the time at which a body comes to rest, so that a step has it
+_SHORTEST = 1e-9  # of a sample; a step beside a jump of a force
 _MOST_STEPS = 100_000  # in one sample
 SPARE_STEPS = 10_000  # of a bounded simulation, in addition to those per sample
 SPARE_EVENTS = 64  # array elements for events, in addition to one per sample
@@ -70,7 +97,7 @@ def run(
 
     It returns nothing: Ctrl-C while a kernel converts its arrays to objects would end the interpreter.
     """
-    s = np.zeros((_ROWS, order + 1))
+    s = np.zeros((ROWS, order + 1))
     centred = np.empty(order + 1)
     margin = np.empty(order + 1)
     motion = np.zeros(2, np.int64)
@@ -81,22 +108,28 @@ def run(
     latest = np.full(2, -1)
     clock = 0.0
     taken = 0.0
+    work = np.empty((2, CURVED))
     for k in range(len(volts)):
         for body in range(2):
-            motion[body] = _motion_at(m, body, x[_SPEED + body])
+            motion[body] = _motion_at(m, body, x[SPEED + body])
         contact = _contact_at(m, x)
-        torque = m.motor_constant * x[_CURRENT]
+        torque = m.motor_constant * x[CURRENT]
         branch = 1 + int(torque > m.edge[1]) - int(torque < m.edge[0])
-        left = holds[k]
+        left, wide = holds[k], holds[k]
         for _ in range(_MOST_STEPS):
             if taken >= budget:
                 break
             taken += 1.0
-            _expand(m, x, motion, branch, contact, armature[k], torques[k], s)
-            step = min(left, longest, _step_for(m, s, tolerance))
+            if m.curved:
+                fixed, step = (motion, branch, contact, armature[k], torques[k]), min(left, longest, wide)
+                step = _settle(m, x, *fixed, step, _SHORTEST * holds[k], tolerance, s, work, margin, centred)
+                wide = 2.0 * step
+            else:
+                _expand(m, x, motion, branch, contact, armature[k], torques[k], s)
+                step = min(left, longest, _step_for(m, s, tolerance))
             while True:
                 step, event, body, turn = _first_event(m, s, motion, branch, contact, torques[k], step, margin, centred)
-                if not _decay_error(m, s, motion, step) > tolerance:
+                if m.curved or not _decay_error(m, s, motion, step) > tolerance:
                     break
                 step *= 0.5
             if energy:
@@ -106,12 +139,12 @@ def run(
             if event == _BRANCH:
                 branch += turn
             elif event == _CONTACT:
-                x[_TWIST] = m.gap * (turn if contact == 0 else contact)
+                x[TWIST] = m.gap * (turn if contact == 0 else contact)
                 contact += turn
             elif event == _MOTION:
-                x[_SPEED + body] = 0.0
+                x[SPEED + body] = 0.0
                 if m.rigid:
-                    x[_SPEED + 1] = 0.0
+                    x[SPEED + 1] = 0.0
                 now = clock + (holds[k] - left)
                 happened = _note_event(now, body, motion[body], turn, latest, happened, instant, events)
                 motion[body] = turn
@@ -159,8 +192,7 @@ def _note_event(
 @_kernel
 def _motion_at(m: Constants, body: int, speed: float) -> int:
     """The motion for a speed; a body without friction is never held, and slides at speed 0 too."""
-    joint = 0 if m.rigid else body
-    if speed == 0.0 and m.breakaway[joint, 0] + m.breakaway[joint, 1] == 0.0:
+    if speed == 0.0 and not m.holds[0 if m.rigid else body]:
         return 1
     return int(speed > 0.0) - int(speed < 0.0)
 
@@ -170,9 +202,9 @@ def _contact_at(m: Constants, x: Array) -> int:
     """The side on which rotor and load touch: 1 or −1, or 0 within the backlash; without backlash 1."""
     if m.gap == 0.0:
         return 1
-    side = int(x[_TWIST] > 0.0) - int(x[_TWIST] < 0.0)
-    beyond = abs(x[_TWIST]) - m.gap
-    closing = side * (x[_SPEED] - x[_SPEED + 1])
+    side = int(x[TWIST] > 0.0) - int(x[TWIST] < 0.0)
+    beyond = abs(x[TWIST]) - m.gap
+    closing = side * (x[SPEED] - x[SPEED + 1])
     return side if beyond > 0.0 or (beyond == 0.0 and closing > 0.0) else 0
 
 
@@ -185,12 +217,12 @@ def _expand(
     for row in range(5):
         s[row, 0] = x[row]
     for body in range(2):
-        sliding = motion[body] != 0 and m.stribeck[body, int(motion[body] < 0)] > 0.0
-        rate = m.stribeck_rate[body, int(motion[body] < 0)]
+        sliding = not m.curved and motion[body] != 0 and m.friction[body, int(motion[body] < 0), 1] > 0.0
+        rate = m.friction[body, int(motion[body] < 0), 2]
         for k in range(order + 1):
-            s[_DECAY + body, k] = 0.0
+            s[DECAY + body, k] = 0.0
         if sliding:
-            s[_DECAY + body, 0] = np.exp(-rate * motion[body] * x[_SPEED + body])
+            s[DECAY + body, 0] = np.exp(-rate * motion[body] * x[SPEED + body])
     # A division is much slower than a product.
     per_ohm = 1.0 / m.resistance
     per_henry = 1.0 / m.inductance if m.inductance > 0.0 else 0.0
@@ -199,49 +231,104 @@ def _expand(
     for k in range(order + 1):
         unit = 1.0 if k == 0 else 0.0
         if m.inductance == 0.0:
-            s[_CURRENT, k] = (volt * unit - m.motor_constant * s[_SPEED, k]) * per_ohm
-        torque = m.slope[branch] * (m.motor_constant * s[_CURRENT, k] - m.corner[branch] * unit)
+            s[CURRENT, k] = (volt * unit - m.motor_constant * s[SPEED, k]) * per_ohm
+        torque = m.slope[branch] * (m.motor_constant * s[CURRENT, k] - m.corner[branch] * unit)
         shaft = 0.0
         if contact != 0:
-            twist = s[_TWIST, k] - contact * m.gap * unit
-            shaft = m.stiffness * twist + m.damping * (s[_SPEED, k] - s[_SPEED + 1, k])
-        s[_NET, k] = torque - shaft - m.viscous[0] * s[_SPEED, k]
-        s[_NET + 1, k] = shaft - m.viscous[1] * s[_SPEED + 1, k] - disturbance * unit
+            twist = s[TWIST, k] - contact * m.gap * unit
+            shaft = m.stiffness * twist + m.damping * (s[SPEED, k] - s[SPEED + 1, k])
+        s[NET, k] = torque - shaft - m.viscous[0] * s[SPEED, k] - s[WAVE, k]
+        s[NET + 1, k] = shaft - m.viscous[1] * s[SPEED + 1, k] - disturbance * unit - s[WAVE + 1, k]
         if m.rigid:
-            s[_NET, k] += s[_NET + 1, k]
-            s[_NET + 1, k] = s[_NET, k]
+            s[NET, k] += s[NET + 1, k]
+            s[NET + 1, k] = s[NET, k]
         if k == order:
             return
         part = 1.0 / (k + 1)
         if m.inductance > 0.0:
-            drop = m.resistance * s[_CURRENT, k] + m.motor_constant * s[_SPEED, k]
-            s[_CURRENT, k + 1] = (volt * unit - drop) * (per_henry * part)
+            drop = m.resistance * s[CURRENT, k] + m.motor_constant * s[SPEED, k]
+            s[CURRENT, k + 1] = (volt * unit - drop) * (per_henry * part)
         rotor = _friction_term(m, s, motion, 0, k)
         load = _friction_term(m, s, motion, 1, k)
         if m.rigid:
-            gained = (s[_NET, k] - rotor - load) * (rotor_share * part)
-            s[_SPEED, k + 1] = gained if motion[0] != 0 else 0.0
-            s[_SPEED + 1, k + 1] = s[_SPEED, k + 1]
+            gained = (s[NET, k] - rotor - load) * (rotor_share * part)
+            s[SPEED, k + 1] = gained if motion[0] != 0 else 0.0
+            s[SPEED + 1, k + 1] = s[SPEED, k + 1]
         else:
-            s[_SPEED, k + 1] = (s[_NET, k] - rotor) * (rotor_share * part) if motion[0] != 0 else 0.0
-            s[_SPEED + 1, k + 1] = (s[_NET + 1, k] - load) * (load_share * part) if motion[1] != 0 else 0.0
-        s[_TWIST, k + 1] = (s[_SPEED, k] - s[_SPEED + 1, k]) * part
-        s[_ANGLE, k + 1] = s[_SPEED + 1, k] * part
+            s[SPEED, k + 1] = (s[NET, k] - rotor) * (rotor_share * part) if motion[0] != 0 else 0.0
+            s[SPEED + 1, k + 1] = (s[NET + 1, k] - load) * (load_share * part) if motion[1] != 0 else 0.0
+        s[TWIST, k + 1] = (s[SPEED, k] - s[SPEED + 1, k]) * part
+        s[ANGLE, k + 1] = s[SPEED + 1, k] * part
         for body in range(2):
-            if s[_DECAY + body, 0] > 0.0:
+            if s[DECAY + body, 0] > 0.0:
                 total = 0.0
                 for j in range(k + 1):
-                    total += (j + 1) * s[_SPEED + body, j + 1] * s[_DECAY + body, k - j]
-                rate = m.stribeck_rate[body, int(motion[body] < 0)]
-                s[_DECAY + body, k + 1] = -rate * motion[body] * total * part
+                    total += (j + 1) * s[SPEED + body, j + 1] * s[DECAY + body, k - j]
+                rate = m.friction[body, int(motion[body] < 0), 2]
+                s[DECAY + body, k + 1] = -rate * motion[body] * total * part
 
 
 @_kernel
 def _friction_term(m: Constants, s: Array, motion: Directions, body: int, k: int) -> float:
-    """Taylor coefficient ``k`` of the friction (4.7) on a sliding body."""
+    """Taylor coefficient ``k`` of the friction on a sliding body."""
     side = int(motion[body] < 0)
-    level = m.coulomb[body, side] if k == 0 else 0.0
-    return float(motion[body] * (level + m.stribeck[body, side] * s[_DECAY + body, k]))
+    if m.curved:
+        return float(motion[body] * s[LEVEL + 2 * body + side, k])
+    level = m.friction[body, side, 0] if k == 0 else 0.0
+    return float(motion[body] * (level + m.friction[body, side, 1] * s[DECAY + body, k]))
+
+
+@_kernel
+def _settle(
+    m: Constants,
+    x: Array,
+    motion: Directions,
+    branch: int,
+    contact: int,
+    volt: float,
+    disturbance: float,
+    step: float,
+    shortest: float,
+    tolerance: float,
+    s: Array,
+    work: Array,
+    margin: Array,
+    centred: Array,
+) -> float:
+    """The series and the polynomials of all forces from the state ``x``; the step for which they hold, up to ``step``.
+
+    A step ends where a body comes to rest, since its friction is known up to there only.
+    """
+    degree = min(DEGREE, s.shape[1] - 2)
+    s[LEVEL:MARGIN] = 0.0
+    settled = min(tolerance, 1e-10)
+    values = np.empty((degree + 1, CURVED))
+    while True:
+        changed = np.inf
+        for _ in range(_ROUNDS):
+            _expand(m, x, motion, branch, contact, volt, disturbance, s)
+            if changed <= settled:
+                break
+            step = min(step, max(_step_for(m, s, tolerance), shortest))
+            for body in range(2):
+                if motion[body] != 0 and m.holds[0 if m.rigid else body]:
+                    at = first_below(0.0, float(motion[body]), s[SPEED + body], step, margin, centred)
+                    step = min(step, _BEYOND * at) if at > 0.0 else step
+            changed = 0.0
+            for j in range(degree + 1):
+                t = step * POINTS[degree, j]
+                forces_at(m, motion, branch, contact, disturbance, s, t, values[j])
+                changed = max(changed, missed_by(m, s, motion, step, t, values[j]))
+            put_through(values, step, s)
+        worst = 0.0
+        for j in range(degree if np.isfinite(tolerance) else 0):
+            t = 0.5 * step * (POINTS[degree, j] + POINTS[degree, j + 1])
+            forces_at(m, motion, branch, contact, disturbance, s, t, work[0])
+            worst = max(worst, missed_by(m, s, motion, step, t, work[0]))
+        if step <= shortest or (changed <= settled and worst <= tolerance):
+            return step
+        better = 0.9 * (tolerance / worst) ** (1.0 / (degree + 2)) if worst > tolerance else 0.5
+        step *= min(max(better, 0.1), 0.5)
 
 
 @_kernel
@@ -272,12 +359,12 @@ def _decay_error(m: Constants, s: Array, motion: Directions, step: float) -> flo
     worst = 0.0
     for body in range(2):
         side = int(motion[body] < 0)
-        if motion[body] != 0 and m.stribeck[body, side] > 0.0:
-            speed = polynomial_value(s[_SPEED + body], step)
-            exact = np.exp(-m.stribeck_rate[body, side] * motion[body] * speed)
-            missed = abs(exact - polynomial_value(s[_DECAY + body], step))
-            change = m.stribeck[body, side] * missed * step / m.inertia[body]
-            worst = max(worst, change / (abs(s[_SPEED + body, 0]) + m.scale[_SPEED]))
+        if motion[body] != 0 and m.friction[body, side, 1] > 0.0:
+            speed = polynomial_value(s[SPEED + body], step)
+            exact = np.exp(-m.friction[body, side, 2] * motion[body] * speed)
+            missed = abs(exact - polynomial_value(s[DECAY + body], step))
+            change = m.friction[body, side, 1] * missed * step / m.inertia[body]
+            worst = max(worst, change / (abs(s[SPEED + body, 0]) + m.scale[SPEED]))
     return worst
 
 
@@ -298,21 +385,29 @@ def _first_event(
 ) -> tuple[float, int, int, int]:
     """The first event up to ``step``: its time, kind, body, and the new motion or the change of branch or contact."""
     kind, which, turn = _NONE, 0, 0
-    drive = m.motor_constant * (abs(s[_CURRENT, 0]) + m.scale[_CURRENT])
-    shaft = m.stiffness * abs(s[_TWIST, 0]) + m.damping * (abs(s[_SPEED, 0]) + abs(s[_SPEED + 1, 0]))
+    drive = m.motor_constant * (abs(s[CURRENT, 0]) + m.scale[CURRENT])
+    shaft = m.stiffness * abs(s[TWIST, 0]) + m.damping * (abs(s[SPEED, 0]) + abs(s[SPEED + 1, 0]))
     for body in range(1 if m.rigid else 2):
-        level = max(m.breakaway[body, 0], m.breakaway[body, 1])
-        if level == 0.0:
+        if not m.holds[body]:
             continue
+        level = max(m.breakaway[body, 0], m.breakaway[body, 1])
         if motion[body] != 0:
-            at = first_below(0.0, float(motion[body]), s[_SPEED + body], step, margin, centred)
+            at = first_below(0.0, float(motion[body]), s[SPEED + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, 0
             continue
         slack = _SLACK * (level + drive + shaft + abs(disturbance))
         for side in range(2):
             direction = 1 - 2 * side
-            at = first_below(m.breakaway[body, side] + slack, float(-direction), s[_NET + body], step, margin, centred)
+            if m.curved:
+                for k in range(s.shape[1]):
+                    s[MARGIN, k] = s[LEVEL + 2 * body + side, k] - direction * s[NET + body, k]
+                    if m.rigid:
+                        s[MARGIN, k] += s[LEVEL + 2 + side, k]
+                at = first_below(slack, 1.0, s[MARGIN], step, margin, centred)
+            else:
+                bound = m.breakaway[body, side] + slack
+                at = first_below(bound, float(-direction), s[NET + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, direction
     for side in range(2):
@@ -325,7 +420,7 @@ def _first_event(
             bound, change = -outward * edge, -outward
         else:
             continue
-        at = first_below(bound, -change * m.motor_constant, s[_CURRENT], step, margin, centred)
+        at = first_below(bound, -change * m.motor_constant, s[CURRENT], step, margin, centred)
         if at <= step:
             step, kind, turn = at, _BRANCH, change
     for outward in (-1, 1) if m.gap > 0.0 else (0, 0):
@@ -333,7 +428,7 @@ def _first_event(
             continue
         away = contact == outward
         bound, factor = -m.gap if away else m.gap, float(outward if away else -outward)
-        at = first_below(bound, factor, s[_TWIST], step, margin, centred)
+        at = first_below(bound, factor, s[TWIST], step, margin, centred)
         if at <= step:
             step, kind, turn = at, _CONTACT, -outward if away else outward
     return step, kind, which, turn
@@ -367,13 +462,13 @@ def _spend(
     spent: Array,
 ) -> None:
     """Add the energies of one step to ``spent``, in the order of `Energy`: integrals of products of two series."""
-    current, rotor, load = s[_CURRENT], s[_SPEED], s[_SPEED + 1]
+    current, rotor, load = s[CURRENT], s[SPEED], s[SPEED + 1]
     unit = np.ones(1)
     charge = product_integral(unit, current, step)
     spent[0] += volt * charge
     spent[2] += m.resistance * product_integral(current, current, step)
     for body in range(2):
-        speed = s[_SPEED + body]
+        speed = s[SPEED + body]
         spent[3 + body] += m.viscous[body] * product_integral(speed, speed, step)
         for k in range(len(work)):
             work[k] = _friction_term(m, s, motion, body, k)
@@ -387,3 +482,9 @@ def _spend(
     work[0] += m.slope[branch] * m.corner[branch]
     spent[8] += (volt - armature) * charge + product_integral(work, rotor, step)
     spent[9] += disturbance * product_integral(unit, load, step)
+
+
+def with_laws(kernel: Any, motor: Motor) -> Any:
+    """A kernel that calls `run`, with the friction laws of a motor."""
+    rotor, load = (of_forces(type(law).level) for law in acting_laws(motor))
+    return with_functions(kernel, rotor_level=rotor, load_level=load)

@@ -96,9 +96,7 @@ def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: A
     mass, laws, friction, force, damping = zip(*_bodies(plant, torque, braking), strict=True)
     acting = (np.array(mass), Sliding.of_all(friction), np.array(force), np.array(damping), on.load)
     speeds, angles, after = np.empty(len(torque)), np.empty(len(torque)), np.array(motion, dtype=float)
-    compiled_with_law(laws[0], _across, _moved_alone)(
-        *acting, on.dt, on.late, plant.steps, _half(plant), after, speeds, angles
-    )
+    compiled_with_law(laws[0], _across)(*acting, on.dt, on.late, plant.steps, _half(plant), after, speeds, angles)
     return speeds, angles, after
 
 

@@ -29,9 +29,9 @@ from emsid.models.plants.gravity import CONSTANTS, Gravity
 from emsid.models.plants.lost_motion import begun, check_gap, first_gap, moved_apart
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, check_two_masses, two_masses, without_shaft
+from emsid.models.plants.motor_motion import MotorMotion, two_masses, without_shaft
 from emsid.models.plants.motor_start import at_motor, by_torque, hung, usual_free, with_motion
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
+from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import (
     Channels,
@@ -48,6 +48,7 @@ from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
 from emsid.models.plants.state import PlantState
 from emsid.plant import FrictionLaw, Measure, Motor
+from emsid.plant.constants import Extra
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -73,15 +74,14 @@ class MotorPlant(DrivenPlant):
         load_torque: constant torque T_d on the load in N·m.
         steps: steps per sample for the Stribeck excess of a rigid motor.
         feed: the output of the drive; with a current or a torque, a rigid motor has no back electromotive force.
-        quadratic_viscous: friction by the square of the speed, as of a fan, in N·m·s²/rad²; of a rigid motor.
-        cogging: torque over the angle, in N·m and rad; of a rigid motor.
+        quadratic_viscous: friction of the load by the square of its speed, as of a fan, in N·m·s²/rad².
+        cogging: torque over the angle of the rotor, in N·m and rad.
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
         servo: the controller of a joint, for target positions; by default one with a gain of one.
         backlash: of a joint, the angle in rad that its motor crosses alone between the two flanks of its load.
 
     Raises:
-        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has quadratic
-            friction, cogging or gravity.
+        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has gravity.
     """
 
     load_unit: ClassVar[str] = "N*m"
@@ -311,17 +311,12 @@ class MotorPlant(DrivenPlant):
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
     def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
-        """See `Plant.sampler`; None with a load among the inputs, a servo, or a sensor behind backlash.
-
-        Raises:
-            ModelError: for quadratic friction or cogging with a shaft or an inductance.
-        """
+        """See `Plant.sampler`; None with a load among the inputs, a servo, or a sensor behind backlash."""
         if self.drive.loaded or self.follows or self.sensor.backlash or self.backlash:
             return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not self.is_one_mass:
-            check_two_masses(self.quadratic_viscous, self.cogging.waves)
-            return MotorSampler(outer, motor, self.load_torque, state)
+            return MotorSampler(outer, *self._general, state)
         volts, k = self.feed is Feed.VOLTAGE, motor.motor_constant
         slope = k / motor.resistance
         before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
@@ -373,8 +368,16 @@ class MotorPlant(DrivenPlant):
                 "or leave out these samples with a mask",
                 arguments=("mask",),
             )
-        check_two_masses(self.quadratic_viscous, self.cogging.waves)
-        return two_masses(self.motor, self.load_torque, on, motion)
+        return two_masses(*self._general, on, motion)
+
+    @property
+    def _general(self) -> tuple[Motor, float, Extra]:
+        """Motor, load torque, and what else acts on a motor that one mass does not describe: friction by the square of
+        the speed and gravity on the load, cogging on the rotor."""
+        hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
+        waves = [np.insert(each, 0, body, axis=1) for body, each in enumerate((self.cogging.waves, hung))]
+        motor = replace(self.motor, load_inertia=self.motor.load_inertia + self._weight)
+        return motor, self.load_torque, Extra(self.quadratic_viscous, np.concatenate(waves))
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """See `linear_motor`; of a joint about the angle at which it hangs."""
@@ -471,9 +474,10 @@ class MotorPlant(DrivenPlant):
 
     def equations(self) -> str:
         """(4.1)–(4.11) as far as they apply."""
-        extra = "" if self.gravity is None else WEIGHT
-        extra += extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ")
-        return equations(self.motor, self.feed, extra) + (LOST if self.backlash else "")
+        weight, rigid = "" if self.gravity is None else WEIGHT, self.motor.is_rigid
+        cogging = extra_terms(0.0, self.cogging, "B_q", "ω", "θ" if rigid else "θ_m")
+        drag = extra_terms(self.quadratic_viscous, Cogging(), "B_q", "ω" if rigid else "ω_L", "θ")
+        return equations(self.motor, self.feed, cogging, weight + drag) + (LOST if self.backlash else "")
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""

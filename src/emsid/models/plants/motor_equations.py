@@ -24,13 +24,13 @@ STATES = ("current", "rotor speed", "load speed", "twist", "angle")
 """All that a linear motor may have."""
 
 
-def equations(motor: Motor, feed: Feed, extra: str) -> str:
+def equations(motor: Motor, feed: Feed, rotor: str, load: str) -> str:
     """The equations as far as they apply, one per line.
 
     Args:
         motor: the motor.
         feed: what drives it.
-        extra: further terms of the torque on one mass.
+        rotor, load: further terms of the torque on either.
     """
     slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
     electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
@@ -39,11 +39,11 @@ def equations(motor: Motor, feed: Feed, extra: str) -> str:
     made = "T" if feed is Feed.TORQUE else "K_m·i"
     torque = made if motor.torque_dead_zone is None else f"D_T({made})"
     if motor.is_rigid:
-        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d{extra}"]
+        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d{load}{rotor}"]
     else:
         mechanical = [
-            f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
-            "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
+            f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m){rotor}",
+            f"J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d{load}",
             f"{'T_s = K_s·φ' if not motor.shaft_backlash else GAP} + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
         ]
     return "\n".join([*electrical, *mechanical])

@@ -57,10 +57,9 @@ def motor_handles(
             found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
     torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
     found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
-    if rigid:
-        square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
-        found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
-        found |= cogging_handles("N*m", "rad")
+    square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
+    found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
+    found |= cogging_handles("N*m", "rad")
     if hangs:
         gap = Parameter("sensor.backlash", "2β", "rad", "backlash between motor and measured load, its whole width")
         alone = Parameter("backlash", "2β", "rad", "backlash between measured motor and load, its whole width")

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
 from emsid.models.plants.drive import Acting
 from emsid.plant import Motor, State, Taylor, simulate
+from emsid.plant.constants import Extra
 
 Array = NDArray[np.float64]
 
@@ -40,12 +40,13 @@ class MotorMotion(NamedTuple):
     positions: Array
 
 
-def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
+def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
     """The motion of the general motor (4.1)–(4.11), and its state after the run.
 
     Args:
         motor: with shaft, or with inductance.
         load_torque: constant torque on the load in N·m.
+        extra: what else acts on it.
         on: what the drive applies.
         motion: (5,) the state before the run: current, rotor speed, load speed, twist and load angle.
     """
@@ -56,7 +57,8 @@ def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> t
         start = State(*motion.tolist())
         if is_stiff(motor, on.dt):
             start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
-        whole = simulate(motor, volts, durations, disturbance=torques, initial=start, method=LONG_STEPS)
+        acting = {"disturbance": torques, "initial": start, "extra": extra}
+        whole = simulate(motor, volts, durations, method=LONG_STEPS, **acting)
         motion = np.array(astuple(whole.final))
         every = slice(None, None, 2 if 0 < on.late < 1 else 1)
         rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
@@ -73,18 +75,6 @@ def without_shaft(names: Sequence[str]) -> list[str]:
     if "rotor_inertia" in left and "load_inertia" in left:  # one mass has only their sum
         left.remove("load_inertia")
     return left
-
-
-def check_two_masses(quadratic: float, waves: Array) -> None:
-    """Refuse what only one mass is simulated with.
-
-    Raises:
-        ModelError: for quadratic friction or cogging.
-    """
-    if quadratic or len(waves):
-        raise ModelError(
-            "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose rigid-motor"
-        )
 
 
 def is_stiff(motor: Motor, dt: float) -> bool:

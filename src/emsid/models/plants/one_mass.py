@@ -28,21 +28,18 @@ and every output is a continuous function of every parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from types import FunctionType
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.compiled import njit
+from emsid.compiled import njit, with_functions
 from emsid.errors import ModelError
 from emsid.models.plants.servo import NO_SERVO
 from emsid.models.plants.state import NO_LOAD
-from emsid.plant.friction import FrictionLaw, Level, sees_load
-from emsid.plant.friction import coulomb_stribeck as level
-from emsid.plant.load_friction import with_load as loaded
+from emsid.plant.friction import FrictionLaw, Level, of_forces
+from emsid.plant.friction import of_motion as level
 
 Array = NDArray[np.float64]
 
@@ -260,72 +257,14 @@ def move_each(
             move(mass[p], own, force[p, a:b], damping[p, a:b], load[a:b], dt[s], late[p, s], most, v, x, there, been)
 
 
-@cache
 def loop_for(law: Level) -> Callable[..., None]:
     """`move_each` with another friction law: compiled if the law is, otherwise in plain Python."""
-    if law is level:
-        return move_each
-    if hasattr(law, "py_func"):
-        return _compiled_with(law, move_each, {"move": _move_with(law)})
-    every = _with(law, move_each, {"move": _move_with(law)})
-
-    def slow(*arguments: Any) -> None:
-        with np.errstate(all="ignore"):
-            every(*arguments)
-
-    return slow
+    return compiled_with_law(law, move_each)
 
 
-def _in_python(kernel: Any) -> Any:
-    """The function that was compiled to a kernel."""
-    return kernel.py_func
-
-
-@cache
-def compiled_with_law(law: Level, kernel: Any, between: Any = None) -> Callable[..., None]:
-    """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python.
-
-    Args:
-        law: the friction law.
-        kernel: calls `move`, or ``between``.
-        between: a kernel that calls `move`; None where ``kernel`` does.
-    """
-    if law is level:
-        return kernel  # type: ignore[no-any-return]
-    made = _compiled_with if hasattr(law, "py_func") else _with
-    inner = {"move": _move_with(law)}
-    return made(law, kernel, inner if between is None else {between.__name__: made(law, between, inner)})
-
-
-@cache
-def _move_with(law: Level) -> Any:
-    """`move` with another friction law, in plain Python unless that is compiled."""
-    seen = sees_load(law)
-    name, resists = ("loaded", _resists_load) if seen else ("level", _resists)
-    if hasattr(law, "py_func"):
-        replaced = {"_resists": _compiled_with(law, resists, {name: law})}
-        if seen:
-            replaced["_holds"] = _compiled_with(law, _holds_load, {name: law})
-        return _compiled_with(law, move, replaced)
-    plain = {"_phi": _in_python(_phi), "_ripple": _in_python(_ripple), "_holds": _in_python(_holds)}
-    plain["_driven"] = _in_python(_driven)
-    if seen:
-        plain["_holds"] = _with(law, _holds_load, {name: law})
-    return _with(law, move, {**plain, "_resists": _with(law, resists, {name: law})})
-
-
-def _with(law: Level, loop: Any, names: Mapping[str, Any]) -> FunctionType:
-    """A compiled loop in plain Python with other functions for some that it calls."""
-    code = _in_python(loop)
-    return FunctionType(code.__code__, {**code.__globals__, **names}, f"{code.__name__}_with_{law.__name__}")
-
-
-def _compiled_with(law: Level, loop: Any, names: Mapping[str, Any]) -> Callable[..., Any]:
-    with_law = _with(law, loop, names)
-    with_law.__qualname__ = with_law.__name__  # the cache on disk identifies a law by this name alone
-    ours = law.__module__.startswith("emsid.")
-    compiled: Callable[..., Any] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
-    return compiled
+def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
+    """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python."""
+    return with_functions(kernel, level=of_forces(law))  # type: ignore[no-any-return]
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -341,25 +280,15 @@ def _driven(force: float, more: float, friction: Sliding, v: float, x: float) ->
 @njit(nogil=True, error_model="numpy", inline="always")
 def _resists(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
     """All friction but the viscous one, at a speed in a direction, for forces of the drive and from outside."""
-    return float(level(speed, friction.numbers, side) + friction.quadratic * speed * speed)
+    return float(level(speed, friction.numbers, side, made, outside) + friction.quadratic * speed * speed)
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _holds(friction: Sliding, side: int, made: float, outside: float) -> float:
     """The net force up to which the mass stays at rest."""
-    return float(friction.breakaway[side])
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _resists_load(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
-    """`_resists` with a law that depends on the load."""
-    return float(loaded(speed, friction.numbers, side, made, outside) + friction.quadratic * speed * speed)
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _holds_load(friction: Sliding, side: int, made: float, outside: float) -> float:
-    """`_holds` with a law that depends on the load."""
-    return float(loaded(0.0, friction.numbers, side, made, outside))
+    if not friction.varies[side]:
+        return float(friction.breakaway[side])
+    return float(level(0.0, friction.numbers, side, made, outside))
 
 
 @njit(nogil=True, error_model="numpy", inline="always")

@@ -25,9 +25,9 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD, PlantState
 from emsid.plant import DeadZoneLaw, Motor
-from emsid.plant.constants import Constants, constants, flattened, from_flat
+from emsid.plant.constants import Constants, Extra, acting_laws, constants, flattened, from_flat
 from emsid.plant.friction import Level
-from emsid.plant.taylor import SPARE_STEPS, run
+from emsid.plant.taylor import SPARE_STEPS, run, with_laws
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -192,13 +192,14 @@ class OneMassSampler:
 class MotorSampler:
     """A motor with a shaft or an inductance between two samples."""
 
-    __slots__ = ("_constants", "_count", "_motion", "_motor", "_outer", "_rows", "_sensed")
+    __slots__ = ("_constants", "_count", "_kernel", "_laws", "_motion", "_motor", "_outer", "_rows", "_sensed")
 
     def __init__(
         self,
         outer: Outer,
         motor: Motor,
         load: float,
+        extra: Extra,
         state: PlantState,
     ) -> None:
         """
@@ -206,6 +207,7 @@ class MotorSampler:
             outer: drive and sensor.
             motor: the motor.
             load: constant torque on it in N·m.
+            extra: what else acts on it.
             state: where it begins.
         """
         pieces, how = PIECES if outer.straight else 2, LONG_STEPS
@@ -214,8 +216,9 @@ class MotorSampler:
         budget = float(SPARE_STEPS + how.most_steps * pieces)
         method = [load, float(how.order), how.tolerance, how.longest_step, budget, float(stiff)]
         zone = Inside.numbers_of(motor.voltage_dead_zone)
-        self._outer, self._motor = outer, constants(motor)
-        self._constants = np.concatenate([flattened(self._motor), zone, method])
+        self._outer, self._motor, self._laws = outer, constants(motor, extra), acting_laws(motor)
+        self._constants = np.concatenate([zone, method, flattened(self._motor)])
+        self._kernel: Callable[..., None] = with_laws(motor_sample, motor)
         self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
         self._rows, self._count = _rows(state), np.array([_begun(state)])
 
@@ -225,7 +228,7 @@ class MotorSampler:
         Raises:
             ModelError: where the motor cannot be simulated, or a bridge coasts.
         """
-        motor_sample(
+        self._kernel(
             self._outer,
             self._constants,
             self._rows,
@@ -242,9 +245,9 @@ class MotorSampler:
             )
 
     @property
-    def numbers(self) -> tuple[Outer, Constants, Array]:
-        """Drive and sensor, the motor, and what `_move_motor` takes beside it."""
-        return self._outer, self._motor, self._constants[39:]
+    def numbers(self) -> tuple[Outer, Constants, Array, list[Level]]:
+        """Drive and sensor, the motor, what `_move_motor` takes beside it, and the friction laws of rotor and load."""
+        return self._outer, self._motor, self._constants[:10], [type(law).level for law in self._laws]
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Integers]:
@@ -414,13 +417,13 @@ def _move_motor(flat: Array, volts: Array, holds: Array, pieces: int, motion: Ar
     """Move a motor over some pieces of constant voltage; whether it could be simulated.
 
     Args:
-        flat: the constants of the motor, its dead zone, and load torque, order, tolerance, longest step, budget of
-            steps and whether rotor and load begin together.
+        flat: the dead zone of the motor; load torque, order, tolerance, longest step, budget of steps and whether rotor
+            and load begin together; and the constants of the motor.
         volts, holds: (≥ pieces,) voltages and durations.
         pieces: how many.
         motion: (5,) the state of `emsid.plant.State`, which is changed.
     """
-    m, zone, method = from_flat(flat[:39]), flat[39:43], flat[43:]
+    zone, method, m = flat[:4], flat[4:10], from_flat(flat[10:])
     armature, torques = np.empty(pieces), np.full(pieces, method[0])
     for k in range(pieces):
         armature[k] = _zoned(zone, volts[k])

@@ -12,10 +12,11 @@ import pytest
 import emsid
 from emsid import MotorPlant
 from emsid.models.model import Model
+from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Drive, Hold
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
-from emsid.plant import DeadZoneLaw, Motor
+from emsid.plant import DeadZoneLaw, GaussianStribeck, Motor, PowerFriction
 from model_examples import DT, cascades, feedback, inputs, plants, polynomials, processes, regressions, state_spaces
 
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow"]
@@ -87,9 +88,20 @@ def test_c_gives_the_numbers_of_the_model(name: str, tmp_path: Path) -> None:
 
 
 SHAFT = Motor(shaft_stiffness=2.0, shaft_damping=0.004)
+GEAR = PowerFriction(4e-3, 2e-3, 0.3, 0.1, 0.05, 0.02, 0.01)
 MOTORS = {
     "shaft": (MotorPlant(SHAFT), (Signal.SPEED, Signal.ROTOR_SPEED, Signal.POSITION, Signal.CURRENT)),
     "backlash": (MotorPlant(replace(SHAFT, shaft_backlash=0.02)), (Signal.SPEED,)),
+    "friction by load": (MotorPlant(replace(SHAFT, rotor_friction=GEAR)), (Signal.SPEED,)),
+    "other laws": (
+        MotorPlant(
+            replace(SHAFT, rotor_friction=GaussianStribeck(8e-3, 2e-3, 0.3)),
+            quadratic_viscous=1e-6,
+            cogging=Cogging(sine_1=1e-3),
+            load_torque=1e-3,
+        ),
+        (Signal.SPEED, Signal.CURRENT),
+    ),
     "stiff shaft": (MotorPlant(Motor(shaft_stiffness=1e9)), (Signal.SPEED,)),
     "inductance": (
         MotorPlant(replace(Motor(inductance=0.002), shaft_stiffness=np.inf)),

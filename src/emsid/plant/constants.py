@@ -59,7 +59,7 @@ class Constants(NamedTuple):
 
 def flattened(m: Constants) -> Array:
     """The constants in one array, which a compiled function takes from Python in less time than all."""
-    flat: Array = np.concatenate([[m.friction.shape[2]], *map(np.ravel, m)]).astype(float)
+    flat: Array = np.concatenate([[m.friction.shape[2]], *(np.ravel(each) for each in m)]).astype(float)
     return flat
 
 

@@ -248,7 +248,8 @@ def of_motion(speed: float, numbers: Array, side: int, made: float, outside: flo
 @cache
 def of_forces(level: Level) -> Level:
     """A level as a function of speed, numbers, side and the forces of the drive and from outside, whatever it takes."""
-    return level if sees_load(level) else with_functions(of_motion, coulomb_stribeck=level)  # type: ignore[no-any-return]
+    made: Level = level if sees_load(level) else with_functions(of_motion, coulomb_stribeck=level)
+    return made
 
 
 @friction_law("coulomb-stribeck")

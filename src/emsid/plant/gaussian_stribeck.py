@@ -35,7 +35,7 @@ def gaussian_excess(speed: float, numbers: Array, side: int) -> float:
 @friction_law("gaussian-stribeck")
 @dataclass(frozen=True)
 class GaussianStribeck(FrictionLaw):
-    """Coulomb friction with an excess near rest that fades as a Gaussian; for a rigid motor and an axis.
+    """Coulomb friction with an excess near rest that fades as a Gaussian.
 
     >>> GaussianStribeck(0.02, stribeck=0.01, stribeck_rate=0.5).breakaway
     (0.03, 0.03)

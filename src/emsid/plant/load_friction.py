@@ -62,7 +62,7 @@ class ByLoad(FrictionLaw):
 @friction_law("load-dependent")
 @dataclass(frozen=True)
 class LoadFriction(ByLoad):
-    """Coulomb and Stribeck friction that grow with the load of a gear; for one mass.
+    """Coulomb and Stribeck friction that grow with the load of a gear.
 
     >>> LoadFriction(0.02, load=0.1).breakaway
     (0.02, 0.02)

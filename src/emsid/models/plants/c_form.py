@@ -13,7 +13,7 @@ from emsid.models.c_form import CForm, number
 from emsid.models.plants.drive import FULL, GAUSS, PIECES
 from emsid.models.plants.sampling import OneMassSampler, Outer
 from emsid.models.plants.stepping import PlantStepper
-from emsid.plant.friction import Level, coulomb_stribeck, sees_load
+from emsid.plant.friction import Level, coulomb_stribeck
 from emsid.plant.gaussian_stribeck import gaussian_excess
 from emsid.plant.load_friction import with_load
 from emsid.plant.power_friction import by_power
@@ -88,7 +88,7 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
             real pull;
             real after;
             real time;
-            if (stands && FABS(net) <= holds(side, made, outside)) {
+            if (stands && FABS(net) <= level(K(0.0), side, made, outside)) {
                 break;
             }
             if (varies[side]) {
@@ -179,8 +179,6 @@ def c_form(stepper: PlantStepper) -> CForm:
     outer, inside, friction, steps, law = sampler.numbers
     if len(outer.codes):
         raise ModelError(f"{name} has codes among its commands, which have no form in C")
-    if law not in LEVELS:
-        raise ModelError(f"the friction law of {name} has no form in C; add it to LEVELS")
     rows, motion, sensed, count = sampler.arrays
     width = friction.numbers.shape[1]
     scalars = {
@@ -189,9 +187,8 @@ def c_form(stepper: PlantStepper) -> CForm:
         "LOAD": float(friction.load),
     }
     whole = {"STEPS": steps, "ROWS": len(rows), "WAVES": len(friction.waves)}
-    functions = (
-        f"{defines(scalars, whole, inside.zone, outer)}\n{_friction(law, width)}\n{MOTION}\n{ZONED}\n{around(outer)}"
-    )
+    numbers, level = defines(scalars, whole, inside.zone, outer), level_of(name, law, width)
+    functions = f"{numbers}\n{level}\n{MOTION}\n{ZONED}\n{around(outer)}"
     constants = (
         ("law", friction.numbers.ravel()),
         ("breakaway", friction.breakaway),
@@ -231,14 +228,24 @@ def around(outer: Outer) -> str:
     return f"{SENSE}\n{_apply(outer)}" + (f"\n{ROW}" if outer.straight else "")
 
 
-def _friction(law: Level, width: int) -> str:
-    """The level of a law, and what it holds at rest."""
-    arguments, unused = "int side, real made, real outside", "    (void)made;\n    (void)outside;\n"
-    held = "level(K(0.0), side, made, outside)" if sees_load(law) else "breakaway[side]"
+def level_of(name: str, law: Level, width: int, which: str = "") -> str:
+    """The level of a law as a function of speed, side, and the forces of the drive and from outside.
+
+    Args:
+        name: of the plant, for messages.
+        law: the friction law.
+        width: how many numbers it has in a direction.
+        which: ends the names of the function and of the table of its numbers.
+
+    Raises:
+        ModelError: for a law that has no form in C.
+    """
+    if law not in LEVELS:
+        raise ModelError(f"the friction law of {name} has no form in C; add it to LEVELS")
     return (
-        f"static real level(real speed, {arguments})\n{{\n    const real *n = law + {width} * side;\n{unused}"
-        f"    return {LEVELS[law]};\n}}\n\n"
-        f"static real holds({arguments})\n{{\n{unused}    return {held};\n}}\n"
+        f"static real level{which}(real speed, int side, real made, real outside)\n{{\n"
+        f"    const real *n = law{which} + {width} * side;\n    (void)made;\n    (void)outside;\n"
+        f"    return {LEVELS[law]};\n}}\n"
     )
 
 

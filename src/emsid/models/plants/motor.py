@@ -362,18 +362,11 @@ class MotorPlant(DrivenPlant):
 
     def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """The same for a motor that one mass does not describe."""
-        if np.any(on.conducts != 1.0):
-            raise ModelError(
-                "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
-                "or leave out these samples with a mask",
-                arguments=("mask",),
-            )
         return two_masses(*self._general, on, motion)
 
     @property
     def _general(self) -> tuple[Motor, float, Extra]:
-        """Motor, load torque, and what else acts on a motor that one mass does not describe: friction by the square of
-        the speed and gravity on the load, cogging on the rotor."""
+        """Motor, load torque, and what else acts: drag and gravity on the load, cogging on the rotor."""
         hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
         waves = [np.insert(each, 0, body, axis=1) for body, each in enumerate((self.cogging.waves, hung))]
         motor = replace(self.motor, load_inertia=self.motor.load_inertia + self._weight)

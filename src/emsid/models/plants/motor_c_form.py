@@ -43,38 +43,70 @@ static real current_of(const real *x, real volts)
     return INDUCTANCE > K(0.0) ? x[0] : (volts - CONSTANT * x[1]) / RESISTANCE;
 }
 
-/* The torques on rotor and load besides friction; on both where the shaft is rigid. */
-static void torques(const real *x, real volts, real *net)
+/* The torque that repeats with the angle of a body. */
+static real ripple(int body, real angle)
+{
+    real torque = K(0.0);
+    int n;
+    for (n = 0; n < WAVES; ++n) {
+        const real *w = waves + 4 * n;
+        if ((int)w[0] == body) {
+            torque += w[2] * COS(w[1] * angle) + w[3] * SIN(w[1] * angle);
+        }
+    }
+    return torque;
+}
+
+/* For rotor and load the torque that drives it, the one from outside, and all that acts besides friction; the same for
+   both where the shaft is rigid. */
+static void torques(const real *x, real volts, real *made, real *outside, real *net)
 {
     const real torque = CONSTANT * current_of(x, volts);
     const real shaft = shaft_torque(x);
-    net[0] = WITHIN * torque + RIGHT * above(torque - EDGE_RIGHT) - LEFT * above(EDGE_LEFT - torque);
-    net[0] -= shaft + viscous[0] * x[1];
-    net[1] = shaft - viscous[1] * x[2] - LOAD;
+    const real own = ripple(0, x[4] + x[3]);
+    made[0] = WITHIN * torque + RIGHT * above(torque - EDGE_RIGHT) - LEFT * above(EDGE_LEFT - torque);
+    made[1] = shaft;
+    outside[0] = -shaft - own;
+    outside[1] = -LOAD - ripple(1, x[4]);
+    net[0] = made[0] + outside[0] - viscous[0] * x[1];
+    net[1] = made[1] + outside[1] - viscous[1] * x[2] - QUADRATIC * x[2] * FABS(x[2]);
     if (RIGID) {
+        made[1] = made[0];
+        outside[0] = outside[1] - own;
+        outside[1] = outside[0];
         net[0] += net[1];
         net[1] = net[0];
     }
 }
 
-static real friction(const real *x, int body, int way)
+/* The friction on a body that slides, or begins to; of both where the shaft is rigid. */
+static real friction(int body, int way, const real *x, const real *made, const real *outside)
 {
-    const int at = 2 * body + (way < 0 ? 1 : 0);
-    return (real)way * (coulomb[at] + stribeck[at] * EXP(-rates[at] * (real)way * x[1 + body]));
+    const int side = way < 0 ? 1 : 0;
+    real level = K(0.0);
+    if (body == 0) {
+        level += level_0((real)way * x[1], side, made[0], outside[0]);
+    }
+    if (body == 1 || RIGID) {
+        level += level_1((real)way * x[2], side, made[1], outside[1]);
+    }
+    return level;
 }
 
 static void slopes(const real *x, const int *way, real volts, real *d)
 {
+    real made[2];
+    real outside[2];
     real net[2];
-    torques(x, volts, net);
+    torques(x, volts, made, outside, net);
     d[0] = INDUCTANCE > K(0.0) ? (volts - RESISTANCE * x[0] - CONSTANT * x[1]) * PER_HENRY : K(0.0);
     if (RIGID) {
-        net[0] -= friction(x, 0, way[0]) + friction(x, 1, way[0]);
+        net[0] -= (real)way[0] * friction(0, way[0], x, made, outside);
         d[1] = way[0] ? net[0] / (inertia[0] + inertia[1]) : K(0.0);
         d[2] = d[1];
     } else {
-        d[1] = way[0] ? (net[0] - friction(x, 0, way[0])) / inertia[0] : K(0.0);
-        d[2] = way[1] ? (net[1] - friction(x, 1, way[1])) / inertia[1] : K(0.0);
+        d[1] = way[0] ? (net[0] - (real)way[0] * friction(0, way[0], x, made, outside)) / inertia[0] : K(0.0);
+        d[2] = way[1] ? (net[1] - (real)way[1] * friction(1, way[1], x, made, outside)) / inertia[1] : K(0.0);
     }
     d[3] = x[1] - x[2];
     d[4] = x[2];
@@ -105,15 +137,18 @@ static void stepped(const real *x, const int *way, real volts, real h, real *out
 /* The direction of each body: it slides, is held, or begins to slide. */
 static void ways(const real *x, real volts, int *way)
 {
+    real made[2];
+    real outside[2];
     real net[2];
     int body;
-    torques(x, volts, net);
+    torques(x, volts, made, outside, net);
     for (body = 0; body < 2; ++body) {
-        const real *level = breakaway + (RIGID ? 0 : 2 * body);
+        const int of = RIGID ? 0 : body;
         const real v = x[1 + body];
         way[body] = (v > K(0.0)) - (v < K(0.0));
         if (way[body] == 0) {
-            way[body] = (net[body] > level[0]) - (net[body] < -level[1]);
+            way[body] = (net[body] > friction(of, 1, x, made, outside))
+                - (net[body] < -friction(of, -1, x, made, outside));
         }
     }
 }
@@ -122,7 +157,8 @@ static void ways(const real *x, real volts, int *way)
    one, until rotor and load touch or part. */
 static real margin(const real *x, const int *way, real volts, int body)
 {
-    const real *level = breakaway + (RIGID || body > 1 ? 0 : 2 * body);
+    real made[2];
+    real outside[2];
     real net[2];
     if (body > 1) {
         return FABS(x[3]) - GAP;
@@ -130,8 +166,8 @@ static real margin(const real *x, const int *way, real volts, int body)
     if (way[body] != 0) {
         return (real)way[body] * x[1 + body];
     }
-    torques(x, volts, net);
-    return net[body] > K(0.0) ? level[0] - net[body] : level[1] + net[body];
+    torques(x, volts, made, outside, net);
+    return friction(body, net[body] > K(0.0) ? 1 : -1, x, made, outside) - FABS(net[body]);
 }
 
 /* The part of a step until the first event, which changes the motion of a body; all of it where there is none. */
@@ -221,7 +257,7 @@ def c_form(stepper: PlantStepper) -> CForm:
     sampler, name = stepper.sampler, stepper.model.name
     if not isinstance(sampler, MotorSampler):
         return one_mass.c_form(stepper)
-    outer, m, rest = sampler.numbers
+    outer, m, rest, laws = sampler.numbers
     zone, load, stiff = rest[:4], float(rest[4]), bool(rest[9] > 0)
     freewheel = float(outer.drive[7])
     if len(outer.codes) or freewheel > 0:
@@ -243,7 +279,8 @@ def c_form(stepper: PlantStepper) -> CForm:
         ("begun", count.astype(float)),
     )
     defines = one_mass.defines(_scalars(m, load), _whole(m, steps, len(rows)), zone, outer)
-    functions = f"{defines}\n{one_mass.ZONED}\n{MOTION}\n{one_mass.around(outer)}"
+    levels = (one_mass.level_of(name, law, m.friction.shape[2], f"_{k}") for k, law in enumerate(laws))
+    functions = "\n".join([defines, one_mass.ZONED, *levels, MOTION, one_mass.around(outer)])
     note = f"A sample is passed in {steps} steps of {dt / steps:.3g} s; emsid takes steps of its own length."
     return CForm(1, len(outer.signals), state, _step(outer), _tables(m), functions, (note,))
 
@@ -276,6 +313,7 @@ def _scalars(m: Constants, load: float) -> dict[str, float]:
         "DAMPING": m.damping,
         "GAP": m.gap,
         "LOAD": load,
+        "QUADRATIC": m.quadratic,
         "WITHIN": float(m.slope[1]),
         "LEFT": float(m.slope[0]) if bounded else 0.0,
         "RIGHT": float(m.slope[2]) if bounded else 0.0,
@@ -286,7 +324,7 @@ def _scalars(m: Constants, load: float) -> dict[str, float]:
 
 def _whole(m: Constants, steps: int, rows: int) -> dict[str, int]:
     """The whole numbers of a motor, for macros."""
-    return {"RIGID": int(m.rigid), "STEPS": steps, "ROWS": rows, "SECANTS": 4, "CUTS": 8}
+    return {"RIGID": int(m.rigid), "STEPS": steps, "ROWS": rows, "WAVES": len(m.waves), "SECANTS": 4, "CUTS": 8}
 
 
 def _tables(m: Constants) -> tuple[tuple[str, Array], ...]:
@@ -294,10 +332,9 @@ def _tables(m: Constants) -> tuple[tuple[str, Array], ...]:
     return (
         ("inertia", m.inertia),
         ("viscous", m.viscous),
-        ("coulomb", m.coulomb.ravel()),
-        ("stribeck", m.stribeck.ravel()),
-        ("rates", m.stribeck_rate.ravel()),
-        ("breakaway", m.breakaway.ravel()),
+        ("law_0", m.friction[0].ravel()),
+        ("law_1", m.friction[1].ravel()),
+        ("waves", m.waves.ravel() if len(m.waves) else np.zeros(4)),
     )
 
 

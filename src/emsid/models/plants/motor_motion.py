@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.models.plants.drive import Acting
 from emsid.plant import Motor, State, Taylor, simulate
 from emsid.plant.constants import Extra
@@ -49,7 +50,16 @@ def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motio
         extra: what else acts on it.
         on: what the drive applies.
         motion: (5,) the state before the run: current, rotor speed, load speed, twist and load angle.
+
+    Raises:
+        ModelError: for a bridge that coasts.
     """
+    if np.any(on.conducts != 1.0):
+        raise ModelError(
+            "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
+            "or leave out these samples with a mask",
+            arguments=("mask",),
+        )
     ends = motion[:, None]
     volts, durations = _pieces(on.voltage, on.dt, on.late)
     torques = load_torque + (np.repeat(on.load[:-1], len(volts) // (len(on.load) - 1)) if len(on.load) > 1 else 0.0)
@@ -57,8 +67,7 @@ def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motio
         start = State(*motion.tolist())
         if is_stiff(motor, on.dt):
             start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
-        acting = {"disturbance": torques, "initial": start, "extra": extra}
-        whole = simulate(motor, volts, durations, method=LONG_STEPS, **acting)
+        whole = simulate(motor, volts, durations, disturbance=torques, initial=start, method=LONG_STEPS, extra=extra)
         motion = np.array(astuple(whole.final))
         every = slice(None, None, 2 if 0 < on.late < 1 else 1)
         rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)

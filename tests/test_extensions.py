@@ -188,12 +188,10 @@ def test_a_law_that_is_not_registered_is_refused_where_it_would_be_lost(tmp_path
     assert not (tmp_path / "motor.json").exists()
 
 
-def test_two_laws_on_one_mass_and_a_law_on_two_masses_are_refused():
+def test_two_laws_on_one_mass_are_refused():
     motor = replace(TRUTH.motor, load_friction=Exponential())
     with pytest.raises(ModelError, match="a rigid motor has one friction law"):
         replace(TRUTH, motor=motor).simulate(VOLTAGE[:, None], DT, np.zeros(2), (Signal.SPEED,))
-    with pytest.raises(ModelError, match="use a rigid motor with inductance 0"):
-        emsid.plant.simulate(replace(emsid.Motor(), rotor_friction=Exponential()), VOLTAGE, DT)
 
 
 # --- a plant --------------------------------------------------------------------------------------------------------

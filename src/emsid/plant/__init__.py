@@ -1,6 +1,7 @@
 """The electromechanical system of section IV: its laws, its parameters, its simulation, and a virtual bench."""
 
 from emsid.plant.bench import Bench, Encoder, SpeedSensor, Tachometer, VoltageSource
+from emsid.plant.constants import Extra
 from emsid.plant.dead_zone import DeadZoneLaw
 from emsid.plant.friction import FRICTION_LAWS, Friction, FrictionLaw, LawParameter, OneDirection, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
@@ -18,6 +19,7 @@ __all__ = [
     "Encoder",
     "Energy",
     "Events",
+    "Extra",
     "Friction",
     "FrictionLaw",
     "GaussianStribeck",

@@ -10,14 +10,12 @@ import pytest
 from scipy.signal import cheby1, cheby2, lfilter
 
 from emsid import Record, concatenate
-from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE
 from emsid.identification import candidates
 from emsid.identification.options import Options
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS, plant_from_data, plant_to_data
 from emsid.models.plants.search.choice import choose
@@ -163,15 +161,6 @@ def test_friction_over_speed_and_position_is_saved_where_there_is_any():
     assert not [name for name in plant_to_data(AXIS)["parameters"] if name.startswith(("cogging", "quadratic"))]
     assert "F_c(x)" in ROUGH.equations()
     assert "F_c(x)" not in AXIS.equations()
-
-
-@pytest.mark.parametrize("values", [{"quadratic_viscous": 1e-4}, {"cogging.sine_1": 1e-3}])
-def test_a_motor_with_inductance_has_no_friction_over_speed_squared_or_position(values):
-    plant = RIGID.with_values({"inductance": 1e-3, **values})
-    with pytest.raises(ModelError, match="without inductance"):
-        plant.simulate(np.ones((5, 1)), 1e-3, np.zeros(3), (Signal.SPEED,))
-    with pytest.raises(ModelError, match="quadratic"):
-        DrivenMotor(quadratic_viscous=-1.0)
 
 
 # --- what is found ----------------------------------------------------------------------------------------------------

@@ -203,7 +203,8 @@ def dead_zone(at: Situation) -> Iterator[Addition]:
 
 def quadratic(at: Situation) -> Iterator[Addition]:
     """Friction that grows with the square of the speed."""
-    yield Addition("quadratic", at.plant, (QUADRATIC,))
+    if at.plant.is_one_mass:  # beside an inductance or a shaft its free run takes twenty times as long
+        yield Addition("quadratic", at.plant, (QUADRATIC,))
 
 
 def stribeck(at: Situation) -> Iterator[Addition]:
@@ -212,7 +213,7 @@ def stribeck(at: Situation) -> Iterator[Addition]:
     if excess in at.free or rate not in at.plant.handles:
         return
     shapes: list[tuple[DrivenPlant, float, type[Friction] | None]] = [(at.plant, 1.0, None)]
-    if type(at.law) is Friction and not at.plant.turn:
+    if type(at.law) is Friction and not at.plant.turn and at.plant.is_one_mass:
         shapes.append((with_law(at.plant, GaussianStribeck), WIDER, Friction))
     third = 0.3 * at.plant.value(at.level)
     for plant, factor, law in shapes:
@@ -267,6 +268,8 @@ def cogging(at: Situation) -> Iterator[Addition]:
     position is the integral, which is not known in a second segment.
     """
     period = HARMONICS[0][0]
+    if not at.plant.is_one_mass:
+        return
     if period in at.free:
         yield Addition("cogging", at.plant, HARMONICS[1])
     elif period in at.plant.handles and (Signal.POSITION in at.signals[:1] or len(at.segments) == 1):
@@ -341,7 +344,8 @@ def average(at: Situation) -> Iterator[Addition]:
 
 def inductance(at: Situation) -> Iterator[Addition]:
     """The current follows the voltage after some time."""
-    if at.plant.can_coast and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
+    forces = any(at.plant.value(name) for name in (QUADRATIC, *HARMONICS[0][1:]) if name in at.plant.handles)
+    if at.plant.can_coast and not forces and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
         plain = with_usual_shape(at.plant)
         henry = at.dt * at.plant.value("resistance")
         begins = tuple({INDUCTANCE: part * henry} for part in (0.5, 1.5))

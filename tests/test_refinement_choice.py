@@ -9,6 +9,7 @@ import pytest
 from coverage_grey_box import (
     MOTOR,
 )
+from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
@@ -85,3 +86,9 @@ def test_a_choice_of_refinements_without_time_is_not_interrupted(monkeypatch):
     fit = choose(MOTOR, record_of(MOTOR, noise=0.1)[:600], effects=("delay",), control=control)
     assert fit.ending is Ending.OUT_OF_BUDGET
     assert fit.findings[0].code == "choice-interrupted"
+
+
+def test_an_effect_that_is_not_known_is_refused_by_name():
+    record = record_of(MOTOR, noise=0.1)[:300]
+    with pytest.raises(ModelError, match=r"no effect 'dealy'.*did you mean delay"):
+        choose(MOTOR, record, effects="dealy")

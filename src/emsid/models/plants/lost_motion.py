@@ -28,7 +28,7 @@ from emsid.errors import ModelError
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Acting
 from emsid.models.plants.gravity import Gravity
-from emsid.models.plants.one_mass import OneMass, Sliding, compiled_with_law, move
+from emsid.models.plants.one_mass import OneMass, Sliding, compiled_with_law, move, one_of
 from emsid.plant.friction import Friction
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MOST = 8
+IMPACTS = 8
 """Impacts and separations within one step; with more, motor and load stay together until its end."""
 BISECTIONS = 50
 """Halvings of the time of an impact within a step: to the last digit."""
@@ -132,16 +132,7 @@ def _moved_alone(
     body: int, mass: Array, friction: Sliding, force: Array, damping: Array, load: Array, h: float, begin: Any
 ) -> tuple[float, float]:
     """Speed and position of a body after h seconds under the forces (4,) of now."""
-    own = Sliding(
-        friction.numbers[body],
-        friction.breakaway[body],
-        friction.varies[body],
-        friction.viscous[body],
-        friction.quadratic[body],
-        friction.waves[body],
-        friction.load[body],
-        friction.servo[0] if body != 1 else friction.servo[0][:0],
-    )
+    own = one_of(friction, body, friction.servo[0] if body != 1 else friction.servo[0][:0])
     pull, drag = np.full(2, force[body]), np.full(2, damping[body])
     speeds, positions = np.empty(2), np.empty(2)
     move(mass[body], own, pull, drag, load, h, 0.0, 1, begin[0], begin[1], speeds, positions)
@@ -176,11 +167,11 @@ def _across(
             pull, drag = force[:, k + part].copy(), damping[:, k + part].copy()
             for _ in range(steps):
                 left = whole / steps
-                for event in range(MOST + 1):
+                for event in range(IMPACTS + 1):
                     v1, x1 = _moved_alone(0, mass, friction, pull, drag, none, left, (v, x))
                     w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, left, (w, z))
                     apart = x1 - z1
-                    if side != 0.0 and (side * apart >= half * (1.0 - TOUCHING) or event == MOST):
+                    if side != 0.0 and (side * apart >= half * (1.0 - TOUCHING) or event == IMPACTS):
                         v, x = _moved_alone(2 if side > 0.0 else 3, mass, friction, pull, drag, more, left, (v, x))
                         w, z = v, x - side * half
                         break

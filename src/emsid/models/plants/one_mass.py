@@ -239,22 +239,28 @@ def move_each(
     """
     for p in range(len(mass)):
         varies = friction.varies[p]
-        own = Sliding(
-            friction.numbers[p],
-            friction.breakaway[p],
-            varies,
-            friction.viscous[p],
-            friction.quadratic[p],
-            friction.waves[p],
-            friction.load[p],
-            friction.servo[p],
-        )
+        own = one_of(friction, p, friction.servo[p])
         most = steps if varies[0] or varies[1] or friction.servo.shape[1] > 0 else 1
         for s in range(len(dt)):
             a, b = ends[s], ends[s + 1]
             v, x = begin[p, s, 0], begin[p, s, 1]
             there, been = speeds[p, a:b], positions[p, a:b]
             move(mass[p], own, force[p, a:b], damping[p, a:b], load[a:b], dt[s], late[p, s], most, v, x, there, been)
+
+
+@njit(nogil=True, error_model="numpy")
+def one_of(friction: Sliding, p: int, servo: Array) -> Sliding:
+    """That of one of several plants, with this servo."""
+    return Sliding(
+        friction.numbers[p],
+        friction.breakaway[p],
+        friction.varies[p],
+        friction.viscous[p],
+        friction.quadratic[p],
+        friction.waves[p],
+        friction.load[p],
+        servo,
+    )
 
 
 def loop_for(law: Level) -> Callable[..., None]:

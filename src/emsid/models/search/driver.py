@@ -56,8 +56,8 @@ def climb(state: S, family: Family[S, M], taken: Callable[[S, str], bool]) -> S:
     """
     for _ in range(TURNS):
         grown, more = _grown(state, family, taken)
-        state = _shrunk(grown, family, taken)
-        exchanged = _exchanged(state, family) if more else None
+        state, smaller = _shrunk(grown, family, taken)
+        exchanged = _exchanged(state, smaller, family) if more else None
         if exchanged is None:
             break
         state = exchanged
@@ -78,8 +78,10 @@ def _grown(state: S, family: Family[S, M], taken: Callable[[S, str], bool]) -> t
 
 
 def _best(state: S, family: Family[S, M]) -> S | None:
-    """The state that the criterion prefers most to the present one, of the likeliest that moves lead to, or else of the
-    next ones; None without one. Of about equal ones it is the first, so that rounding does not decide."""
+    """The state that the criterion prefers most to the present one, of the likeliest moves, or else of the next ones.
+
+    None without one. Of about equal ones it is the first, so that rounding does not decide.
+    """
     likely = family.likely(state)
     for k in range(0, min(len(likely), BATCHES * REFITTED), REFITTED):
         moved = [each for each in family.refitted(state, likely[k : k + REFITTED]) if each is not None]
@@ -90,17 +92,26 @@ def _best(state: S, family: Family[S, M]) -> S | None:
     return None
 
 
-def _shrunk(state: S, family: Family[S, M], taken: Callable[[S, str], bool]) -> S:
-    """The state without additions that the criterion does not prefer."""
-    while smaller := [each for each in family.smaller(state) if family.gain(each, state) <= 0]:
-        state = min(smaller, key=lambda each: family.gain(each, state))
+def _shrunk(state: S, family: Family[S, M], taken: Callable[[S, str], bool]) -> tuple[S, Sequence[S]]:
+    """The state without additions that the criterion does not prefer, and the smaller ones of that state."""
+    while smaller := family.smaller(state):
+        gains = [family.gain(each, state) for each in smaller]
+        if min(gains) > 0:
+            break
+        state = smaller[gains.index(min(gains))]
         taken(state, "taken out")
-    return state
+    return state, smaller
 
 
-def _exchanged(state: S, family: Family[S, M]) -> S | None:
-    """A state with another addition in place of one, if the criterion prefers it; None without one."""
-    for each in family.smaller(state):
+def _exchanged(state: S, smaller: Sequence[S], family: Family[S, M]) -> S | None:
+    """A state with another addition in place of one, if the criterion prefers it; None without one.
+
+    Args:
+        state: to compare with.
+        smaller: the same without each of its additions in turn.
+        family: gives moves and refits.
+    """
+    for each in smaller:
         best = _best(each, family)
         if best is not None and family.gain(state, best) > POSITIVE:
             return best

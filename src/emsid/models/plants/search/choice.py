@@ -26,7 +26,8 @@ from math import inf, log
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
+from emsid.arguments import did_you_mean
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.restarts import AGREEING
@@ -48,7 +49,7 @@ from emsid.models.plants.search.between_samples import as_hold, holds_in, is_ope
 from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
-from emsid.models.plants.search.moves import Addition, Situation, additions, level_name, moves_of
+from emsid.models.plants.search.moves import MOVES, Addition, Situation, additions, moves_of
 from emsid.models.plants.search.reference import Reference
 from emsid.models.plants.search.result import GreyBoxFit, with_choices
 from emsid.models.plants.search.scaling import Scaling
@@ -65,6 +66,8 @@ from emsid.selection.improvement import steady
 Array = NDArray[np.float64]
 Start = tuple[DrivenPlant, tuple[str, ...]]
 """A plant to begin with and what is estimated of it."""
+Group = tuple[Sequence[DrivenPlant], tuple[str, ...], tuple[Addition, ...]]
+"""Plants to begin one trial with, what is estimated, and what they have in addition."""
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """The plant of every kind that a search without other knowledge begins with."""
 
@@ -86,7 +89,7 @@ def choose(
     weighting: Weighting | None = None,
     hold: Hold | str | None = None,
     per_record: str | Sequence[str] = (),
-    effects: Sequence[str] | None = None,
+    effects: str | Sequence[str] | None = None,
     linear: float = inf,
     regression: Callable[[], float] | None = None,
     control: Control = FREE,
@@ -101,18 +104,24 @@ def choose(
         weighting: how errors count by their age; chosen where it is None.
         hold: as in `simulation_error`.
         per_record: likewise; additions are chosen with the same values in all records.
-        effects: what is tried, of `moves.MOVES`; by default what suits this kind of plant.
+        effects: names of what is tried, such as ``("delay", "stribeck")``; by default what suits this kind of plant.
         linear: the share of the output's variance that a linear model leaves in free run; nothing more is added to a
             plant with one addition that leaves much more.
         regression: gives the same share for a nonlinear regression.
         control: when to stop; the best plant so far is then the answer.
+
+    Raises:
+        ModelError: for an effect that is not known.
     """
     plant = plant.for_command(record)
     values, sheet = known_values(plant, fixed, applicable(datasheet or {}, plant))
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
     plant = with_usual_sizes(plant.measured_by(all_known(values, sheet), free), free, values)
-    effects = moves_of(plant) if effects is None else effects
+    effects = moves_of(plant) if effects is None else (effects,) if isinstance(effects, str) else tuple(effects)
+    for name in effects:
+        if name not in MOVES:
+            raise ModelError(f"no effect {name!r}; there are {', '.join(MOVES)}{did_you_mean(name, MOVES)}")
     if not effects:
         return simulation_error(
             plant, record, free=free, fixed=values, datasheet=sheet, weighting=weighting or all_alike, hold=hold,
@@ -331,12 +340,10 @@ class _Choice:
         names = {*row.names, *(name for each in row.begins for name in each)}
         return {name: limits.get(name, (handles[name].lower, handles[name].upper)) for name in names}
 
-    def _fitted(
-        self, groups: Sequence[tuple[Sequence[DrivenPlant], tuple[str, ...], tuple[Addition, ...]]], state: Trial
-    ) -> list[Trial | None]:
-        """A trial for each of several starts, free names and additions; None if none of the starts can be simulated."""
+    def _fitted(self, groups: Sequence[Group], state: Trial) -> list[Trial | None]:
+        """A trial for each group; None if none of its starts can be simulated."""
 
-        def tried(group: tuple[Sequence[DrivenPlant], tuple[str, ...], tuple[Addition, ...]]) -> Trial | None:
+        def tried(group: Group) -> Trial | None:
             plants, free, added = group
             names = without_overlap(plants[0], free, self._fixed)
             found = self._trials.fitted(plants, names, state.states) if names else None
@@ -377,18 +384,13 @@ class _Choice:
             starts = [new for start in starts for new in self._with(effect, *start)] or starts
         return [each for each, _ in starts], starts[0][1]
 
-    def _with(
-        self, effect: str, plant: DrivenPlant, names: tuple[str, ...]
-    ) -> list[tuple[DrivenPlant, tuple[str, ...]]]:
-        """Starts of a plant with an effect that begins at a third of its level."""
+    def _with(self, effect: str, plant: DrivenPlant, names: tuple[str, ...]) -> list[Start]:
+        """Starts of a plant with an effect of friction; what is not split by direction begins at 0.3 of its level."""
         at = Situation(plant, names, self._trials.segments, self._trials.signals)
-        part = 0.3 * plant.value(level_name(plant))
+        level, rows = 0.3 * plant.value(at.level), additions(at, self._fixed, (effect,))
         return [
-            (
-                row.start.with_values(dict.fromkeys(row.names, part)) if effect == "stribeck" else row.start,
-                row.free(names),
-            )
-            for row in additions(at, self._fixed, (effect,))
+            (row.start.with_values({} if row.instead else dict.fromkeys(row.names, level)), row.free(names))
+            for row in rows
         ]
 
     def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:

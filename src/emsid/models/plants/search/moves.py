@@ -79,6 +79,11 @@ class Addition:
     law: type[FrictionLaw] | None = None
     scored: bool = True
 
+    @property
+    def sides(self) -> dict[str, str]:
+        """Parameters for one direction, or one case, each with the parameter that it stands for a part of."""
+        return {side: whole for whole, several in self.instead.items() for side in several}
+
     def free(self, free: Sequence[str]) -> tuple[str, ...]:
         """The parameters that are estimated with it, where these are without it."""
         present = [new for name in free for new in self.instead.get(name, (name,))]
@@ -96,7 +101,7 @@ class Addition:
 
     def taken_out(self, plant: DrivenPlant, free: Sequence[str]) -> tuple[DrivenPlant, tuple[str, ...]] | None:
         """A plant that has the addition without it, and what is free then; None where another one is built on it."""
-        sides = {side: whole for whole, several in self.instead.items() for side in several}
+        sides = self.sides
         added = {*self.names, *self.beside, *sides} - self.kept.keys()
         if not added <= {*free}:
             return None
@@ -154,17 +159,18 @@ class Situation:
 
     @property
     def level(self) -> str:
-        """The name of its level, the first parameter of the law."""
-        return self.of_friction(self.law.parameters[0].name)
+        """The name of its level."""
+        return level_name(self.plant)
 
     def both(self, name: str) -> tuple[str, ...]:
         """The names for each direction of a parameter that is estimated for both; none where it is not."""
         sides = parts(self.plant, name) if name in self.free else ()
         return sides if len(sides) == 2 else ()
 
-    def turns_both_ways(self) -> bool:
-        """Whether the directions of motion can be told apart: no constant load stands for that, and it is one law."""
-        return self.plant.load_name not in self.free
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """The levels for each direction; none where a constant load, which has the same effect, is estimated too."""
+        return self.both(self.level) if self.plant.load_name not in self.free else ()
 
 
 Moves = Callable[[Situation], Iterable[Addition]]
@@ -236,8 +242,8 @@ def stribeck_by_direction(at: Situation) -> Iterator[Addition]:
 
 
 def coulomb_by_direction(at: Situation) -> Iterator[Addition]:
-    """Each direction has its own level of friction; a constant load has the same effect."""
-    if (sides := at.both(at.level)) and at.turns_both_ways():
+    """Each direction has its own level of friction."""
+    if sides := at.levels:
         yield Addition("coulomb-by-direction", at.plant, sides[1:], instead={at.level: sides})
 
 
@@ -370,7 +376,7 @@ def gain_by_direction(at: Situation) -> Iterator[Addition]:
     if SLOPE not in at.plant.handles:
         return
     yield Addition("gain-by-direction", at.plant, (SLOPE,))
-    if (sides := at.both(at.level)) and at.turns_both_ways():
+    if sides := at.levels:
         yield Addition("gain-by-direction", at.plant, (SLOPE, sides[1]), instead={at.level: sides})
 
 
@@ -461,8 +467,7 @@ def additions(
     taken |= {side for name in taken for side in parts(at.plant, name)}
     for effect in effects:
         for row in MOVES[effect](at):
-            split = {side for several in row.instead.values() for side in several}
-            new = {*row.names, *row.beside} - split
+            new = {*row.names, *row.beside} - row.sides.keys()
             have = all(name in row.start.handles for name in row.names)
             if not have or not taken.isdisjoint(new) or not row.instead.keys().isdisjoint(known):
                 continue
@@ -472,8 +477,7 @@ def additions(
 
 def _is_neutral(at: Situation, row: Addition) -> bool:
     """Whether the plant does not have the effect yet."""
-    split = {side for several in row.instead.values() for side in several}
-    for name in (name for name in row.names if name in at.plant.handles and name not in split):
+    for name in (name for name in row.names if name in at.plant.handles and name not in row.sides):
         value = at.plant.value(name)
         if (isfinite(value) and value != row.start.value(name)) or _apart(at.plant, name):
             return False
@@ -486,7 +490,7 @@ def _apart(plant: DrivenPlant, name: str) -> bool:
 
 
 def with_usual_shape(plant: DrivenPlant) -> DrivenPlant:
-    """The plant with the usual shape of friction near rest, the only one that an inductance is simulated with."""
+    """The plant with the usual shape of friction near rest: beside an inductance others are slow to simulate."""
     laws = {
         name: Friction(**{each.name: getattr(law, each.name) for each in fields(law)})
         for name, law in plant.frictions.items()

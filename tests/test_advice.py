@@ -588,9 +588,9 @@ class TestLongDelays:
         u = steps()
         record = Record(u, motor(u, delay=36), 0.01, "u", "y")
         shown, _ = with_delay(Options(), [record])
-        assert (shown.nk, shown.delay_shown) == (36, True)
+        assert (shown.nk, shown.delay_from_data) == (36, True)
         searches = [CANDIDATES["feedback"]._structure(each).search for each in (shown, Options(nk=36))]
-        assert [(each.delay, each.shown, each.longest) for each in searches] == [(None, 36, 36), (36, 0, 36)]
+        assert [(each.delay, each.linear_delay, each.longest) for each in searches] == [(None, 36, 36), (36, 0, 36)]
 
     @pytest.mark.parametrize("seed", range(4))
     def test_a_dead_zone_does_not_hide_it(self, seed: int) -> None:

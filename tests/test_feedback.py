@@ -29,7 +29,7 @@ from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
-from emsid.models.feedback.search.magnitudes import as_feedback
+from emsid.models.feedback.search.rectified_output import as_feedback
 from emsid.models.kinds import capabilities_of
 from feedback_models import Array, U, X, loop, multiplied
 from model_examples import DT, LOOP, MAPS, TWO_LOOPS

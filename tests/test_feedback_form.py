@@ -19,7 +19,7 @@ from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
-from emsid.models.feedback.search.magnitudes import as_feedback
+from emsid.models.feedback.search.rectified_output import as_feedback
 from feedback_models import Array, U, X, loop, multiplied
 from independent.nonlinear_systems import duffing
 from model_examples import DT, MAPS

@@ -24,7 +24,7 @@ from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.moves import MORE, maps_more, with_map_more
 from emsid.models.feedback.search.starts import started_beside_line
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial, error_of_use
+from emsid.models.feedback.search.trials import FeedbackSearch, SearchData, Steps, Trial, error_of_use
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from feedback_models import Array, U, X, begun_trial, loop, sticking
@@ -120,14 +120,14 @@ def test_a_delay_of_the_input_is_found() -> None:
 
 @pytest.mark.parametrize("delay", [0, 8])
 def test_a_longer_delay_is_tried_where_it_is_shown(delay: int) -> None:
-    """What linear models show may be wrong: a delay of 8 samples is shown, and the record has it or not."""
+    """A delay of 8 samples comes from linear models, and the record has it or not."""
     truth = FeedbackModel(
         np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),), delay=delay
     )
     rng = np.random.default_rng(5)
     u = rng.normal(size=400)
     record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
-    search = FeedbackSearch(1, 1, family_of("saturation"), oversampling=1, shown=8)
+    search = FeedbackSearch(1, 1, family_of("saturation"), oversampling=1, linear_delay=8)
     fit = estimation.FeedbackStructure(search).fit(record)
     assert fit.model.delay == delay
     assert np.sqrt(fit.noise_variance) < 0.011
@@ -135,13 +135,13 @@ def test_a_longer_delay_is_tried_where_it_is_shown(delay: int) -> None:
 
 @pytest.mark.parametrize(("best", "tried"), [(0, (0,)), (3, (0, 3)), (7, (7, 0)), (8, (0,))])
 def test_the_delays_that_linear_models_gain_by_are_tried(best: int, tried: tuple[int, ...]) -> None:
-    """One of 7 samples is shown, and others of more than 5 are not tried."""
+    """One of 7 samples comes from linear models, and others of more than 5 are not tried."""
 
     class Judge:
         def linear(self, order: int, steps: Steps, delay: int) -> SimpleNamespace:
             return SimpleNamespace(error=0.9 if delay == best else 1.0 + 0.01 * delay)
 
-    assert first_map._delays(Judge(), FeedbackSearch(shown=7), Steps(1, False)) == tried  # type: ignore[arg-type]
+    assert first_map._delays(Judge(), FeedbackSearch(linear_delay=7), Steps(1, False)) == tried  # type: ignore[arg-type]
 
 
 def test_an_order_above_three_is_found() -> None:
@@ -211,7 +211,7 @@ def test_a_spring_that_hardens_is_found_to_the_noise() -> None:
 
 def test_a_map_may_explain_more_than_its_direction_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no direction seems to explain more than noise, every order is tried with a map none the less."""
-    monkeypatch.setattr(Bench, "more_than_noise", lambda *_: False)
+    monkeypatch.setattr(SearchData, "more_than_noise", lambda *_: False)
     rng = np.random.default_rng(11)
     u = np.repeat(rng.uniform(-1, 1, 60), 5)
     matrix = np.array([[1.5, 1.0, 0.3, -0.4], [-0.6, 0.0, 0.2, 0.1], [1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
@@ -259,10 +259,10 @@ def test_a_third_map_is_found() -> None:
     truth = FeedbackModel(matrix, maps)
     record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
     without = FeedbackModel(np.delete(np.delete(matrix, 3, axis=0), 4, axis=1), maps[:2])
-    bench = Bench.of([record], FeedbackSearch(), FREE)
-    begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
+    data = SearchData.of([record], FeedbackSearch(), FREE)
+    begun = data.judged(searched(without, data.segments(without), 0, 30), family_of("polynomial"), 3)
     assert begun.found.error > 0.015
-    (trial,) = maps_more(bench, [begun], FeedbackSearch(), (("dead-zone", 0),))
+    (trial,) = maps_more(data, [begun], FeedbackSearch(), (("dead-zone", 0),))
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
 
@@ -283,11 +283,11 @@ def test_few_independent_errors_may_justify_a_map() -> None:
     """
     fast = np.random.default_rng(1).normal(size=400)
     slow, records = lfilter([1.0], [1.0, -0.9], fast), list[Record]()
-    bench = Bench(records, records, 0)
+    data = SearchData(records, records, 0)
     plain, *others = (with_residual(k * slow, used) for k, used in ((1, 2), (0.9, 16), (0.6, 16), (0.1, 16)))
     _, some, most = others
     followed = with_residual(0.6 * np.std(slow) / np.std(fast) * fast, 16)
-    assert [bench.prefers(each, plain) for each in (some, followed, most)] == [False, True, True]
+    assert [data.prefers(each, plain) for each in (some, followed, most)] == [False, True, True]
 
 
 def test_a_direction_explains_a_slow_residual() -> None:
@@ -306,15 +306,15 @@ def test_no_map_is_added_to_noise() -> None:
     u = rng.normal(size=2400)
     noisy = truth.output(u, X) + 0.02 * rng.normal(size=len(u))
     record = concatenate([Record(u, noisy, DT)[k : k + 300] for k in range(0, 2400, 300)])
-    bench = Bench.of([record], FeedbackSearch(held_back=0.0), FREE)
-    found = searched(truth, bench.segments(truth), 0, 5)
-    trial = bench.judged(found, family_of("polynomial"), 3)
-    assert bench.leaves_noise(trial)
-    assert not list(maps_more(bench, [trial], FeedbackSearch(), MORE))
-    linear = bench.linear(2, Steps(1, False), 0)
-    assert bench.more_than_noise(linear)
-    assert not bench.leaves_noise(replace(trial, found=linear))
-    assert all(len(way.left) == linear.minimum.samples for way in bench.directions(linear))
+    data = SearchData.of([record], FeedbackSearch(held_back=0.0), FREE)
+    found = searched(truth, data.segments(truth), 0, 5)
+    trial = data.judged(found, family_of("polynomial"), 3)
+    assert data.leaves_noise(trial)
+    assert not list(maps_more(data, [trial], FeedbackSearch(), MORE))
+    linear = data.linear(2, Steps(1, False), 0)
+    assert data.more_than_noise(linear)
+    assert not data.leaves_noise(replace(trial, found=linear))
+    assert all(len(way.left) == linear.minimum.samples for way in data.directions(linear))
 
 
 # --- products --------------------------------------------------------------------------------------------------------
@@ -367,19 +367,19 @@ def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkey
     u = rng.normal(size=100)
     linear = FeedbackModel(np.array([[0.8, 0.5], [1.0, 0.0]]))
     record = Record(u, linear.output(u, np.zeros(1)) + 0.1 * rng.normal(size=len(u)), DT)
-    bench = Bench.of([record], FeedbackSearch(), FREE)
-    straight = bench.judged(bench.linear(1, Steps(1, False), 0), family_of("spline"), 0)
-    bent = with_map_more(bench, straight.found, family_of("polynomial"), 5)
+    data = SearchData.of([record], FeedbackSearch(), FREE)
+    straight = data.judged(data.linear(1, Steps(1, False), 0), family_of("spline"), 0)
+    bent = with_map_more(data, straight.found, family_of("polynomial"), 5)
     assert bent.found.error < straight.found.error
     assert bent.parameters * trials.PER_PARAMETER > len(u)
-    assert not bench.prefers(bent, straight)
-    assert set(bench.folds) == {id(bent), id(straight)}
+    assert not data.prefers(bent, straight)
+    assert set(data.folds) == {id(bent), id(straight)}
     better = StretchErrors.of(np.zeros(16))
-    monkeypatch.setitem(bench.folds, id(bent), (bent, better))
-    assert bench.prefers(bent, straight)
-    assert not bench.prefers(straight, bent)
+    monkeypatch.setitem(data.folds, id(bent), (bent, better))
+    assert data.prefers(bent, straight)
+    assert not data.prefers(straight, bent)
     monkeypatch.setattr(trials, "FEWEST", 1 + len(u) // bent.parameters)
-    assert not bench.prefers(bent, straight)  # too few samples for every parameter
+    assert not data.prefers(bent, straight)  # too few samples for every parameter
 
 
 def test_models_are_tried_on_a_larger_input_and_backward_in_time() -> None:

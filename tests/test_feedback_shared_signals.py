@@ -18,7 +18,7 @@ from emsid.models.feedback.coordinates import Same, Visited, always_fixed, coord
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import normal_form
 from emsid.models.feedback.search.shared_signals import with_shared_signals
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch
+from emsid.models.feedback.search.trials import FeedbackSearch, SearchData
 from feedback_models import Array, multiplied
 from model_examples import DT
 
@@ -166,9 +166,9 @@ def test_signals_that_are_one_save_variance() -> None:
 @pytest.mark.parametrize("pairs", [(), PAIRS[:1], PAIRS])
 def test_the_search_finds_out_which_signals_are_shared(pairs: tuple[tuple[str, str], ...]) -> None:
     truth = sharing(*pairs)
-    bench = Bench.of([noisy(truth, 5)], FeedbackSearch(), FREE)
-    begun = bench.refined(turned(truth, 0.01), None, family_of("polynomial"), 3)
-    found = [begun, *with_shared_signals(bench, begun)][-1]
+    data = SearchData.of([noisy(truth, 5)], FeedbackSearch(), FREE)
+    begun = data.refined(turned(truth, 0.01), None, family_of("polynomial"), 3)
+    found = [begun, *with_shared_signals(data, begun)][-1]
     assert len(found.found.model.shared) == len(pairs)
     assert found.parameters == begun.parameters - 2 * len(pairs)
     if len(pairs) == 1:

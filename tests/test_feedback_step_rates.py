@@ -13,7 +13,7 @@ from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import Polynomial
 from emsid.models.feedback.search.moves import _doubled, more_steps, with_map_more
 from emsid.models.feedback.search.starts import with_steps_doubled
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps
+from emsid.models.feedback.search.trials import FeedbackSearch, SearchData, Steps
 from feedback_models import Array
 from independent.nonlinear_systems import duffing
 
@@ -62,29 +62,29 @@ def measured(rate: int, noise: float) -> list[Record]:
 @pytest.mark.parametrize(("rate", "least"), [(4, 4), (1, 1)])
 def test_steps_are_doubled_as_long_as_that_lowers_the_errors(rate: int, least: int) -> None:
     records = measured(rate, 0.0003)
-    bench = Bench.of(records, FeedbackSearch(), FREE)
-    begun = bench.refined(spring(1), None, family_of("polynomial"), 3)
-    found = [begun, *_doubled(bench, begun, FeedbackSearch(held=True))]
+    data = SearchData.of(records, FeedbackSearch(), FREE)
+    begun = data.refined(spring(1), None, family_of("polynomial"), 3)
+    found = [begun, *_doubled(data, begun, FeedbackSearch(held=True))]
     assert [each.found.model.oversampling for each in found[:2]] == ([1, 2] if rate > 1 else [1])
     assert found[-1].found.model.oversampling >= least
-    assert list(more_steps(bench, begun, FeedbackSearch(oversampling=1))) == []
+    assert list(more_steps(data, begun, FeedbackSearch(oversampling=1))) == []
     if rate == 1:
         assert len(found) == 1
 
 
 def test_more_steps_are_tried_with_a_lower_order() -> None:
     """A higher order makes up for missing steps; with two steps the lower order is not yet better."""
-    bench = Bench.of(measured(8, 0.0001)[:1], FeedbackSearch(), FREE)
-    high = bench.refined(with_map(bench, 3), None, family_of("polynomial"), 3)
-    tried = [each for each in more_steps(bench, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
+    data = SearchData.of(measured(8, 0.0001)[:1], FeedbackSearch(), FREE)
+    high = data.refined(with_map(data, 3), None, family_of("polynomial"), 3)
+    tried = [each for each in more_steps(data, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
     assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]
     assert tried[-1].found.error < 0.9 * tried[0].found.error
-    assert bench.prefers(tried[-1], high)
+    assert data.prefers(tried[-1], high)
 
 
-def with_map(bench: Bench, order: int) -> FeedbackModel:
+def with_map(data: SearchData, order: int) -> FeedbackModel:
     """A model of this order with a cubic map and one step per sample."""
-    return with_map_more(bench, bench.linear(order, Steps(1, True), 0), family_of("polynomial"), 3).found.model
+    return with_map_more(data, data.linear(order, Steps(1, True), 0), family_of("polynomial"), 3).found.model
 
 
 def test_a_strong_spring_is_right_on_a_sweep_that_no_fit_has_seen() -> None:

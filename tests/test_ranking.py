@@ -591,7 +591,7 @@ def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
         assert finding.data["searched"] is taken
 
 
-def test_a_structure_of_magnitudes_is_chosen_by_its_search_in_short_records(monkeypatch):
+def test_a_structure_of_a_rectified_output_is_chosen_by_its_search_in_short_records(monkeypatch):
     """The search compares models on data left out; a smaller one is chosen though it follows all data less closely."""
     for model, hides in ((before_sensor(), True), (loop(), False)):
         assert capabilities_of(model).hides_the_sign(model) is hides

@@ -102,12 +102,12 @@ def test_only_a_sensor_with_a_curve_gets_knots(static: Family | None) -> None:
     drive = Rational([0.0, 0.1], [-0.9])
     for sensor, kind in ((bent, EvenSpline), (Abs(), Abs)):
         truth = Cascade((drive, sensor), input_offset=0.3)  # type: ignore[arg-type]
-        fit = wiener(held_levels(truth, 800, 0), 1, replace(AT_RATE, static=static, magnitudes=True))
+        fit = wiener(held_levels(truth, 800, 0), 1, replace(AT_RATE, static=static, rectified=True))
         assert isinstance(fit.model.blocks[1], kind)
         assert unexplained(fit, held_levels(truth, 800, 1)) < 0.03
 
 
-def test_a_map_that_loses_the_sign_is_tried_where_the_output_shows_magnitudes() -> None:
+def test_a_map_that_loses_the_sign_is_tried_where_the_output_is_rectified() -> None:
     """Splines, which have to find the kink, leave 46 times the noise."""
     drives = coupled_drives(300, seed=22, spread=0.2)
     fit = wiener(drives.fitted, None, CascadeSearch(static=None))

@@ -118,11 +118,11 @@ def from_all_data(
         None where the data are so many that it would change little, or where no fit simulates them better.
     """
     few, best = len(held_back) < MANY, judged.best.model
-    of_magnitudes = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
+    rectified = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
     larger = len(whole) < SEARCHED_AGAIN and _structure_is_doubtful(judged)
-    anew = refit(judged.best, whole, Budget.SEARCH, options, control) if larger or of_magnitudes else None
-    # The search chose that of magnitudes by errors on data left out.
-    searched = anew is not None and (of_magnitudes or _better(anew, judged, whole, options, control))
+    anew = refit(judged.best, whole, Budget.SEARCH, options, control) if larger or rectified else None
+    # The search chose that of a rectified output by errors on data left out.
+    searched = anew is not None and (rectified or _better(anew, judged, whole, options, control))
     model = anew.model if searched and anew else _with_steps(judged, whole, options, control) if few else None
     if model is None:
         return None

@@ -28,7 +28,7 @@ from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import CascadeStructure
 from emsid.models.blocks.search.map_families import SPLINE
-from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_magnitudes
+from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_rectified
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -145,9 +145,11 @@ class Feedback:
         static = options.static or (SPLINE if options.knots else None)
         held = None if options.hold is None else options.hold is Hold.ZERO
         order = options.orders[0] if options.orders else None
-        given, shown = (None, options.nk or 0) if options.delay_shown else (options.nk, 0)
+        given, linear = (None, options.nk or 0) if options.delay_from_data else (options.nk, 0)
         knots = (options.knots or 0) if static is not None and static.sizes else 0  # `unused_requests` says so
-        search = FeedbackSearch(order, None, static, knots, given, held=held, held_back=options.held_back, shown=shown)
+        search = FeedbackSearch(
+            order, None, static, knots, given, held=held, held_back=options.held_back, linear_delay=linear
+        )
         return FeedbackStructure(search)
 
 
@@ -342,8 +344,8 @@ QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx"
 
 FOR_FEEDBACK = 400
 """Fewer samples than these are not fitted by a feedback model by default."""
-OF_MAGNITUDES = 200
-"""The same for an output that shows magnitudes only, which other models describe less well."""
+FOR_RECTIFIED = 200
+"""The same for an output that is rectified, which other models describe less well."""
 
 
 def left_out(record: Record, names: Sequence[str]) -> Finding:
@@ -366,7 +368,7 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
 
     The speed of a wheel in m/s is that of a motor where the radius of the wheel is among the ``known`` parameters.
 
-    A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input
+    A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `FOR_RECTIFIED` where the input
     has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
@@ -374,7 +376,7 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     one_output = record.output.shape[1] == 1  # of a plant, further inputs are refused unless they are a load
     starts = {name: kind.start for name, kind in PLANTS.items() if one_output and kind.refined and kind.usual}
     folded = ("wiener",) if one_each and not position and keeps_its_sign(record.output[:, 0]) else ()
-    least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
+    least = FOR_RECTIFIED if folded and may_be_rectified([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)
     plants = [name for name, start in starts.items() if _may_be_of(start, record, known)]
     wanted = Signal.POSITION if position else Signal.SPEED

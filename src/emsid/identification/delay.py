@@ -50,7 +50,7 @@ def with_delay(options: Options, records: Sequence[Record]) -> tuple[Options, tu
     if delay <= LONGEST_SEARCHED:
         return options, ()
     data = {"input": first.input_names[0], "delay": delay, "time": delay * first.dt}
-    return replace(options, nk=delay, delay_shown=True), (Finding("delay-from-data", first.output_names[0], data),)
+    return replace(options, nk=delay, delay_from_data=True), (Finding("delay-from-data", first.output_names[0], data),)
 
 
 def _shown(records: Sequence[Record]) -> int:

@@ -50,7 +50,7 @@ class Options:
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
         comparing: whether fits only compare models; the recommended one is then fitted further.
-        delay_shown: whether ``nk`` was not given: a first look at the data shows that delay, and it may be wrong.
+        delay_from_data: whether ``nk`` was not given: a first look at the data shows that delay, and it may be wrong.
     """
 
     na: int | None = None
@@ -74,7 +74,7 @@ class Options:
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
     comparing: bool = False
-    delay_shown: bool = False
+    delay_from_data: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "per_record", "profile"):
@@ -99,7 +99,7 @@ class Options:
 
 
 _DEFAULTS = Options()
-KEYWORDS = tuple(each.name for each in fields(Options) if each.name not in ("comparing", "delay_shown"))
+KEYWORDS = tuple(each.name for each in fields(Options) if each.name not in ("comparing", "delay_from_data"))
 """The options that `emsid.identify` also takes as keywords: all but those that a search sets itself."""
 
 

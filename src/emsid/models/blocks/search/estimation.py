@@ -37,7 +37,7 @@ from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_para
 from emsid.models.blocks.search.periods import Steady, steady_state
 from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
 from emsid.models.blocks.search.refinement import Choice, searched, with_steeper_jumps
-from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
+from emsid.models.blocks.search.sign_recovery import may_be_rectified
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -142,7 +142,7 @@ class CascadeOptions(TypedDict, total=False):
     threads: int
     max_iterations: int
     rng: np.random.Generator | None
-    magnitudes: bool | None
+    rectified: bool | None
 
 
 def wiener_hammerstein(
@@ -251,8 +251,8 @@ def estimate(
     steady = None if settings.unseen or settings.transient is not None else steady_state(several, settings.period)
     settings = replace(settings, period=steady.period if steady else 0)
     several = steady.records if steady else several
-    if settings.magnitudes is None and topology.first:
-        settings = replace(settings, magnitudes=may_be_magnitudes(several))
+    if settings.rectified is None and topology.first:
+        settings = replace(settings, rectified=may_be_rectified(several))
     shown, rounds = held_back(several, settings)
     _check_unseen(topology, rounds, orders)
     delay = settings.delay

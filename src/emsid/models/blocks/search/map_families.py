@@ -83,14 +83,14 @@ def families() -> dict[str, Family]:
     return {kind: family(map_) for kind, map_ in STATIC_MAPS.items()}
 
 
-def tried_families(magnitudes: bool = False) -> tuple[Family, ...]:
+def tried_families(rectified: bool = False) -> tuple[Family, ...]:
     """The families that a search tries if no static map is given; the spline is first, because trials are splines.
 
     Args:
-        magnitudes: whether the output shows magnitudes only; maps that lose the sign are then tried, and the spline.
+        rectified: whether the output is; maps that lose the sign are then tried, and the spline.
     """
-    found = tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried and map_.loses_sign == magnitudes)
-    return (*found, SPLINE) if magnitudes else found
+    found = tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried and map_.loses_sign == rectified)
+    return (*found, SPLINE) if rectified else found
 
 
 def family_of(static: Any) -> Family:

@@ -1,4 +1,4 @@
-r"""Sign recovery: a linear model before a sensor that measures magnitudes only.
+r"""Sign recovery: a linear model before a sensor that rectifies.
 
 The signal w(t) = ±y(t) before the sensor is smooth, so its sign changes only where |w| is close to zero: at low local
 minima of y. These cut the record into lobes, each with one unknown sign sₖ. If w obeys A(q)w = B(q)u + c, then
@@ -65,7 +65,7 @@ def keeps_its_sign(output: Array) -> bool:
     return min(low, high) < CLOSE * max(low, high)
 
 
-def may_be_magnitudes(records: Sequence[Record]) -> bool:
+def may_be_rectified(records: Sequence[Record]) -> bool:
     """Whether outputs come close to zero without a change of sign, although the inputs have both signs."""
     u, y = (np.concatenate(each) for each in zip(*((r.input[:, 0], r.output[:, 0]) for r in records), strict=True))
     return bool(u.min() < 0 < u.max()) and keeps_its_sign(y)
@@ -79,7 +79,7 @@ def recovered_signals(u: Array, y: Array, order: int, rng: np.random.Generator) 
 
     Args:
         u: (N,) input.
-        y: (N,) output of a sensor that measures magnitudes.
+        y: (N,) output of a sensor that rectifies.
         order: n of A and B.
         rng: source of the random starts.
 

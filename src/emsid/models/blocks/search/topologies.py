@@ -58,7 +58,7 @@ class CascadeSearch:
         least_saving: the final fit ends where a few steps together lower its cost by less than this part, and does not
             begin again then; zero fits on to the minimum.
         rng: source of the random starts.
-        magnitudes: whether the output shows magnitudes only, as that of a sensor that loses the sign; None judges by
+        rectified: whether the output is, as that of a sensor that loses the sign; None judges by
             the records, if a filter precedes the map.
 
     Raises:
@@ -77,7 +77,7 @@ class CascadeSearch:
     max_iterations: int = 150
     least_saving: float = 0.0
     rng: np.random.Generator | None = None
-    magnitudes: bool | None = None
+    rectified: bool | None = None
 
     def __post_init__(self) -> None:
         if self.static is not None:
@@ -97,7 +97,7 @@ class CascadeSearch:
     def families(self) -> tuple[Family, ...]:
         """The families to choose the map from."""
         if self.static is None:
-            return tried_families(bool(self.magnitudes)) if self.size is None else (SPLINE,)
+            return tried_families(bool(self.rectified)) if self.size is None else (SPLINE,)
         return (family_of(self.static),)
 
 

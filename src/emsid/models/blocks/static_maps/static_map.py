@@ -68,8 +68,8 @@ class StaticMap(ABC):
         smooth: whether a penalty keeps it smooth, see `roughness`. Then its size needs no choice: a search compares
             models with the smallest and fits the largest.
         loses_sign: whether signs must be recovered before a linear model can start the search.
-        tried: whether a search tries it if no static map is given; a map that loses the sign, where the output shows
-            magnitudes only.
+        tried: whether a search tries it if no static map is given; a map that loses the sign, where the output is
+            rectified.
     """
 
     kind: ClassVar[str]

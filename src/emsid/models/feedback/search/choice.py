@@ -1,8 +1,8 @@
 """Choice of order, rate, static maps and their number by the free run on unseen data.
 
 The search begins with linear models and those with one map (`first_map`), or before a sensor that loses the sign
-(`magnitudes`). Then it makes the moves of a table, in turn, from the best model, as long as one of them leads to a
-better one (`Bench.prefers`, by `emsid.selection.improvement`). Maps are added to several models: where a map is
+(`rectified_output`). Then it makes the moves of a table, in turn, from the best model, as long as one of them leads to
+a better one (`SearchData.prefers`, by `emsid.selection.improvement`). Maps are added to several models: where a map is
 missing, the residual is a slow signal with few independent errors, so the rule that compares models prefers those with
 few parameters, but the next map may only find its place beside one that explains more. A model that leaves white noise,
 of which a further map explains no more than chance, gets no other maps. In the end the signals of the chosen model are
@@ -22,7 +22,6 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.feedback.search.first_map import first_map
-from emsid.models.feedback.search.magnitudes import with_sensor
 from emsid.models.feedback.search.moves import (
     CLEARLY,
     FREE_FORM,
@@ -37,8 +36,9 @@ from emsid.models.feedback.search.moves import (
     with_products,
     without_delay,
 )
+from emsid.models.feedback.search.rectified_output import with_sensor
 from emsid.models.feedback.search.shared_signals import with_shared_signals
-from emsid.models.feedback.search.trials import BEAM, MOST_MAPS, Bench, FeedbackSearch, Trial, much_worse
+from emsid.models.feedback.search.trials import BEAM, MOST_MAPS, FeedbackSearch, SearchData, Trial, much_worse
 from emsid.record import Record
 from emsid.selection.improvement import matters
 
@@ -48,14 +48,14 @@ class Contest:
     """The trials of a search, and the best one so far.
 
     Attributes:
-        bench: that compares them.
+        data: that compares them.
         settings: options.
         tried: all of them that have a map.
         best: of them; a linear model if none is better.
         made: the moves that were made, by the identity of the trial.
     """
 
-    bench: Bench
+    data: SearchData
     settings: FeedbackSearch
     tried: list[Trial]
     best: Trial
@@ -65,7 +65,7 @@ class Contest:
         """Those of further trials that replace the best one, one after the other."""
         for trial in trials:
             self.tried.append(trial)
-            if self.bench.prefers(trial, self.best):
+            if self.data.prefers(trial, self.best):
                 self.best = trial
                 yield trial
 
@@ -90,7 +90,7 @@ class Contest:
     @property
     def complete(self) -> bool:
         """Whether the best model leaves noise only."""
-        return self.bench.leaves_noise(self.best)
+        return self.data.leaves_noise(self.best)
 
     @property
     def choice(self) -> Trial:
@@ -117,13 +117,13 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     Raises:
         ModelError: if no feedback model can be fitted.
     """
-    bench = Bench.of(records, settings, control)
-    straight, tried = first_map(bench, settings)
-    contest, moves = _begun(bench, settings, straight, tried), MOVES
-    sensors = list(with_sensor(bench, settings))
+    data = SearchData.of(records, settings, control)
+    straight, tried = first_map(data, settings)
+    contest, moves = _begun(data, settings, straight, tried), MOVES
+    sensors = list(with_sensor(data, settings))
     if sensors:
-        before = _begun(bench, settings, sensors[0], sensors)
-        if bench.prefers(before.best, straight) and not much_worse(before.best, contest.best):
+        before = _begun(data, settings, sensors[0], sensors)
+        if data.prefers(before.best, straight) and not much_worse(before.best, contest.best):
             contest, moves = before, BEFORE_SENSOR
     yield (begun := contest.choice)
     before_moves = None
@@ -136,12 +136,12 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         yield now
     # Larger runs of different signs do not tell which model is right.
     if contest.best.found.model.maps and now.found.model.sensor is None:
-        yield from with_shared_signals(bench, now)
+        yield from with_shared_signals(data, now)
 
 
-def _begun(bench: Bench, settings: FeedbackSearch, best: Trial, tried: Sequence[Trial]) -> Contest:
+def _begun(data: SearchData, settings: FeedbackSearch, best: Trial, tried: Sequence[Trial]) -> Contest:
     """The contest of these trials, from one that they have to replace."""
-    contest = Contest(bench, settings, [], best)
+    contest = Contest(data, settings, [], best)
     for _ in contest.entered(tried):
         pass
     return contest
@@ -152,19 +152,19 @@ def _begun(bench: Bench, settings: FeedbackSearch, best: Trial, tried: Sequence[
 
 def _without_delay(contest: Contest) -> Iterator[Trial]:
     for trial in contest.new("delay", [contest.best]):
-        yield from without_delay(contest.bench, trial, contest.settings)
+        yield from without_delay(contest.data, trial, contest.settings)
 
 
 def _more_steps(contest: Contest) -> Iterator[Trial]:
     if contest.best.found.model.maps:
         for trial in contest.new("steps", [contest.best]):
-            yield from more_steps(contest.bench, trial, contest.settings)
+            yield from more_steps(contest.data, trial, contest.settings)
 
 
 def _other_maps(contest: Contest, maps: Maps = OTHERS) -> Iterator[Trial]:
     if contest.best.found.model.maps and (contest.settings.static is not None or not contest.complete):
         for trial in contest.new(maps[0][0], contest.single):
-            yield from with_other_maps(contest.bench, trial, contest.settings, maps)
+            yield from with_other_maps(contest.data, trial, contest.settings, maps)
 
 
 def _free_form(contest: Contest) -> Iterator[Trial]:
@@ -174,12 +174,12 @@ def _free_form(contest: Contest) -> Iterator[Trial]:
 
 def _more_maps(contest: Contest, maps: Maps = MORE, most: int = MOST_MAPS) -> Iterator[Trial]:
     """With further maps, until none explains more or the best model leaves noise only."""
-    bench, settings = contest.bench, contest.settings
+    data, settings = contest.data, contest.settings
     for number in range(2, (settings.maps or most) + 1):
         before, fewer = contest.best, contest.leading(number - 1)
         if not fewer or (settings.maps is None and contest.complete):
             return
-        yield from maps_more(bench, contest.new("map", fewer), settings, maps)
+        yield from maps_more(data, contest.new("map", fewer), settings, maps)
         more = contest.leading(number)
         explain_more = more and matters(more[0].prediction_error, fewer[0].prediction_error)
         if settings.maps is None and contest.best is before and not explain_more:
@@ -194,8 +194,8 @@ def _products(contest: Contest) -> Iterator[Trial]:
     """Those that are better: the others would take the place of the map that the next one needs."""
     if contest.settings.static is None and not contest.complete:
         for trial in contest.new("product", contest.single):
-            made = with_products(contest.bench, trial, contest.settings)
-            yield from (each for each in made if contest.bench.prefers(each, contest.best))
+            made = with_products(contest.data, trial, contest.settings)
+            yield from (each for each in made if contest.data.prefers(each, contest.best))
 
 
 def _friction(contest: Contest) -> Iterator[Trial]:
@@ -203,12 +203,12 @@ def _friction(contest: Contest) -> Iterator[Trial]:
 
 
 def _free_friction(contest: Contest) -> Iterator[Trial]:
-    bench, best = contest.bench, contest.best
+    data, best = contest.data, contest.best
     if contest.complete or contest.settings.maps == 1:
         return
-    for trial in maps_more(bench, contest.new("spline", contest.leading(1)), contest.settings, FREE_FRICTION):
-        few = bench.compared or len(best.found.model.maps) < 2
-        if few or bench.left_out(trial).mean < CLEARLY**2 * bench.left_out(best).mean:
+    for trial in maps_more(data, contest.new("spline", contest.leading(1)), contest.settings, FREE_FRICTION):
+        few = data.compared or len(best.found.model.maps) < 2
+        if few or data.left_out(trial).mean < CLEARLY**2 * data.left_out(best).mean:
             yield trial
 
 

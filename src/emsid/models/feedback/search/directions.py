@@ -145,11 +145,11 @@ def directions_for(
 
 def _rows(model: FeedbackModel, size: Array) -> list[Array]:
     """Rows (n + 1,) of C_z and D_zu that are tried, that of the output first, or of the input of a sensor."""
-    n, m, (loop, shown) = model.states, len(model.maps), model.parts[0]
+    n, m, (loop, output) = model.states, len(model.maps), model.parts[0]
     inside = np.flatnonzero(_within(loop, np.ones(n + 1)))
-    rows = [model.matrix[shown, : n + 1], *(np.eye(n + 1) / size)[inside], *model.matrix[n : n + m, : n + 1]]
+    rows = [model.matrix[output, : n + 1], *(np.eye(n + 1) / size)[inside], *model.matrix[n : n + m, : n + 1]]
     if n > 1:
-        rows.append(model.matrix[shown, :n] @ model.matrix[:n, : n + 1])  # the output one step later
+        rows.append(model.matrix[output, :n] @ model.matrix[:n, : n + 1])  # the output one step later
     return rows
 
 

@@ -258,12 +258,12 @@ def _fitted(
         Stopped: by ``control``, in long records.
     """
     fits: list[tuple[float, Fit[Any]]] = []
-    ways = [(begun[-1], iterations), (begun[0], 0)] if iterations or len(begun) > 1 else [(begun[0], 0)]
-    for k, (trial, most) in enumerate(ways, 1):
+    attempts = [(begun[-1], iterations), (begun[0], 0)] if iterations or len(begun) > 1 else [(begun[0], 0)]
+    for k, (trial, most) in enumerate(attempts, 1):
         try:
             fit = _minimum(trial.found, records, control, most)
         except ModelError:
-            if k == len(ways) and not fits:
+            if k == len(attempts) and not fits:
                 raise
             continue
         error = error_of_use(fit.model, segments_longer_than(fit.model.memory, fit.model, records))

@@ -19,8 +19,8 @@ from emsid.models.feedback.search.trials import (
     LONGEST,
     MOST_ORDERS,
     ORDERS,
-    Bench,
     FeedbackSearch,
+    SearchData,
     Steps,
     Trial,
 )
@@ -32,7 +32,7 @@ OF_DELAY = 2
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 
 
-def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
+def first_map(data: SearchData, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
     """The best linear model over the orders, and those with a map.
 
     Orders above those of `ORDERS` are tried as long as the highest one was the best. Of two delays, the second is tried
@@ -48,21 +48,21 @@ def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial
     bent: list[Trial] = []
     orders: Sequence[int] = range(1, MOST_ORDERS + 1) if given is None else (given,)
     problem: EmsidError = ModelError("feedback: no model of this record; check channels, units and delay")
-    for delay in _delays(bench, settings, steps):
+    for delay in _delays(data, settings, steps):
         for order in orders:
-            bench.control.doing(f"order {order}", order, max(ORDERS))
+            data.control.doing(f"order {order}", order, max(ORDERS))
             try:
-                found = bench.linear(order, steps, delay)
-                linear = bench.judged(found, settings.static or STICKING, settings.size)
-                trials = _bent(bench, linear, settings)
+                found = data.linear(order, steps, delay)
+                linear = data.judged(found, settings.static or STICKING, settings.size)
+                trials = _bent(data, linear, settings)
             except EmsidError as error:
                 problem = error
                 continue
             higher = False
-            if straight is None or bench.prefers(linear, straight):
+            if straight is None or data.prefers(linear, straight):
                 straight, higher = linear, True
             for trial in trials:
-                if bench.prefers(trial, best or straight):
+                if data.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
             if order >= max(ORDERS) and not higher:
@@ -75,7 +75,7 @@ def first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial
     return straight, bent
 
 
-def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
+def _delays(data: SearchData, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
     """The delays that are tried: the given one, or none and the longest one that a linear model gains by.
 
     A long one comes first: without it the order would grow until it makes up for the delay.
@@ -85,7 +85,7 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
     errors, order = {}, OF_DELAY if settings.order is None else settings.order
     for delay in {*range(LONGEST + 1), settings.longest}:
         try:
-            errors[delay] = bench.linear(order, steps, delay).error ** 2
+            errors[delay] = data.linear(order, steps, delay).error ** 2
         except EmsidError:
             errors[delay] = inf
     longest = max(delay for delay, error in errors.items() if not matters(min(errors.values()), error))
@@ -94,7 +94,7 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
     return (longest, 0) if longest > LONGEST else (0, longest)
 
 
-def _bent(bench: Bench, linear: Trial, settings: FeedbackSearch) -> list[Trial]:
+def _bent(data: SearchData, linear: Trial, settings: FeedbackSearch) -> list[Trial]:
     """A linear model with one map of each family; none where the model diverges with each.
 
     Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
@@ -103,16 +103,16 @@ def _bent(bench: Bench, linear: Trial, settings: FeedbackSearch) -> list[Trial]:
     found, trials = linear.found, list[Trial]()
     if settings.static in (None, STICKING):
         with suppress(EmsidError):
-            start, states = with_speed_that_sticks(found, [y for _, y in bench.segments(found.model)])
-            trials.append(bench.refined(start, states, STICKING, 0))
-            if settings.maps != 1 and not bench.leaves_noise(trials[-1]):  # what the drive loses before it moves
-                trials.append(with_map_more(bench, trials[-1].found, STICKING, 0))
+            start, states = with_speed_that_sticks(found, [y for _, y in data.segments(found.model)])
+            trials.append(data.refined(start, states, STICKING, 0))
+            if settings.maps != 1 and not data.leaves_noise(trials[-1]):  # what the drive loses before it moves
+                trials.append(with_map_more(data, trials[-1].found, STICKING, 0))
     for family, size in _families(settings):
-        better = any(bench.prefers(trial, linear) for trial in trials)
-        if family.name == RESERVE and settings.static is None and (better or not bench.more_than_noise(found)):
+        better = any(data.prefers(trial, linear) for trial in trials)
+        if family.name == RESERVE and settings.static is None and (better or not data.more_than_noise(found)):
             break
         with suppress(EmsidError):
-            trials.append(with_map_more(bench, found, family, size))
+            trials.append(with_map_more(data, found, family, size))
     return trials
 
 

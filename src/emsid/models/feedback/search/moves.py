@@ -3,7 +3,7 @@
 - **Without the delay**: a linear model may need it for what maps show.
 - **More steps per sample**: a model with one step makes up for what happens between samples by a higher order, which
   holds for inputs like those of its record only. So two steps are tried with lower orders too, and twice as many as
-  long as that lowers the errors; whether the input is held between its samples may only show then, so both ways are
+  long as that lowers the errors; whether the input is held between its samples may only show then, so both are
   tried.
 - **Another family** in place of every map, begun at the maps.
 - **One map more** in the directions that explain most. Each start takes a few steps in every direction; those that gain
@@ -35,7 +35,7 @@ from emsid.models.feedback.search.starts import (
     with_steps_doubled,
 )
 from emsid.models.feedback.search.sticking import sticking_map, with_sticking_steps_doubled
-from emsid.models.feedback.search.trials import BEAM, Bench, FeedbackSearch, Steps, Trial, much_worse, refusal
+from emsid.models.feedback.search.trials import BEAM, FeedbackSearch, SearchData, Steps, Trial, much_worse, refusal
 from emsid.selection.improvement import matters
 
 Maps = tuple[tuple[str, int], ...]
@@ -76,47 +76,47 @@ def usual_size(family: Family, size: int) -> int:
 # --- delay and steps -------------------------------------------------------------------------------------------------
 
 
-def without_delay(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def without_delay(data: SearchData, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """Without a delay that is not given."""
     if settings.delay is None and trial.found.model.delay:
-        bench.control.doing("no delay")
+        data.control.doing("no delay")
         with suppress(EmsidError):
-            yield bench.refined(replace(trial.found.model, delay=0), trial.found.states, trial.family, trial.size)
+            yield data.refined(replace(trial.found.model, delay=0), trial.found.states, trial.family, trial.size)
 
 
-def more_steps(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def more_steps(data: SearchData, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With two steps per sample, from a linear model of this order and lower ones, and with twice as many again."""
     model = trial.found.model
     if settings.oversampling is not None:
         return
     if model.oversampling > 1 or len(model.maps) > 1 or model.sensor is not None or sticking_map(model) is not None:
-        yield from _doubled(bench, trial, settings)
+        yield from _doubled(data, trial, settings)
         return
     for order in range(model.states, 0, -1) if settings.order is None else (model.states,):
         tried = []
-        for held in settings.ways:
-            bench.control.doing(f"2 steps per sample, order {order}")
+        for held in settings.holds:
+            data.control.doing(f"2 steps per sample, order {order}")
             with suppress(EmsidError):
-                linear = bench.linear(order, Steps(2, held), model.delay)
-                tried.append(with_map_more(bench, linear, trial.family, trial.size))
+                linear = data.linear(order, Steps(2, held), model.delay)
+                tried.append(with_map_more(data, linear, trial.family, trial.size))
         near = [each for each in tried if not much_worse(each, trial)]
         if not near:
             return
         for each in near:  # one that is a little worse with few steps may be the right one
             yield each
-            yield from _doubled(bench, each, settings)
+            yield from _doubled(data, each, settings)
 
 
-def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def _doubled(data: SearchData, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With twice the steps per sample, and twice again, as long as that lowers the errors."""
     while trial.found.model.oversampling < MOST_STEPS:
         model, finer = trial.found.model, list[Trial]()
         at = sticking_map(model)
-        for held in settings.ways:
-            bench.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
+        for held in settings.holds:
+            data.control.doing(f"{2 * model.oversampling} steps per sample, order {model.states}")
             with suppress(EmsidError):
                 start = with_steps_doubled(model, held) if at is None else with_sticking_steps_doubled(model, at, held)
-                finer.append(bench.refined(start, trial.found.states, trial.family, trial.size))
+                finer.append(data.refined(start, trial.found.states, trial.family, trial.size))
         fall = (1 - 1 / trial.found.minimum.samples) * trial.found.error**2  # of n log MSE by one
         lower = [each for each in finer if each.found.error**2 < fall and each.errors.mean < trial.errors.mean]
         if not lower:
@@ -128,7 +128,7 @@ def _doubled(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[T
 # --- maps ------------------------------------------------------------------------------------------------------------
 
 
-def with_other_maps(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
+def with_other_maps(data: SearchData, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
     """With maps of other families, or more knots or a higher degree of the given one."""
     others = [(family_of(name), size) for name, size in maps]
     if settings.static is not None:
@@ -138,10 +138,10 @@ def with_other_maps(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: 
     for family, size in others:
         if (family, size) == (trial.family, trial.size):
             continue
-        bench.control.doing(f"map: {family.name}")
+        data.control.doing(f"map: {family.name}")
         with suppress(EmsidError):
-            start, states = with_family(trial.found, bench.shown, family, usual_size(family, size))
-            yield bench.refined(start, states, family, size)
+            start, states = with_family(trial.found, data.fitted, family, usual_size(family, size))
+            yield data.refined(start, states, family, size)
 
 
 class Start(NamedTuple):
@@ -159,11 +159,11 @@ class Start(NamedTuple):
     gain: float
 
 
-def with_map_more(bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False) -> Trial:
+def with_map_more(data: SearchData, found: Found, family: Family, size: int, hold_signals: bool = False) -> Trial:
     """The trial with one map more, in the directions that explain most.
 
     Args:
-        bench: the data.
+        data: of the search.
         found: the model without it.
         family, size: of the map.
         hold_signals: whether those of products are held while directions are compared.
@@ -171,42 +171,42 @@ def with_map_more(bench: Bench, found: Found, family: Family, size: int, hold_si
     Raises:
         ModelError: if all directions diverge.
     """
-    start = _begun(bench, found, family, usual_size(family, size), hold_signals)
-    return bench.refined(start.found.model, start.found.states, family, start.size)
+    start = _begun(data, found, family, usual_size(family, size), hold_signals)
+    return data.refined(start.found.model, start.found.states, family, start.size)
 
 
-def maps_more(bench: Bench, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
+def maps_more(data: SearchData, models: Sequence[Trial], settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
     """The best of several models with a map more.
 
     Args:
-        bench: the data.
+        data: of the search.
         models: without the map.
         settings: where they give a number of maps, those that gain nothing are refined too.
         maps: families and sizes that are tried.
     """
-    starts = [start for each in models for start in _starts(bench, each, settings, maps)]
+    starts = [start for each in models for start in _starts(data, each, settings, maps)]
     useful = [each for each in starts if settings.maps is not None or matters(each.gain, 1.0)]
     for start in sorted(useful, key=attrgetter("found.error"))[:BEAM]:
         with suppress(EmsidError):
-            yield bench.refined(start.found.model, start.found.states, start.family, start.size)
+            yield data.refined(start.found.model, start.found.states, start.family, start.size)
 
 
-def _starts(bench: Bench, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Start]:
+def _starts(data: SearchData, trial: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Start]:
     """With a map more of each family, where more than noise is left."""
     found = trial.found
-    if settings.maps is None and not bench.more_than_noise(found):
+    if settings.maps is None and not data.more_than_noise(found):
         return
     names = [(family_of(name), size) for name, size in maps]
     if settings.static is not None:
         names = [(trial.family, trial.size)]
     for family, size in ((family, usual_size(family, size)) for family, size in names):
-        bench.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
+        data.control.doing(f"{ORDINALS[len(found.model.maps) + 1]} map: {family.name}")
         with suppress(EmsidError):
-            yield _begun(bench, found, family, size, kept=MANY if trial.loses_sign else KEPT)
+            yield _begun(data, found, family, size, kept=MANY if trial.loses_sign else KEPT)
 
 
 def _begun(
-    bench: Bench, found: Found, family: Family, size: int, hold_signals: bool = False, kept: int = KEPT
+    data: SearchData, found: Found, family: Family, size: int, hold_signals: bool = False, kept: int = KEPT
 ) -> Start:
     """The start in the best direction.
 
@@ -214,9 +214,9 @@ def _begun(
         ModelError: if all directions diverge.
     """
     model = found.model
-    segments, ways = bench.segments(model), bench.directions(found, kept=kept)
+    segments, directions = data.segments(model), data.directions(found, kept=kept)
     start = with_one_map_more(
-        found, segments, model.edge, family, size, ways, FEW, bench.control, hold_signals, refusal(model)
+        found, segments, model.edge, family, size, directions, FEW, data.control, hold_signals, refusal(model)
     )
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
@@ -224,19 +224,19 @@ def _begun(
     return Start(start, family, size, start.error**2 / before if before else np.inf)
 
 
-def with_products(bench: Bench, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def with_products(data: SearchData, trial: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With a map that is multiplied by a signal, of this order and lower ones, alone and beside a friction."""
     model = trial.found.model
     for order in range(model.states, 0, -1) if settings.order is None else (settings.order,):
-        bench.control.doing(f"a map times a signal, order {order}")
+        data.control.doing(f"a map times a signal, order {order}")
         with suppress(EmsidError):
-            linear = bench.linear(order, Steps(model.oversampling, model.held), model.delay)
-            ways, segments = bench.directions(linear, True), bench.segments(linear.model)
-            if not ways or not ways[0].explains(linear.minimum.samples):
+            linear = data.linear(order, Steps(model.oversampling, model.held), model.delay)
+            directions, segments = data.directions(linear, True), data.segments(linear.model)
+            if not directions or not directions[0].explains(linear.minimum.samples):
                 continue
-            found = with_product(linear, segments, linear.model.edge, MULTIPLIED, ways[0], bench.control)
+            found = with_product(linear, segments, linear.model.edge, MULTIPLIED, directions[0], data.control)
             with suppress(EmsidError):
-                yield bench.refined(found.model, found.states, MULTIPLIED, 0)
+                yield data.refined(found.model, found.states, MULTIPLIED, 0)
             for family in BESIDE_PRODUCT:
                 with suppress(EmsidError):
-                    yield with_map_more(bench, found, family, 0, True)
+                    yield with_map_more(data, found, family, 0, True)

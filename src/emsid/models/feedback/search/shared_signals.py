@@ -39,7 +39,7 @@ from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import coordinates, rows_of
 from emsid.models.feedback.fitting import Found, FreeRun, visited
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.trials import Bench, Trial
+from emsid.models.feedback.search.trials import SearchData, Trial
 from emsid.models.feedback.sharing import Pair
 from emsid.selection.improvement import schwarz_gain
 
@@ -51,36 +51,36 @@ TRIED, RIDGE = 6, 1e-8
 AGAIN = 2
 
 
-def with_shared_signals(bench: Bench, best: Trial) -> Iterator[Trial]:
+def with_shared_signals(data: SearchData, best: Trial) -> Iterator[Trial]:
     """Trials in which more and more signals are shared, each better than the one before."""
     refused = Counter[Pair]()
     now: Trial | None = best
     while now is not None:
-        now = _with_one_more(bench, now, refused)
+        now = _with_one_more(data, now, refused)
         if now is not None:
             yield now
 
 
-def _with_one_more(bench: Bench, best: Trial, refused: Counter[Pair]) -> Trial | None:
+def _with_one_more(data: SearchData, best: Trial, refused: Counter[Pair]) -> Trial | None:
     """The model with one more shared signal; None if that makes it worse.
 
     Args:
-        bench: the data.
+        data: of the search.
         best: the model.
         refused: how often each pair made it worse, which is counted here. A search that ended at a minimum counts
             twice; another one may go farther when more signals are shared.
     """
     pairs = [pair for pair in _pairs(best.found.model) if refused[pair] < AGAIN]
-    starts = sorted(_starts(best.found, bench, pairs), key=attrgetter("cost"))
+    starts = sorted(_starts(best.found, data, pairs), key=attrgetter("cost"))
     for pair, _, model, states in starts[:TRIED]:
-        bench.control.doing(f"{pair[0]} a multiple of {pair[1]}")
+        data.control.doing(f"{pair[0]} a multiple of {pair[1]}")
         refused[pair] += 1
         with suppress(EmsidError):
-            trial = bench.refined(model, states, best.family, best.size)
-            unfinished = trial.found.minimum.ending is Ending.OUT_OF_BUDGET and not bench.compared
+            trial = data.refined(model, states, best.family, best.size)
+            unfinished = trial.found.minimum.ending is Ending.OUT_OF_BUDGET and not data.compared
             if unfinished:  # the next pair would begin far from the minimum
-                trial = bench.refined(trial.found.model, trial.found.states, best.family, best.size)
-            if not _lost(trial, best) and bench.prefers(trial, best):
+                trial = data.refined(trial.found.model, trial.found.states, best.family, best.size)
+            if not _lost(trial, best) and data.prefers(trial, best):
                 return trial
             refused[pair] += not trial.found.minimum.ending.before_minimum
     return None
@@ -123,9 +123,9 @@ class Start(NamedTuple):
     states: list[Array]
 
 
-def _starts(found: Found, bench: Bench, pairs: Sequence[Pair]) -> Iterator[Start]:
+def _starts(found: Found, data: SearchData, pairs: Sequence[Pair]) -> Iterator[Start]:
     """The minima under the conditions of each pair, to first order."""
-    model, segments = found.model, bench.segments(found.model)
+    model, segments = found.model, data.segments(found.model)
     if not pairs:
         return
     spread = coordinates(model, visited(model, segments, found.states))

@@ -81,7 +81,7 @@ class FeedbackSearch:
         oversampling: steps of the model per sample.
         held: whether the input is held between its samples, or continuous.
         held_back: fraction of the record that choices are made on.
-        shown: a longer delay than the usual ones, which linear models of the record show; it is tried too.
+        linear_delay: a longer delay than the usual ones, which linear models of the record show; it is tried too.
 
     Raises:
         ModelError: for numbers outside their limits, a size of maps that have none, or a class of maps that have no
@@ -96,7 +96,7 @@ class FeedbackSearch:
     oversampling: int | None = None
     held: bool | None = None
     held_back: float = 0.25
-    shown: int = 0
+    linear_delay: int = 0
 
     def __post_init__(self) -> None:
         for what, value, least, most, why in (
@@ -136,14 +136,14 @@ class FeedbackSearch:
             raise ModelError(f"feedback: {problem}", arguments=options) from None
 
     @property
-    def ways(self) -> tuple[bool, ...]:
-        """The ways to take the input between its samples that are tried: held or not."""
+    def holds(self) -> tuple[bool, ...]:
+        """Whether the input is held between its samples, as is tried."""
         return (False, True) if self.held is None else (self.held,)
 
     @property
     def longest(self) -> int:
         """The longest delay that may be chosen, in samples."""
-        return max(LONGEST, self.shown) if self.delay is None else self.delay
+        return max(LONGEST, self.linear_delay) if self.delay is None else self.delay
 
 
 class Steps(NamedTuple):
@@ -188,50 +188,50 @@ def much_worse(trial: Trial, best: Trial) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class SearchData:
     """The data that the choices are made from.
 
     Attributes:
-        shown: the records that models are fitted to.
-        unseen: records that compare them; the same as ``shown`` where they are short.
+        fitted: the records that models are fitted to.
+        unseen: records that compare them; the same as ``fitted`` where they are short.
         transient: samples at the start of every unseen segment without error, the same for all models.
         control: when to stop.
         rng: for directions.
         linear_models: those that were fitted, by order, steps and delay.
         folds: the errors on parts that are left out, by the identity of the trial.
-        ways: the directions in which a map more explains what a model misses, by its identity, whether the map is
+        maps_more: the directions in which a map more explains what a model misses, by its identity, whether the map is
             multiplied by a signal, and how many are kept.
     """
 
-    shown: Sequence[Record]
+    fitted: Sequence[Record]
     unseen: Sequence[Record]
     transient: int
     control: Control = FREE
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
-    ways: dict[tuple[int, bool, int], tuple[Found, list[Direction]]] = field(default_factory=dict)
+    maps_more: dict[tuple[int, bool, int], tuple[Found, list[Direction]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
+    def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> SearchData:
         """The data of the records; long ones are searched in pieces."""
-        shown, splits = validation_splits(records, settings.held_back)
-        unseen: Sequence[Record] = shown
+        fitted, splits = validation_splits(records, settings.held_back)
+        unseen: Sequence[Record] = fitted
         if len(splits) == 1:
             unseen = [excerpt(record, JUDGED // len(records)) for record in splits[0][1]]
-            shown = [excerpt(record, max(SEARCHED // len(records), 1)) for record in shown]
+            fitted = [excerpt(record, max(SEARCHED // len(records), 1)) for record in fitted]
         largest = FeedbackModel(
             np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
             delay=settings.longest,
             oversampling=settings.oversampling or 2,
         )
         shortest = max(len(segment) for record in unseen for segment in record.segments)
-        return cls(shown, unseen, min(largest.memory, shortest // 3), control)
+        return cls(fitted, unseen, min(largest.memory, shortest // 3), control)
 
     @property
     def compared(self) -> bool:
         """Whether models are compared on unseen data; those of a short record are compared on all of it."""
-        return self.unseen is not self.shown
+        return self.unseen is not self.fitted
 
     def suffices(self, trial: Trial) -> bool:
         """Whether there are samples enough for the parameters of a model."""
@@ -246,7 +246,7 @@ class Bench:
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
-        return segments_longer_than(model.memory, model, self.shown)
+        return segments_longer_than(model.memory, model, self.fitted)
 
     def linear(self, order: int, steps: Steps, delay: int) -> Found:
         """The linear model of this order, fitted once.
@@ -256,7 +256,7 @@ class Bench:
         """
         found = self.linear_models.get((order, steps, delay))
         if found is None:
-            start = linear_start(self.shown, order, steps.number, delay, steps.held, self.control)
+            start = linear_start(self.fitted, order, steps.number, delay, steps.held, self.control)
             found = searched(start, self.segments(start), start.edge, 20, 0.1, self.control)
             self.linear_models[order, steps, delay] = found
         return found
@@ -268,16 +268,16 @@ class Bench:
             Stopped: by the control.
         """
         key = id(found), multiplied, kept
-        if key not in self.ways:
+        if key not in self.maps_more:
             self.control.check()
             segments, edge = self.segments(found.model), found.model.edge
-            self.ways[key] = found, directions_for(found, segments, edge, self.rng, multiplied, kept)
-        return self.ways[key][1]
+            self.maps_more[key] = found, directions_for(found, segments, edge, self.rng, multiplied, kept)
+        return self.maps_more[key][1]
 
     def more_than_noise(self, found: Found) -> bool:
         """Whether a map more explains more than noise."""
-        ways = self.directions(found)
-        return bool(ways) and ways[0].explains(found.minimum.samples)
+        directions = self.directions(found)
+        return bool(directions) and directions[0].explains(found.minimum.samples)
 
     def leaves_noise(self, trial: Trial) -> bool:
         """Whether a model leaves white noise, of which a map more explains no more than chance."""

@@ -1,4 +1,4 @@
-"""Starts of feedback models whose output shows magnitudes only, as that of a sensor that loses the sign.
+"""Starts of feedback models whose output is rectified: a sensor loses the sign.
 
 Such an output is no linear function of the input, so neither a linear model nor a direction found from one is a start.
 Sign recovery (`emsid.models.blocks.search.sign_recovery`) gives the filter before the sensor; with the sensor's curve
@@ -22,21 +22,21 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family, family_of
-from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
+from emsid.models.blocks.search.sign_recovery import may_be_rectified
 from emsid.models.blocks.search.starts import sign_recovery_candidates, started
 from emsid.models.blocks.search.trials import scanned
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import in_observer_form
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
+from emsid.models.feedback.search.trials import FeedbackSearch, SearchData, Trial
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-MAGNITUDE, SPLINE = family_of("abs"), family_of("even-spline")
-SENSORS = ((MAGNITUDE, 0, 0), (SPLINE, 8, 0), (SPLINE, 8, 1))
+ABS, SPLINE = family_of("abs"), family_of("even-spline")
+SENSORS = ((ABS, 0, 0), (SPLINE, 8, 0), (SPLINE, 8, 1))
 """Family and number of knots of the sensor's curve, and the order of the filter behind it."""
 ORDERS = (2, 3, 4)
 """Orders that are tried if none is given."""
@@ -44,18 +44,18 @@ TRIED, STEPS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
 
 
-def with_sensor(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
+def with_sensor(data: SearchData, settings: FeedbackSearch) -> Iterator[Trial]:
     """Models of one step per sample whose output loses the sign, where that of the records may have."""
-    if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_magnitudes(bench.shown):
+    if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_rectified(data.fitted):
         return
     for order in ORDERS if settings.order is None else (settings.order,):
-        bench.control.doing(f"magnitudes of order {order}")
+        data.control.doing(f"rectified output of order {order}")
         with suppress(EmsidError):
-            for found, knots in of_magnitudes(bench.shown, order, bench.control):
-                yield bench.judged(found, MAGNITUDE, knots)
+            for found, knots in rectified_models(data.fitted, order, data.control):
+                yield data.judged(found, ABS, knots)
 
 
-def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> list[tuple[Found, int]]:
+def rectified_models(records: Sequence[Record], states: int, control: Control) -> list[tuple[Found, int]]:
     """Models of one curve that loses the sign, refined from the filters that sign recovery finds.
 
     Args:
@@ -96,7 +96,7 @@ def _starts(segments: Segments, orders: tuple[int, int], dt: float, control: Con
     for pair, level in sign_recovery_candidates(segments, orders, np.random.default_rng(0), control):
         template = Cascade((Rational(np.ones(1)),), input_offset=level, dt=dt)
         with suppress(ModelError):
-            candidates += scanned([pair], segments, MAGNITUDE.trial, template, 1)
+            candidates += scanned([pair], segments, ABS.trial, template, 1)
     return [each.cascade for each in sorted(candidates, key=lambda each: each.error)[:TRIED]]
 
 
@@ -107,7 +107,7 @@ def _curve(family: Family, knots: int, x: Array, z: Array) -> StaticMap:
 def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Found:
     """The feedback model near a cascade that is fitted first, from its initial states.
 
-    The first samples of a magnitude fit states of either sign, and the search leaves neither.
+    The first samples of a rectified output fit states of either sign, and the search leaves neither.
     """
     minimum, problem = search(
         start, records, max_iterations=STEPS, tolerance=0.2, covariances=False, control=control.quietly()

@@ -16,9 +16,10 @@ from emsid.first_look.baseline import baseline
 from emsid.first_look.data_advice import FEEDBACK, advice, questions, response_of
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, feedback, influence, response
+from emsid.first_look.levels import CHANCE
 from emsid.first_look.measurement import repeated
 from emsid.first_look.mends import mends
-from emsid.first_look.nonlinearity import LEVEL, nonlinearity
+from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
@@ -502,7 +503,7 @@ def test_slow_noise_is_not_called_nonlinear(pole: float, held: int, motor_pole: 
             y = y + y.std() * (0.1 / noise.std() * noise + 0.01 * rng.standard_normal(len(u)))
             linear = baseline(Record(u, y, 0.01), 1)
             assert linear is not None
-            found = dependence(linear, u, breaks).probability < LEVEL
+            found = dependence(linear, u, breaks).probability < CHANCE
             wrong, right = wrong + (found and not bend), right + (found and bend > 0)
     assert wrong <= 1
     assert right >= 18

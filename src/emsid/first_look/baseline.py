@@ -10,30 +10,19 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.linear.filtering import filtered, filtered_from, past_state
+from emsid.first_look.levels import FEW_SAMPLES, LAGS, PART, SAME, SAMPLES
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.structures import arx
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-ORDER = 4
-"""Past inputs and past outputs."""
-ORDERS = (ORDER, 12)
-"""The same for a baseline that other models are compared with: a filter in the record may be of a higher order."""
-CERTAIN = 1
-"""Delays of up to this many samples are not tried again."""
-EQUAL = 0.02
-"""Of delays whose free runs differ by less than this, the longest is taken."""
-SAMPLES, SAMPLES_FOR_DELAY = 20_000, 4_000
-"""At most this many samples, from the middle, estimate the model with instruments, and compare delays."""
+ORDERS = (LAGS, 12)
+"""Past inputs and outputs of a baseline that other models are compared with: a filter may be of a higher order."""
 REPETITIONS = 6
 """Of the instruments."""
-EARLY, EARLY_SAMPLES = 0.1, 4_000
-"""The sign of a model is that of its step response, of so many samples, where this first exceeds that share of its
-largest value."""
-RESONANT, BELOW = 2.0, 0.01
-"""A model resonates where its gain is that many times the gain at rest; an input excites the frequencies below it with
-at least that share of its power."""
+RESONANT = 2.0
+"""A model resonates where its gain is that many times the gain at rest."""
 MOST_DELAY = 0.25
 """A delay above this share of the longest segment is no delay of the system."""
 
@@ -67,12 +56,12 @@ class Baseline:
 
     @property
     def sign(self) -> int:
-        """The sign of the response to a step: 1 or −1, or 0 where it begins with one sign and rests at the other.
+        """The sign with which the response to a step begins: 1 or −1, or 0 where it rests at the other.
 
         A lightly damped system answers an oscillation above its resonance with the opposite sign, a step never.
         """
-        step = filtered(self.b, self.a, np.ones(EARLY_SAMPLES))
-        least = EARLY * float(np.max(np.abs(step)))
+        step = filtered(self.b, self.a, np.ones(FEW_SAMPLES))
+        least = PART * float(np.max(np.abs(step)))
         if not 0 < least < np.inf:
             return 0
         early = int(np.sign(step[np.abs(step) >= least][0]))
@@ -88,7 +77,7 @@ class Baseline:
         q = np.exp(-2j * np.pi * f[:, None] * np.arange(max(len(self.a), len(self.b))))
         gain = np.abs(q[:, : len(self.b)] @ self.b / (q[:, : len(self.a)] @ self.a))
         peak = int(np.argmax(gain))
-        return bool(gain[peak] > RESONANT * gain[0] and power[:peak].sum() < BELOW * power.sum())
+        return bool(gain[peak] > RESONANT * gain[0] and power[:peak].sum() < SAME * power.sum())
 
     def answer(self, signal: Array, breaks: Sequence[int]) -> Array:
         """(N,) what the model makes of a signal (N,) in place of the input, from rest in every segment."""
@@ -105,7 +94,7 @@ def _through(b: Array, a: Array, signal: Array, breaks: Sequence[int]) -> Array:
     return np.concatenate([filtered(b, a, piece) for piece in pieces])
 
 
-def baseline(record: Record, delay: int | None, orders: Sequence[int] = (ORDER,)) -> Baseline | None:
+def baseline(record: Record, delay: int | None, orders: Sequence[int] = (LAGS,)) -> Baseline | None:
     """A linear model of the first output by the first input.
 
     It is None where there are too few samples, where the output is constant or where the model is unstable.
@@ -130,9 +119,9 @@ def baseline(record: Record, delay: int | None, orders: Sequence[int] = (ORDER,)
 
 def _best_delay(record: Record, delay: int) -> int:
     """The delay of the best free run among ``delay``, half of it and so on down to one."""
-    if delay <= CERTAIN:
+    if delay <= 1:
         return delay
-    few = middle(record, SAMPLES_FOR_DELAY)
+    few = middle(record, FEW_SAMPLES)
     halves = [max(1, delay >> k) for k in range(delay.bit_length())]
     fits = {
         each: simulated.fit
@@ -141,7 +130,7 @@ def _best_delay(record: Record, delay: int) -> int:
         if (simulated := _simulated(few, *one, each)) is not None
     }
     best = max(fits.values(), default=0.0)
-    return max((each for each in fits if fits[each] >= best - EQUAL), default=1)
+    return max((each for each in fits if fits[each] >= best - SAME), default=1)
 
 
 def middle(record: Record, most: int) -> Record:

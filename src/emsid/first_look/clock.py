@@ -14,6 +14,7 @@ import numpy as np
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column, column_of_numbers
+from emsid.first_look.levels import SAME
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time
@@ -22,8 +23,6 @@ from emsid.record.time_units import SECONDS
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""
-SAME = 0.02
-"""Sample times that differ by less are the same: a timer can seldom be set to exactly 10 ms."""
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.rounding import quantisation
+from emsid.first_look.levels import FEWEST_SAMPLES
 from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.first_look.wrapping import wrap_period
 from emsid.io.selection import MOST_SKIPPED
@@ -16,13 +17,9 @@ from emsid.io.wrapping import unwrapped
 Array = NDArray[np.float64]
 
 MOST_CODES = 5
-"""At most this many values beyond a wide gap are codes; more are ordinary values."""
+"""At most this many values beyond a wide gap are codes, and this many stretches at 0, the longest, may be stuck."""
 FEWEST_LEVELS = 20
 """A column of fewer values is a command of steps, which is neither saturated nor stuck."""
-LONG_RUN = 50
-"""A value must repeat this often in a row to be called stuck."""
-MOST_AT_ZERO = 5
-"""At most this many stretches at 0, the longest, may be stuck or at rest."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +106,12 @@ class Column:
         coded = np.isin(self.values, [code.value for code in self.codes])
         return np.where(coded, np.nan, self.values)
 
+    @property
+    def movement(self) -> Array:
+        """(N,) its signal; of a position its change, which is what rests and answers an input."""
+        is_position = self.meaning.quantity is ColumnQuantity.POSITION
+        return np.gradient(self.signal) if is_position and len(self.values) > 1 else self.signal
+
 
 def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> Column:
     """The facts about a column of numbers (N,); NaN where there is none."""
@@ -181,7 +184,7 @@ def _stuck(values: Array, levels: Array) -> tuple[Stretch, ...]:
     moving = np.where(np.isin(values[starts], (levels[0], levels[-1], 0.0)), 0, lengths)
     k = int(np.argmax(moving))
     others = np.delete(lengths, k)
-    unusual = len(others) >= 20 and moving[k] >= max(LONG_RUN, 10 * np.percentile(others, 99))
-    longest = np.argsort(-at_zero, kind="stable")[:MOST_AT_ZERO]
-    found = [*([k] if unusual else []), *(int(each) for each in longest if at_zero[each] >= LONG_RUN)]
+    unusual = len(others) >= 20 and moving[k] >= max(FEWEST_SAMPLES, 10 * np.percentile(others, 99))
+    longest = np.argsort(-at_zero, kind="stable")[:MOST_CODES]
+    found = [*([k] if unusual else []), *(int(each) for each in longest if at_zero[each] >= FEWEST_SAMPLES)]
     return tuple(Stretch(int(starts[k]), int(lengths[k]), float(values[starts[k]])) for k in found)

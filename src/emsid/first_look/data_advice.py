@@ -20,10 +20,11 @@ from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
 from emsid.excitation.duty import full_duty
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
-from emsid.first_look.baseline import ORDER, SAMPLES, baseline, middle
+from emsid.first_look.baseline import baseline, middle
 from emsid.first_look.dynamics import Response, acts_in_its_own_row, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.hanging import hangs
+from emsid.first_look.levels import CHANCE, EXPLAINS, FEWEST_SAMPLES, LAGS, MOST, SAMPLES, SUGGESTS, UNSURE
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
@@ -31,24 +32,14 @@ from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
 from emsid.record import Record
 from emsid.wording import sentence as worded
 
-FEWEST_SAMPLES = 50
-"""A shorter record has no findings about dynamics."""
 LINEAR_ORDER, FRICTION_ORDER = 4, 8
 """The order of excitation that a linear model of second order needs, and that of a regression with friction terms."""
 TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
-EXPLAINS, SUGGESTS = 0.5, 0.1
-"""A linear model whose free run has a better fit than the first shows that the output responds, and with which sign;
-with one between them, the sign is open where it contradicts the correlation."""
-COARSE, ALIKE = 0.6, 0.9
-"""The confidence of a delay that only means over several samples show, at most, or after which a smooth input has a
-higher autocorrelation than the second."""
 FEEDBACK = 0.15
 """An input that is correlated more than this with earlier errors of the output depends on it."""
-COLOURED = 1e-4
-"""An output that does not respond is noise unless white noise has its autocorrelations with a lower probability."""
 
 
 class Advice(list[Finding]):
@@ -164,7 +155,7 @@ def answer(data: Examined) -> Iterable[Finding]:
             yield Finding("no-response", data.output, {"input": data.input})
         return
     delay = data.delay or 0
-    most = COARSE if response.resolution > 1 or _hardly_changes(data, delay) else 0.99
+    most = UNSURE if response.resolution > 1 or _hardly_changes(data, delay) else 0.99
     sure = round(min(most, 0.5 + 0.5 * abs(response.correlation)), 2)
     shared = {"input": data.input, "delay": delay, "time": delay * dt, "sign": response.sign, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
@@ -181,7 +172,7 @@ def _hardly_changes(data: Examined, delay: int) -> bool:
     pieces = [piece.input[:, 0] for piece in data.record.segments]
     if not delay or not may_be_continuous(pieces) or any(map(jumps, pieces)):
         return False
-    return correlation(data.u[:-delay], data.u[delay:], (), 0) > ALIKE
+    return correlation(data.u[:-delay], data.u[delay:], (), 0) > MOST
 
 
 def _looks_ahead(data: Examined) -> bool:
@@ -235,7 +226,7 @@ def _is_noise(data: Examined) -> bool:
         return False
     pieces = np.split(data.y - data.y.mean(), list(data.record.breaks))
     test = whiteness(pieces, 0)
-    white = test is not None and test.p_value >= COLOURED
+    white = test is not None and test.p_value >= CHANCE
     return white and response(np.abs(data.u), data.y, data.record.breaks).delay is None
 
 
@@ -315,7 +306,7 @@ def _as_modelled(found: Response, record: Record) -> Response:
     linear = baseline(record, found.delay) if np.ptp(record.input[:, 0]) else None
     if linear is None or linear.fit < SUGGESTS or linear.time_constant > max(map(len, record.segments)):
         return found
-    sure = linear.fit >= EXPLAINS and persistent_excitation_order(record) >= 2 * ORDER
+    sure = linear.fit >= EXPLAINS and persistent_excitation_order(record) >= 2 * LAGS
     sign = linear.sign if sure or linear.sign == found.sign else 0
     if linear.fit < EXPLAINS and found.delay is None:
         return found

@@ -34,11 +34,10 @@ from scipy.special import fdtrc
 from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES, autoregression
 from emsid.first_look.baseline import Baseline
+from emsid.first_look.levels import SAME, SAMPLES
 
 Array = NDArray[np.float64]
 
-SAMPLES = 50_000
-"""At most this many samples are tested."""
 ROWS = 3
 """Fewer samples for each function than this are too few for the test."""
 DELAYS = (-32, -16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16, 32)
@@ -49,8 +48,6 @@ RANK = 1e-5
 """A function of which others leave less than this is described by them."""
 REPETITIONS = 2
 """How often the noise is estimated, each time from what the filtered regression leaves."""
-ZERO = 0.01
-"""An input below this share of its largest value is zero."""
 
 
 class Dependence(NamedTuple):
@@ -115,7 +112,7 @@ def _columns(linear: Baseline, simulated: Array, u: Array, breaks: Sequence[int]
         straight += [scaled, linear.answer(scaled, breaks)]
         curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
     inner = lagged[linear.delay]
-    coasting = np.where(np.abs(inner) <= ZERO * np.max(np.abs(inner)), simulated, 0.0)
+    coasting = np.where(np.abs(inner) <= SAME * np.max(np.abs(inner)), simulated, 0.0)
     return straight, [*curved, coasting, linear.answer(coasting, breaks)]
 
 

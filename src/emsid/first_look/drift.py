@@ -13,18 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.first_look.baseline import Baseline
+from emsid.first_look.levels import CLEAR, EXPLAINS, PART
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 BLOCKS = 12
 """The slope is that of the means of so many parts of the record."""
-EXPLAINED = 0.3
-"""The least fit of a linear model of a record whose drift is looked for."""
-CLEAR, CERTAIN = 6.0, 9.0
-"""Standard errors of a slope from which on it is a drift, and from which on that is almost certain."""
-LARGE = 0.1
-"""The least change over the record, in standard deviations of the output."""
 
 
 class Drift(NamedTuple):
@@ -49,7 +44,7 @@ def drift_of(record: Record, linear: Baseline | None, changing: Baseline | None)
         linear: a linear model of it.
         changing: a linear model of it without its trends.
     """
-    if linear is None or linear.fit < EXPLAINED or changing is None:
+    if linear is None or linear.fit < EXPLAINS or changing is None:
         return None
     u, y = record.input[:, 0], record.output[:, 0]
     t = np.linspace(-0.5, 0.5, len(y))
@@ -65,7 +60,8 @@ def drift_of(record: Record, linear: Baseline | None, changing: Baseline | None)
     rest = np.array(blocks) - np.mean(blocks) - slope * k
     error = float(np.sqrt(rest @ rest / (BLOCKS - 2) / (k @ k) * (t @ t) / (ahead @ ahead)))
     change = BLOCKS * slope
-    if not (abs(slope) > CLEAR * error and abs(change) > LARGE * y.std()):
+    if not (abs(slope) > CLEAR * error and abs(change) > PART * y.std()):
         return None
-    sure = 0.95 if abs(slope) >= CERTAIN * error else round(abs(slope) / error / 20 + 0.5, 2)
-    return Drift(change, sure, offset - gain * changing.gain * u.mean() + trend * t)
+    return Drift(
+        change, round(min(0.95, 0.5 + abs(slope) / error / 20), 2), offset - gain * changing.gain * u.mean() + trend * t
+    )

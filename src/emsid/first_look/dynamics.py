@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import filtered
 from emsid.first_look.columns import runs
+from emsid.first_look.levels import CLEAR, LAGS, PART, SAMPLES
 from emsid.validation.correlation import cross_correlation
 
 Array = NDArray[np.float64]
@@ -31,28 +32,16 @@ HELD = 8
 """An input that is held this many samples in the mean changes in steps."""
 LONG_PAST = 20
 """Past inputs from which an input is predicted, to see what is new in it."""
-LAGS = 4
-"""Past samples of each signal in a prediction."""
 WHITENING, LONGEST_FILTER = 10, 100
 """Coefficients of the filter that whitens an input, for one that changes always and for one that is held."""
-MOST_SAMPLES = 20_000
-"""A prediction is computed from at most this many samples, from the middle of the record."""
-FIRST = 0.2
-"""The response begins at the first correlation above this share of the largest."""
 UNSETTLED = 0.25
 """The output still moves where the means of two halves differ by more than this share of its range."""
-HELD_INPUT = 0.1
-"""An input that stays the same in more of its samples does not answer a measured output."""
 UNDONE = 0.5
 """Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
 ROUNDS = 5
 """Of a prediction without the steps of a signal; from the second on it changes little."""
-CLEAR = 6.0
-"""A correlation of this many standard deviations shows the delay."""
 LARGEST_STEP = 20.0
 """An input is held, with noise or without, where its largest step is larger than the median by this factor."""
-AT_ONCE = 0.1
-"""An input whose value in the same row removes more of the error of a prediction acts before this row."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +116,7 @@ def acts_in_its_own_row(u: Array, y: Array, sign: int) -> bool:
         sign: of the response of y to u.
     """
     steps = np.abs(np.diff(u[np.isfinite(u)]))
-    return bool(np.max(steps, initial=0.0) > LARGEST_STEP * np.median(steps)) and at_once(u, y, sign) > AT_ONCE
+    return bool(np.max(steps, initial=0.0) > LARGEST_STEP * np.median(steps)) and at_once(u, y, sign) > PART
 
 
 def feedback(u: Array, y: Array, sign: int | None) -> float:
@@ -146,7 +135,7 @@ def feedback(u: Array, y: Array, sign: int | None) -> float:
         return 0.0
     past_u, past_y = (_past(x, rows, LONG_PAST // 2) for x in (u, y))
     error = _residual(np.hstack([np.ones((len(rows), 1)), past_u, past_y]), y[rows])
-    moving = np.mean(np.diff(u) == 0) < HELD_INPUT  # steps of a reference hide what answers the output in between
+    moving = np.mean(np.diff(u) == 0) < PART  # steps of a reference hide what answers the output in between
     new, error = (_new(u, ROUNDS), _clipped(error)) if moving else (_new(u), error)
     if new.std() < 1e-6 * u.std() or error.std() < 1e-9 * y.std():
         return 0.0
@@ -278,7 +267,7 @@ def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, i
     peak = float(np.max(np.abs(shares), initial=0.0))
     if peak < CLEAR:
         return None
-    first = int(np.flatnonzero(np.abs(shares) > max(CLEAR, FIRST * peak))[0])
+    first = int(np.flatnonzero(np.abs(shares) > max(CLEAR, PART * peak))[0])
     return first, int(np.sign(shares[first : first + 3].sum()))
 
 
@@ -312,8 +301,8 @@ def correlation(u: Array, y: Array, breaks: Sequence[int], delay: int) -> float:
 
 
 def _middle(x: Array) -> Array:
-    start = max(0, (len(x) - MOST_SAMPLES) // 2)
-    return x[start : start + MOST_SAMPLES]
+    start = max(0, (len(x) - SAMPLES) // 2)
+    return x[start : start + SAMPLES]
 
 
 def _unexplained(regressors: Array, target: Array) -> float:

@@ -1,4 +1,4 @@
-"""What columns that are neither input nor output may be: a load, a second output, a better sensor, a lost sign."""
+"""What columns that are neither input nor output may be: a load, a second output, a better sensor, a sign."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from emsid.findings import Finding
-from emsid.first_look.columns import Column
+from emsid.first_look.columns import FEWEST_LEVELS, Column
 from emsid.first_look.dynamics import influence
+from emsid.first_look.levels import PART, SAME
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.roles import Roles
+from emsid.io.selection import signs_of
 
-BOTH_WAYS = 0.1
-"""An output goes both ways where its larger and its smaller direction have at least this share of the largest speed."""
 DERIVED = 0.999
 """The correlation of a speed with the change of a count that it was derived from, at least: rounding leaves less."""
-ACTS = 0.02
-"""A load removes at least this share of the error with which the past of input and output predicts the output."""
 
 
-def sign_lost(columns: Sequence[Column], roles: Roles) -> Iterable[Finding]:
-    """A finding where a duty or voltage is never negative although the output goes both ways.
+def sign_of_input(columns: Sequence[Column], roles: Roles) -> Finding | None:
+    """The column with the sign of an input that has none, or that there is none although the output goes both ways.
 
     Args:
         columns: of the file, equally long.
@@ -30,18 +28,19 @@ def sign_lost(columns: Sequence[Column], roles: Roles) -> Iterable[Finding]:
     named = {column.name: column for column in columns}
     u, y = named.get(roles.input), named.get(roles.output)
     if u is None or y is None or not u.low >= 0 or u.constant:
-        return
-    if u.meaning.quantity not in (ColumnQuantity.DUTY, ColumnQuantity.VOLTAGE) or u.low > BOTH_WAYS * u.high:
-        return  # pulses and commands about a middle have no sign
-    speed = np.diff(y.signal) if y.meaning.quantity is ColumnQuantity.POSITION else y.signal
-    speed = speed[np.isfinite(speed)]
-    if not len(speed):
-        return
-    forward, backward = np.percentile(speed, 95), -np.percentile(speed, 5)
-    if min(forward, backward) < BOTH_WAYS * max(forward, backward) or not min(forward, backward) > 0:
-        return
-    candidates = [each.name for each in columns if each.distinct == 2 and each.name not in (u.name, y.name)]
-    yield Finding("sign-lost", u.name, {"output": y.name, "candidates": candidates})
+        return None
+    two_valued = [each for each in columns if each.distinct == 2 and each not in (u, y)]
+    shares = {each.name: influence(signs_of(each.values) * u.signal, y.movement) for each in two_valued}
+    best = max(shares, key=shares.__getitem__, default="")
+    if best and shares[best] > influence(u.signal, y.movement) + PART:
+        return Finding("direction-column", u.name, {"column": best, "output": y.name})
+    if u.meaning.quantity not in (ColumnQuantity.DUTY, ColumnQuantity.VOLTAGE) or u.low > PART * u.high:
+        return None  # pulses and commands about a middle have no sign
+    speed = y.movement[np.isfinite(y.movement)]
+    forward, backward = (np.percentile(speed, 95), -np.percentile(speed, 5)) if len(speed) else (0.0, 0.0)
+    if min(forward, backward) < PART * max(forward, backward) or not min(forward, backward) > 0:
+        return None
+    return Finding("sign-lost", u.name, {"output": y.name, "candidates": [each.name for each in two_valued]})
 
 
 def further_channels(columns: Sequence[Column], roles: Roles, file: str) -> Iterable[Finding]:
@@ -63,7 +62,7 @@ def further_channels(columns: Sequence[Column], roles: Roles, file: str) -> Iter
     currents = [each.name for each in rest if is_electrical and each.meaning.quantity is ColumnQuantity.CURRENT]
     is_speed = y.meaning.quantity is ColumnQuantity.SPEED
     counts = [each for each in rest if is_speed and each.meaning.quantity is ColumnQuantity.POSITION]
-    sensors = [each.name for each in counts if _is_derived(y, each)]
+    sensors = [each.name for each in counts if per_change(y, each)]
     data = {"inputs": loads, "outputs": currents, "positions": sensors}
     if loads or currents or sensors:
         yield Finding("further-channels", file, data)
@@ -71,17 +70,18 @@ def further_channels(columns: Sequence[Column], roles: Roles, file: str) -> Iter
 
 def _acts(load: Column, u: Column, y: Column) -> bool:
     """Whether a torque acts on the output, and is not computed from the current that drives it."""
-    return len(load.values) == len(y.values) and influence(load.signal, y.signal) > ACTS > influence(
+    return len(load.values) == len(y.values) and influence(load.signal, y.signal) > SAME > influence(
         u.signal, load.signal
     )
 
 
-def _is_derived(speed: Column, position: Column) -> bool:
-    """Whether a speed is the change of a count from row to row, in any unit, and not rounded more than that."""
-    if len(speed.values) != len(position.values) or len(speed.values) < 3:
-        return False
+def per_change(speed: Column, position: Column) -> float:
+    """A speed that is the change of a count from row to row, by that change: one in its unit; 0 for one that is not."""
+    if len(speed.values) != len(position.values) or len(speed.values) < FEWEST_LEVELS:
+        return 0.0
     change, said = np.diff(position.signal), speed.signal[1:]
     known = np.isfinite(change) & np.isfinite(said)
     if not (known.any() and np.ptp(change[known]) and np.ptp(said[known])):
-        return False
-    return bool(np.corrcoef(change[known], said[known])[0, 1] > DERIVED)
+        return 0.0
+    change, said = change[known], said[known]
+    return float(change @ said / (change @ change)) if np.corrcoef(change, said)[0, 1] > DERIVED else 0.0

@@ -16,23 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
-from emsid.first_look.baseline import SAMPLES, middle
+from emsid.first_look.baseline import middle
 from emsid.first_look.examined import Examined, is_position
+from emsid.first_look.levels import EXPLAINS, PART, SAMPLES
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.models.plants.motion_regression import motion_rows, solved, waves
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-HANGING, FEWEST, EXPLAINED = 8.0, 200, 0.5
+HANGING, FEWEST = 8.0, 200
 """An angle hangs where, of at least this many samples in motion, filtered with this time constant in samples, the waves
 of gravity leave less than half of the acceleration that a motor without them leaves, and less than half of all. A turn
 of unknown length is one that leaves less than half of what a spring leaves."""
 RATIOS = np.geomspace(0.6, 30.0, 40)
 """Lengths of a turn that are tried, over the range of the angle; the longest is as straight as a spring."""
-ALIKE = 0.08
-"""A turn within this part of 360 is taken for degrees, within this part of 2π for radians; filtering makes it 2 % too
-short."""
 TURNS = {"deg": 360.0, "rad": 2 * pi}
 
 
@@ -81,9 +79,9 @@ def hanging(record: Record) -> Hanging | None:
     refined = minimize_scalar(lambda log: tried(np.exp(log))[0], bounds=near, method="bounded")
     turn = float(np.exp(refined.x))
     share, found = tried(turn)
-    if found is None or not share < EXPLAINED * shares[-1]:
+    if found is None or not share < EXPLAINS * shares[-1]:
         return None
-    said = next((name for name, known in TURNS.items() if abs(turn / known - 1) < ALIKE), "")
+    said = next((name for name, known in TURNS.items() if abs(turn / known - 1) < PART), "")
     return Hanging(found.angle, turn, found.period, said)
 
 
@@ -130,7 +128,7 @@ class _Motion:
         left = _left(columns, self.right, values) / self.total
         cosine, sine = values[-2:]  # cosine·cos + sine·sin against the motion is sin(θ − θ₀)
         size = hypot(cosine, sine)
-        if not (left < EXPLAINED * min(self.plain, 1.0) and size > 0):
+        if not (left < EXPLAINS * min(self.plain, 1.0) and size > 0):
             return left, None
         angle = turn / (2 * pi) * atan2(-cosine, sine)
         middle_of = float(np.mean([np.mean(each) for each in self.angles]))

@@ -25,12 +25,13 @@ from emsid.first_look.clock import Clock, contradiction, find_clock, stated_cloc
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
-from emsid.first_look.further import further_channels, sign_lost
+from emsid.first_look.further import further_channels, per_change, sign_of_input
 from emsid.first_look.hanging import as_angle
+from emsid.first_look.levels import MOST, SAME, UNSURE
 from emsid.first_look.masks import mask_of, masked_outliers
 from emsid.first_look.mends import mends
 from emsid.first_look.names import ColumnQuantity, Meaning
-from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
+from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
 from emsid.first_look.vocabulary import meaning_of
@@ -46,8 +47,6 @@ from emsid.record.time_units import SECONDS
 
 Array = NDArray[np.float64]
 
-UNSURE = 0.6
-"""A guess of a lower confidence is mentioned."""
 CONSTANT = "output-constant"
 USELESS = frozenset(
     {
@@ -64,10 +63,6 @@ USELESS = frozenset(
 """Findings with which there is nothing to identify."""
 JUMP = 10.0
 """A position jumps where its change is larger than 95 % of the others by this factor."""
-FOLLOWS = 0.9
-"""An output with a higher correlation with a reference follows it."""
-MOSTLY = 0.9
-"""A column of texts with at least this share of numbers is one of numbers with bad rows."""
 
 
 _TIME = ColumnQuantity.TIME
@@ -173,12 +168,10 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         data = {"rows": rows, "columns": [roles.input, roles.output]}
         noticed.append(Finding("rows-of-messages", file.name, data))
     proposal = _proposal(raw, columns, clock, roles)
-    direction = "" if "direction" in reading else find_direction(table, roles)
-    if direction:
-        proposal["direction"] = {roles.input: direction}
-        noticed.append(Finding("direction-column", roles.input, {"column": direction, "output": roles.output}))
-    elif "direction" not in reading:
-        noticed += sign_lost(table, roles)
+    sign = None if "direction" in reading else sign_of_input(table, roles)
+    if sign is not None:
+        noticed.append(sign)
+        proposal["direction"] = {roles.input: sign.data["column"]} if "column" in sign.data else None
     noticed += further_channels(table, roles, file.name)
     look = FirstLook(
         str(file),
@@ -208,9 +201,9 @@ def _on_one_clock(raw: Columns, time: str) -> Columns:
 def _with_responses_to_codes(columns: Mapping[str, Column], roles: Roles) -> dict[str, Column]:
     """The columns, where the codes of the input say what the output does there."""
     u, y = columns.get(roles.input), columns.get(roles.output)
-    if u is None or y is None or not u.codes or len(u.values) != len(_movement(y)):
+    if u is None or y is None or not u.codes or len(u.values) != len(y.values):
         return dict(columns)
-    return {**columns, u.name: replace(u, codes=with_responses(u.codes, u.values, _movement(y)))}
+    return {**columns, u.name: replace(u, codes=with_responses(u.codes, u.values, y.movement))}
 
 
 def _completed(given: Mapping[str, Any], proposal: Mapping[str, Any]) -> dict[str, Any]:
@@ -314,14 +307,9 @@ def _column(name: str, raw: Columns) -> Column:
     values = as_numbers(series)
     said = meaning_of(name, raw.units.get(name, ""), values)
     known = len(series) - series.null_count()
-    if not (series.dtype.is_numeric() or kind == "times") and np.isfinite(values).sum() < MOSTLY * max(known, 1):
+    if not (series.dtype.is_numeric() or kind == "times") and np.isfinite(values).sum() < MOST * max(known, 1):
         return Column(name, "text", said, len(series), missing=series.null_count())
     return column_of_numbers(name, kind, said, values)
-
-
-def _movement(output: Column) -> Array:
-    """(N,) the numbers of an output; of a position, their change, which is what rests and moves."""
-    return np.gradient(output.signal) if output.meaning.quantity is ColumnQuantity.POSITION else output.signal
 
 
 def _bare(given: Sequence[str]) -> str:
@@ -402,7 +390,7 @@ def _follows(column: Column, reference: Column) -> bool:
     if len(column.values) != len(reference.values) or column.constant or reference.constant:
         return False
     both = np.stack([reference.signal, column.signal])
-    return bool(np.corrcoef(both[:, np.isfinite(both).all(axis=0)])[0, 1] > FOLLOWS)
+    return bool(np.corrcoef(both[:, np.isfinite(both).all(axis=0)])[0, 1] > MOST)
 
 
 def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Finding]:
@@ -425,7 +413,7 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
         findings.append(Finding("value-stuck", name, data))
     if name == look.roles.output and look.reading.get("output") == f"d({name})" and "output" not in given:
         findings.append(Finding("position-differentiated", name, {"input": ""}))
-    position = next((each for each in look.columns if is_difference(each, column)), None)
+    position = next((each for each in look.columns if abs(per_change(column, each) - 1) < SAME), None)
     if position is not None:
         findings.append(Finding("difference-of-position", name, {"position": position.name}))
     return findings

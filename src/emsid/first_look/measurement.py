@@ -18,8 +18,8 @@ from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of
+from emsid.first_look.levels import MOST, PART, SAME
 from emsid.first_look.outliers import outliers_of
-from emsid.first_look.standstill import NEAR_ZERO
 from emsid.first_look.stops import stops
 
 Array = NDArray[np.float64]
@@ -28,12 +28,6 @@ FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
 FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
-REPEATED, NEAR_LIMIT = 0.02, 1e-4
-"""A noisy output repeats a smaller share of its values; one that settles ends closer to its limit (shares)."""
-SETTLES = 0.8
-"""The least fit of a model that settles, to the record without its trends, with which the output does not integrate."""
-FAST_SHARE, PROPORTIONAL = 0.05, 0.9
-"""The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
 
 
 def resolution(data: Examined) -> Iterable[Finding]:
@@ -50,7 +44,7 @@ def resolution(data: Examined) -> Iterable[Finding]:
             continue
         for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
             share = float(counts[k] / counts.sum())
-            is_zero = abs(levels[k]) <= NEAR_ZERO * np.max(np.abs(x))
+            is_zero = abs(levels[k]) <= SAME * np.max(np.abs(x))
             if share < 0.01 or counts[k] < 10 * np.median(near) or is_zero:
                 continue
             there = x == levels[k]
@@ -78,7 +72,7 @@ def _stops_at_once(y: Array, there: NDArray[np.bool_]) -> bool:
     steps, elsewhere = np.diff(y), (y[1:] > y.min()) & (y[1:] < y.max())
     arrivals = np.abs(steps[there[1:] & ~there[:-1]])
     repeats = np.mean(steps[elsewhere] == 0) if elsewhere.any() else 1.0
-    return bool(repeats < REPEATED and len(arrivals) and np.median(arrivals) > NEAR_LIMIT * np.ptp(y))
+    return bool(repeats < SAME and len(arrivals) and np.median(arrivals) > 1e-4 * np.ptp(y))
 
 
 def outliers(data: Examined) -> Iterable[Finding]:
@@ -124,7 +118,9 @@ def sampling(data: Examined) -> Iterable[Finding]:
 def _settles_without_trend(data: Examined) -> bool:
     """Whether a model that settles within the record explains the output but for its trend: it drifts then."""
     settling, longest = data.linear_without_trend, max(map(len, data.record.segments))
-    return settling is not None and settling.fit >= SETTLES and settling.time_constant <= longest
+    if settling is None or data.linear is None:
+        return False
+    return settling.fit >= data.linear.fit - PART and settling.time_constant <= longest
 
 
 def _is_proportional(data: Examined) -> bool:
@@ -132,7 +128,7 @@ def _is_proportional(data: Examined) -> bool:
     size = min(len(data.u), 1024)
     power = spectrum(data.u, data.u, size).real[1:]
     fast = power[np.fft.rfftfreq(size)[1:] > 1 / (2 * np.pi * FASTEST)].sum() / power.sum()
-    return bool(fast > FAST_SHARE and abs(data.response.correlation) > PROPORTIONAL)
+    return bool(fast > PART and abs(data.response.correlation) > MOST)
 
 
 def repeated(y: Array) -> int:

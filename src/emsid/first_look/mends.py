@@ -17,13 +17,12 @@ import numpy as np
 
 from emsid.findings import Finding
 from emsid.first_look.columns import Column
+from emsid.first_look.levels import PART
 from emsid.first_look.masks import in_expression
 
 STUCK, STOP = "value-stuck", "joint-at-stop"
 LEFT_OUT = (STUCK, STOP)
 """The findings whose samples the command leaves out."""
-EXTRA = 0.1
-"""A value occurs elsewhere too where its count exceeds the length of a stuck stretch by more than this share."""
 LEAST = 0.5
 """The value of a column is the limit of a record where its share of the rows is at least this part of that found."""
 
@@ -61,7 +60,7 @@ def joined(masks: Iterable[str]) -> str:
 def _stuck(finding: Finding, column: Column) -> str:
     """The condition for a stuck value; empty where it occurs elsewhere, too."""
     value, length = finding.data["value"], finding.data["length"]
-    alone = np.count_nonzero(column.values == value) <= (1 + EXTRA) * length
+    alone = np.count_nonzero(column.values == value) <= (1 + PART) * length
     return f"{in_expression(column)} = {_exact(value)}" if alone else ""
 
 

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
+from emsid.first_look.levels import NAMED
 from emsid.record.time_units import CLOCK_NAMES
 from emsid.units import BRACKETED, known_unit, unit_in_name
 
@@ -49,9 +50,6 @@ class Meaning:
     confidence: float
     number: str = ""
 
-
-WEAK = 0.8
-"""Below this confidence of a word, the unit decides: ``w [deg/s]`` is a speed."""
 
 # The first list that has one of the words decides: a speed reference is a reference, a motor voltage a voltage.
 _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
@@ -162,8 +160,8 @@ def meaning(name: str, unit: str = "") -> Meaning:
     words = _words(bare)
     unit = unit or next((_UNIT_NAMES[word] for word in words if word in _UNIT_NAMES), "")
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
-    by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)
-    if by_word is None or (by_unit is not None and by_word[1] < WEAK):
+    by_unit = next(((q, NAMED) for q, units in _BY_UNIT if unit in units.split()), None)
+    if by_word is None or (by_unit is not None and by_word[1] < NAMED):
         quantity, confidence = by_unit or by_word or (ColumnQuantity.UNKNOWN, 0.0)
     else:
         quantity, confidence = by_word

@@ -24,6 +24,7 @@ from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response
+from emsid.first_look.levels import CHANCE, PART, SAME, SUGGESTS
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -33,13 +34,6 @@ MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
 STANDS_OUT = 4.0
 """Distortion stands out from noise by so many standard deviations of the power of the noise."""
-LEVEL = 0.001
-"""The probability of a nonlinear relation in noise: a margin to 5 %, since the colour of the noise is estimated."""
-CLEAR, LEAST = 0.05, 1e-4
-"""A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
-
-LEAST_FIT = 0.2
-"""Where a linear model explains less of the output, nothing is said about how linear the rest is."""
 
 
 def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
@@ -54,7 +48,7 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
     share, probability = dependence(linear, record.input[:, 0], record.breaks)
     segment = max(record.segments, key=len)
     of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
-    nonlinear = probability < LEVEL and share > LEAST and of_residual > CLEAR
+    nonlinear = probability < CHANCE and share > SAME**2 and of_residual > PART
     data = {
         "share": share,
         "of_residual": min(of_residual, 1.0),
@@ -64,8 +58,8 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
     }
     if nonlinear:
         yield Finding("nonlinear-likely", record.output_names[0], data)
-    elif linear.fit >= LEAST_FIT:
-        because = "little" if of_residual <= CLEAR else "small-error" if probability < LEVEL else "noise"
+    elif linear.fit >= SUGGESTS:
+        because = "little" if of_residual <= PART else "small-error" if probability < CHANCE else "noise"
         yield Finding("nearly-linear", record.output_names[0], data | {"because": because})
     else:
         yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})

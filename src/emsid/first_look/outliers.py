@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.first_look.levels import SAME
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 SPIKE = 12.0
 """A single sample this many times as far from its neighbours as usual is an outlier."""
-RARE = 0.01
-"""A larger share of the samples is no outlier."""
 
 
 def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
@@ -30,7 +29,7 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
     usual = max(float(np.nanpercentile(steps, 95)), 1e-9 * float(np.nanmax(y) - np.nanmin(y)))
     spread = 1.4826 * float(np.nanmedian(np.abs(y - np.nanmedian(y))))
     found = np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
-    found = found if len(found) < RARE * len(y) else found[:0]
+    found = found if len(found) < SAME * len(y) else found[:0]
     return found + 1, away[found]
 
 

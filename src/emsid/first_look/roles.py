@@ -1,8 +1,7 @@
 """Which columns are the input and the output: the assignment with the largest total of evidence.
 
-The table `_TABLE` has a row for each kind of evidence about one column. A pair of columns adds the influence of one on
-the other, their order and their shape, and whether they are of one experiment. Names have a weight of at most one, so
-that content overrules them.
+The table `_TABLE` has a row for each kind of evidence about one column, and `_PAIRS` one for each kind about an input
+and an output together. Names have a weight of at most one, so that content overrules them.
 """
 
 from __future__ import annotations
@@ -16,26 +15,16 @@ from numpy.typing import NDArray
 
 from emsid.first_look.columns import Code, Column, runs
 from emsid.first_look.dynamics import influence
+from emsid.first_look.levels import MOST, NAMED, PART, SAME
 from emsid.first_look.names import ColumnQuantity
-from emsid.io.selection import signs_of
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
-NAMED_WORSE = 0.9
-"""Signals are compared only in pairs whose names suit worse than those of the best by less than this."""
-NAMED = 0.8
-"""A name of at least this confidence says what a column is."""
 REPEATS = 1 - 1e-9
 """A column with a higher correlation with the times repeats them; measured ones have rounding far above this."""
-MOSTLY_ONE = 0.9
-"""A larger share of steps of one is a count of rows, of which some were left out."""
-STILL = 0.1
-"""A column with less than this share of the largest motion of its kind is at rest beside that."""
-CLEARER, LEAST = 1.5, 0.05
-"""A direction is taken where the input with its sign explains more of the output: by this factor and difference."""
 
 _AS_INPUT = {
     ColumnQuantity.VOLTAGE: 1.0,
@@ -64,8 +53,8 @@ class Evidence:
     """A reason for or against a role of a column.
 
     Attributes:
-        column: its name.
-        role: ``input`` or ``output``.
+        column: its name; of a pair, both names.
+        role: ``input`` or ``output``; ``pair`` for an input and an output together.
         weight: added to the total of this role; negative for a reason against it.
         reason: in words.
     """
@@ -86,16 +75,14 @@ class Roles:
     Attributes:
         input, output: names of columns; empty where there is none.
         input_confidence, output_confidence: from 0 to 1.
-        feedback: the influence of the output on the input, from 0 to 1.
         others: further pairs of input and output, which differ in the number at the end of their names.
-        table: the evidence for and against each role of each column.
+        table: the evidence for and against each role of each column, and for this pair.
     """
 
     input: str = ""
     output: str = ""
     input_confidence: float = 0.0
     output_confidence: float = 0.0
-    feedback: float = 0.0
     others: tuple[tuple[str, str], ...] = ()
     table: tuple[Evidence, ...] = ()
 
@@ -108,7 +95,8 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         clock: name of the time column; empty where there is none.
         input, output: where the user gives them.
     """
-    table = evidence(columns, clock)
+    facts = _Facts(columns, clock)
+    table = _evidence(columns, facts)
     totals = {role: {name: sum(e.weight for e in rows) for name, rows in table[role].items()} for role in table}
     possible = [column for column in columns if _may_be_channel(column, clock, (input, output))]
     compared = _most_likely(possible, totals, (input, output))
@@ -118,39 +106,33 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     if not pairs:
         only = compared[0].name if compared else ""
         return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
-    experiments = _experiments(columns)
-    alone = {
-        (u.name, y.name): totals["input"][u.name]
-        + totals["output"][y.name]
-        + _of_one_experiment(experiments, u.name, y.name)
+    alone = {(u.name, y.name): totals["input"][u.name] + totals["output"][y.name] for u, y in pairs}
+    least = max(alone.values()) - sum(weight for _, weight, _ in _PAIRS)  # others cannot be the best
+    of_pairs = {
+        (u.name, y.name): [(weight * share(u, y, facts), reason) for reason, weight, share in _PAIRS]
         for u, y in pairs
+        if alone[u.name, y.name] > least and len(u.values) == len(y.values)
     }
-    shares = _influences(pairs, alone)
-    scores = {pair: alone[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
+    scores = {pair: alone[pair] + sum(weight for weight, _ in rows) for pair, rows in of_pairs.items()}
     if not scores:
         return Roles(input=input, output=output)
-    best = max(scores, key=scores.__getitem__)
-    (u, y) = _first_of_its_kind(best, scores, compared, experiments, totals)
-    columns_by_name = {column.name: column for column in columns}
+    (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared, facts, totals)
+    named = {column.name: column for column in columns}
     return Roles(
         input=u,
         output=y,
         input_confidence=_confidence(totals["input"][u], scores, (u, y), 0) if not input else 1.0,
         output_confidence=_confidence(totals["output"][y], scores, (u, y), 1) if not output else 1.0,
-        feedback=shares[u, y][1],
-        others=_further_pairs(possible, experiments, columns_by_name[u], columns_by_name[y]),
-        table=tuple(each for rows in table.values() for name in rows for each in rows[name]),
+        others=_further_pairs(possible, facts, named[u], named[y]),
+        table=(
+            *(each for rows in table.values() for name in rows for each in rows[name]),
+            *(Evidence(f"{u}, {y}", "pair", round(weight, 3), reason) for weight, reason in of_pairs[u, y] if weight),
+        ),
     )
 
 
-def evidence(columns: Sequence[Column], clock: str) -> dict[str, dict[str, list[Evidence]]]:
-    """For each role and column, what speaks for it and against it.
-
-    Args:
-        columns: of the file.
-        clock: name of the time column; empty where there is none.
-    """
-    facts = _Facts(columns, clock)
+def _evidence(columns: Sequence[Column], facts: _Facts) -> dict[str, dict[str, list[Evidence]]]:
+    """For each role and column, what speaks for it and against it."""
     found: dict[str, dict[str, list[Evidence]]] = {"input": {}, "output": {}}
     for role, rows in found.items():
         for column in columns:
@@ -168,12 +150,26 @@ class _Facts:
     Args:
         columns: of the file.
         clock: name of the time column; empty where there is none.
+
+    Attributes:
+        experiments: of each column: the number at the end of its name, or the sheet or group before its last dot. A
+            group counts where another one, or none, has a column of the same name; without a group it is ``"."`` then.
+        order: the place of each column in the file.
     """
 
     def __init__(self, columns: Sequence[Column], clock: str) -> None:
         times = next((column.values for column in columns if column.name == clock), np.zeros(0))
         self.times = times
         self.starts = np.flatnonzero(np.diff(times) < 0) + 1 if len(times) > 1 else np.zeros(0, dtype=np.intp)
+        self.order = {column.name: k for k, column in enumerate(columns)}
+        groups: dict[str, list[str]] = {}
+        for column in columns:
+            group, _, name = column.name.rpartition(".")
+            groups.setdefault(name, []).append(group)
+        self.experiments: dict[str, str] = {}
+        for column in columns:
+            group, _, name = column.name.rpartition(".")
+            self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else column.meaning.number
         self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
         self._spreads: dict[str, float] = {}
         for column in columns:
@@ -192,6 +188,10 @@ class _Facts:
         """The share of the largest motion of a column of the same quantity and unit; 1 where it is alone."""
         most = self.most.get(self._kind(column), 0.0)
         return self.spread(column) / most if most > 0 else 1.0
+
+    def of_one_experiment(self, u: str, y: str) -> bool:
+        """Whether two columns are such as u2 and y2, or of one sheet; False where nothing says so."""
+        return bool(self.experiments[u]) and self.experiments[u] == self.experiments[y]
 
     @staticmethod
     def _kind(column: Column) -> tuple[ColumnQuantity, str, int]:
@@ -220,12 +220,22 @@ def _repeats_clock(column: Column, facts: _Facts) -> float:
 def _counts_rows(column: Column, facts: _Facts) -> float:
     """Whether a column counts its rows, perhaps anew in every run."""
     steps = np.diff(column.values) if column.kind == "numbers" else np.zeros(0)
-    return float(len(steps) > 2 and np.mean(steps == 1) > MOSTLY_ONE)
+    return float(len(steps) > 2 and np.mean(steps == 1) > MOST)
+
+
+def _named(column: Column, weights: Mapping[ColumnQuantity, float]) -> float:
+    """How well the name or the unit of a column says that it has a role."""
+    return weights.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
+
+
+def _held(column: Column) -> float:
+    """The share of rows in which a column does not change."""
+    return float(np.mean(np.diff(column.signal) == 0))
 
 
 _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = (
-    ("input", "its name or unit is of an input", 1.0, lambda column, facts: _as_input(column)),
-    ("output", "its name or unit is of an output", 1.0, lambda column, facts: _as_output(column)),
+    ("input", "its name or unit is of an input", 1.0, lambda column, facts: _named(column, _AS_INPUT)),
+    ("output", "its name or unit is of an output", 1.0, lambda column, facts: _named(column, _AS_OUTPUT)),
     # Content overrules names, whose weight is at most 1.
     ("channel", "it is constant", -1.5, lambda column, facts: column.constant and not column.codes),
     ("channel", "it is constant in every run", -1.5, _constant_in_runs),
@@ -235,10 +245,21 @@ _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = 
         "channel",
         "others of its kind move much more",
         -0.5,
-        lambda column, facts: column.kind == "numbers" and facts.motion(column) < STILL,
+        lambda column, facts: column.kind == "numbers" and facts.motion(column) < PART,
     ),
 )
 """By role, or for every channel: a reason, its weight, and a test of how far it applies to a column, from 0 to 1."""
+_PAIRS: tuple[tuple[str, float, Callable[[Column, Column, _Facts], float]], ...] = (
+    ("they are of one experiment", 0.3, lambda u, y, facts: facts.of_one_experiment(u.name, y.name)),
+    (
+        "the past of the first predicts the second, more than the other way round",
+        0.6,
+        lambda u, y, facts: influence(u.signal, y.signal) - influence(y.signal, u.signal),
+    ),
+    ("the first changes in steps, more than the second", 0.3, lambda u, y, facts: _held(u) - _held(y)),
+    ("the first stands before the second", 0.05, lambda u, y, facts: facts.order[u.name] < facts.order[y.name]),
+)
+"""A reason for an input and an output together, its weight, and how far it applies, from −1 to 1."""
 
 
 def _may_be_channel(column: Column, clock: str, given: tuple[str, str]) -> bool:
@@ -262,111 +283,47 @@ def _most_likely(
     return [column for column in possible if any(column is each for each in by_total[:MOST_COMPARED])]
 
 
-def _influences(pairs: Sequence[tuple[Column, Column]], named: Mapping[Pair, float]) -> dict[Pair, tuple[float, float]]:
-    """The influence of input on output and of output on input, of pairs whose names suit almost as well as the best."""
-    best = max(named.values())
-    return {
-        (u.name, y.name): (influence(u.signal, y.signal), influence(y.signal, u.signal))
-        for u, y in pairs
-        if named[u.name, y.name] > best - NAMED_WORSE and len(u.values) == len(y.values)
-    }
-
-
-def _further_pairs(
-    possible: Sequence[Column], experiments: Mapping[str, str], u: Column, y: Column
-) -> tuple[Pair, ...]:
+def _further_pairs(possible: Sequence[Column], facts: _Facts, u: Column, y: Column) -> tuple[Pair, ...]:
     """Names of further inputs and outputs of the same quantities, each pair of one experiment."""
     return tuple(
         (a.name, b.name)
         for a, b in permutations(possible, 2)
-        if _of_one_experiment(experiments, a.name, b.name)
+        if facts.of_one_experiment(a.name, b.name)
         and a.meaning.quantity is u.meaning.quantity
         and b.meaning.quantity is y.meaning.quantity
         and (a.name, b.name) != (u.name, y.name)
     )
 
 
-def find_direction(columns: Sequence[Column], roles: Roles) -> str:
-    """The column with the sign of an input that has none; empty where the output does not answer to that more clearly.
-
-    Args:
-        columns: of the file, equally long.
-        roles: which of them are input and output.
-    """
-    named = {column.name: column for column in columns}
-    u, y = named.get(roles.input), named.get(roles.output)
-    if u is None or y is None or not u.low >= 0:
-        return ""
-    answer = np.gradient(y.signal) if y.meaning.quantity is ColumnQuantity.POSITION else y.signal
-    shares = {
-        column.name: influence(signs_of(column.values) * u.signal, answer)
-        for column in columns
-        if column.kind == "numbers" and column.distinct == 2 and column not in (u, y)
-    }
-    best = max(shares, key=shares.__getitem__, default="")
-    return best if best and shares[best] > CLEARER * influence(u.signal, answer) + LEAST else ""
-
-
-def _experiments(columns: Sequence[Column]) -> dict[str, str]:
-    """The experiment of each column: the number at the end of its name, or the sheet or group before its last dot.
-
-    A group counts where another one, or none, has a column of the same name. Without a group it is ``"."`` then.
-    """
-    groups: dict[str, list[str]] = {}
-    for column in columns:
-        group, _, name = column.name.rpartition(".")
-        groups.setdefault(name, []).append(group)
-    found = {}
-    for column in columns:
-        group, _, name = column.name.rpartition(".")
-        found[column.name] = (group or ".") if len(groups[name]) > 1 else column.meaning.number
-    return found
-
-
-def _of_one_experiment(experiments: Mapping[str, str], u: str, y: str) -> float:
-    """Columns such as u2 and y2, or of one sheet, belong together; 0 where nothing says so."""
-    return 0.3 if experiments[u] and experiments[u] == experiments[y] else 0.0
-
-
 def _first_of_its_kind(
     best: Pair,
     scores: Mapping[Pair, float],
     columns: Sequence[Column],
-    experiments: Mapping[str, str],
+    facts: _Facts,
     totals: Mapping[str, Mapping[str, float]],
 ) -> Pair:
     """The first of the pairs that differ from the best one by their experiment only, and move as it does."""
     known = {column.name: column for column in columns}
-    if not _of_one_experiment(experiments, *best):
+    if not facts.of_one_experiment(*best):
         return best
 
     def alike(pair: Pair) -> bool:
         (a, b), (u, y) = ((known[name] for name in names) for names in (pair, best))
         kinds = a.meaning.quantity is u.meaning.quantity and b.meaning.quantity is y.meaning.quantity
-        other = experiments[a.name] != experiments[u.name]
+        other = facts.experiments[a.name] != facts.experiments[u.name]
         as_much = (
             totals["input"][a.name] >= totals["input"][u.name] and totals["output"][b.name] >= totals["output"][y.name]
         )
-        return as_much and kinds and _of_one_experiment(experiments, *pair) > 0 and (pair == best or other)
+        return as_much and kinds and facts.of_one_experiment(*pair) and (pair == best or other)
 
-    return min(filter(alike, scores), key=lambda pair: experiments[pair[0]])
-
-
-def is_difference(position: Column, speed: Column) -> bool:
-    """Whether one column is the change of another from sample to sample, as of an encoder."""
-    if len(position.values) != len(speed.values) or len(position.values) < 20:
-        return False
-    change, said = np.diff(position.values), speed.values[1:]
-    moving = (change != 0) | (said != 0)
-    alike = np.abs(change - said)[moving] < 1e-9
-    return bool(np.count_nonzero(alike) > max(0.95 * len(alike), 10) and np.ptp(said) > 0)
+    return min(filter(alike, scores), key=lambda pair: facts.experiments[pair[0]])
 
 
 def with_responses(codes: Sequence[Code], u: Array, y: Array) -> tuple[Code, ...]:
     """The codes of an input u (N,) with what the output y (N,) does there."""
     starts, lengths = runs(u)
     result = []
-    rest = 0.02 * float(np.nanmax(np.abs(y), initial=0.0))
+    rest = SAME * float(np.nanmax(np.abs(y), initial=0.0))
     for code in codes:
         mine = u[starts] == code.value
         first = np.abs(y[starts[mine]])
@@ -382,23 +339,6 @@ def with_responses(codes: Sequence[Code], u: Array, y: Array) -> tuple[Code, ...
             word = "moves"
         result.append(replace(code, response=word, before=before, after=after))
     return tuple(result)
-
-
-def _as_input(column: Column) -> float:
-    return _AS_INPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
-
-
-def _as_output(column: Column) -> float:
-    return _AS_OUTPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
-
-
-def _shape(columns: Sequence[Column], pair: Pair) -> float:
-    """Inputs change in steps, and the first of two columns is more often the input."""
-    names = [column.name for column in columns]
-    u, y = (columns[names.index(name)] for name in pair)
-    held = float(np.mean(np.diff(u.signal) == 0)) - float(np.mean(np.diff(y.signal) == 0))
-    order = 0.05 if names.index(pair[0]) < names.index(pair[1]) else 0.0
-    return 0.3 * held + order
 
 
 def _confidence(by_name: float, scores: dict[Pair, float], chosen: Pair, side: int) -> float:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.first_look.levels import SAME
+
 Array = NDArray[np.float64]
 
-NEAR_ZERO = 0.02
-"""An output below this share of its largest absolute value is close to zero."""
 CLOSE, AWAY, RETURNS = 0.05, 0.25, 3
 """A magnitude comes back to zero at least this often: from above the second share of its largest value to below the
 first."""
@@ -30,7 +30,7 @@ def near_zero(y: Array) -> NDArray[np.bool_]:
     Args:
         y: (N,) the output.
     """
-    return np.asarray(np.abs(y) <= NEAR_ZERO * np.max(np.abs(y)))
+    return np.asarray(np.abs(y) <= SAME * np.max(np.abs(y)))
 
 
 def returns_to_zero(y: Array) -> bool:
@@ -55,7 +55,7 @@ def at_rest(y: Array) -> NDArray[np.bool_]:
     starts, ends = _stretches(close)
     quarter = (ends - starts) // 4
     deviation = _deviation(np.where(close, y, 0.0), starts + quarter, ends - quarter)
-    largest = max(FLAT * NEAR_ZERO * float(np.max(np.abs(y))), NOISE * _noise(y))
+    largest = max(FLAT * SAME * float(np.max(np.abs(y))), NOISE * _noise(y))
     rests = (deviation <= largest) & (ends - starts >= SHORTEST_REST)
     edges = np.zeros(len(y) + 1, dtype=np.int64)
     edges[starts[rests]] += 1

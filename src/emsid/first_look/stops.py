@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.hanging import hanging
+from emsid.first_look.levels import PART
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 VISITS, STAYS = 2, 3
 """An angle is at a stop at least this often, each time for at least this many samples."""
-ABRUPT = 0.1
-"""An angle arrives at a stop with more than this share of its usual largest speed."""
 
 
 def stops(record: Record) -> dict[str, NDArray[np.bool_]]:
@@ -51,7 +50,7 @@ def _is_stop(y: Array, there: NDArray[np.bool_], breaks: Sequence[int]) -> bool:
     if len(arrivals) < VISITS:
         return False
     usual = np.percentile(np.abs(np.concatenate([np.diff(angle) for angle, _ in pieces])), 95)
-    return bool(np.median(arrivals) > ABRUPT * usual)
+    return bool(np.median(arrivals) > PART * usual)
 
 
 def without_stops(record: Record) -> Record:

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from emsid.first_look.baseline import baseline
 from emsid.first_look.columns import Stretch
 from emsid.first_look.dynamics import response
+from emsid.first_look.levels import CLEAR
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-LARGE_ANSWER = 6.0
-"""The least expected change of an output that is stuck, in standard deviations of the model's error elsewhere."""
 AT_REST, IN_MOTION = 95, 25
 """In percent of the samples at rest the input is too small to move the output; in motion after a drive it often is."""
 
@@ -45,7 +44,7 @@ def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) ->
     if linear is None:
         return False
     answer = linear.answer(u, [])[inside]
-    return bool(np.ptp(answer) > LARGE_ANSWER * float(np.std(linear.residual)))
+    return bool(np.ptp(answer) > CLEAR * float(np.std(linear.residual)))
 
 
 def _is_driven(u: Array, y: Array, inside: NDArray[np.bool_]) -> bool:

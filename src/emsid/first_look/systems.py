@@ -22,18 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
+from emsid.first_look.levels import LAGS, SAMPLES
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-LAGS = 4
-"""Past inputs in the regression, the first of them at once."""
 HINGES = 6
 """Hinges over the range of the input that both records have."""
 LARGER = 3.0
 """F between records of different systems is at least this multiple of F between halves of one of them."""
-MOST_SAMPLES = 20_000
-"""A regression takes at most this many samples of a record, from its start."""
 
 
 class Source(NamedTuple):
@@ -90,7 +87,7 @@ def systems(sources: Sequence[Source]) -> tuple[list[list[Source]], list[Finding
 
 def _difference(one: Source, other: Source) -> float:
     """F between two records over the largest F between the halves of one of them; zero where they are too short."""
-    a, b = one.record[:MOST_SAMPLES], other.record[:MOST_SAMPLES]
+    a, b = one.record[:SAMPLES], other.record[:SAMPLES]
     within = [statistic(x[: len(x) // 2], x[len(x) // 2 :]) for x in (a, b)]
     between = statistic(a, b)
     return between / max(*within, 1.0) if np.isfinite([*within, between]).all() else 0.0

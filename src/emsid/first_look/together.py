@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column, column_of_numbers
-from emsid.first_look.data_advice import FEWEST_SAMPLES, TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.data_advice import TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.levels import FEWEST_SAMPLES, UNSURE
 from emsid.first_look.look import CONSTANT, FirstLook, describe
 from emsid.first_look.mends import joined
 from emsid.first_look.names import ColumnQuantity, meaning
@@ -46,9 +47,6 @@ OF_ALL = frozenset(
 )
 """Findings about how much data show; of several files together they may be others than of each."""
 Array = NDArray[np.float64]
-
-LIKELY = 0.65
-"""Files whose output answers with the opposite sign are identified apart from others if it is at least this sure."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ def without_findings_of_all(look: FirstLook, divided: Sequence[Group]) -> FirstL
 
 
 def _is_reversed(finding: Finding) -> bool:
-    return finding.code == "response-negative" and finding.data["confidence"] >= LIKELY
+    return finding.code == "response-negative" and finding.data["confidence"] >= UNSURE
 
 
 def _of_all(alike: Sequence[FirstLook], still: Sequence[FirstLook]) -> Iterable[Finding]:

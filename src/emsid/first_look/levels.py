@@ -1,0 +1,34 @@
+"""The levels by which a first look decides, in one place.
+
+Shares, correlations and confidences are compared with few levels: a first look asks whether something is there, and a
+finer level would answer differently from record to record. A threshold that is none of these has its reason where it
+is used.
+"""
+
+from __future__ import annotations
+
+SAME = 0.02
+"""Numbers that differ by less are the same, and less than this share of the largest is zero: a timer can seldom be set
+to exactly 10 ms, and sensors and converters have errors of a percent."""
+PART = 0.1
+"""A smaller share than this is of no importance: it is seen in no plot."""
+MOST = 0.9
+"""A larger share than this is nearly all; signals with a higher correlation have nearly the same course."""
+EXPLAINS, SUGGESTS = 0.5, 0.2
+"""A linear model with a better fit of its free run than the first explains an output, and one with a better fit than
+the second has a relation to it; below, nothing it says is used."""
+UNSURE = 0.6
+"""A guess of a lower confidence may well be wrong, and is mentioned as such."""
+NAMED = 0.8
+"""A name of at least this confidence says what a column is; below it, its unit and its numbers decide."""
+CLEAR = 6.0
+"""What is this many standard errors away from what chance does is seen: of a hundred thousand lags, none by chance."""
+CHANCE = 1e-3
+"""What has a lower probability by chance is no chance: a margin to 5 %, as the colour of noise is estimated."""
+FEWEST_SAMPLES = 50
+"""A shorter record, or a shorter stretch of it, shows nothing about dynamics."""
+SAMPLES, FEW_SAMPLES = 20_000, 4_000
+"""At most this many samples, from the middle of a record, estimate a model, and compare several: more take time and
+change no finding."""
+LAGS = 4
+"""Past inputs and past outputs in a linear regression, enough for a drive with a shaft or a filter."""

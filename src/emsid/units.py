@@ -169,7 +169,7 @@ def per_unit(above: str, below: str) -> str:
     powers: dict[str, int] = {}
     for unit, sign in ((above, 1), (below, -1)):
         top, *bottoms = unit.replace("·", "*").split("/")
-        for text, way in ((top, sign), *((each, -sign) for each in bottoms)):
+        for text, way in ((top, sign), *((bottom, -sign) for bottom in bottoms)):
             for factor in text.strip("()").split("*"):
                 name, _, power = factor.partition("^")
                 if not re.fullmatch(r"[-+]?\d*", power):

@@ -66,14 +66,14 @@ def first_screen(result: Identification, details: bool = False) -> None:
         details: whether all models, values and findings follow.
     """
     why, *then = result.recommendation
-    said = [each for each in result.findings if each.code == BEFORE]
-    say(*(sentence(each, option) for each in (*said, why, *_first(result))))
+    said = [finding for finding in result.findings if finding.code == BEFORE]
+    say(*(sentence(finding, option) for finding in (*said, why, *_first(result))))
     show(text_table(models_table(result, ROWS)))
     _known(result)
     _not_known(result)
     steps = [*then, *result.next_steps] if result.is_recommended else [*result.next_steps, *then]
     most = 2 - len(said)
-    say(*(sentence(each, option) for each in steps[:most]))
+    say(*(sentence(step, option) for step in steps[:most]))
     if details:
         _everything(result, steps[most:])
     else:
@@ -139,15 +139,19 @@ def _source(model: str, given: Sequence[str]) -> str:
 def _not_known(result: Identification) -> None:
     """Print what these data do not show: values by name, and what limits the result."""
     names = not_determined(_open(result))
-    warned = [each for each in _shown(result) if severity(each) is not Severity.INFO]
-    looped = any(each.code == BEFORE for each in result.findings)
+    warned = [finding for finding in _shown(result) if severity(finding) is not Severity.INFO]
+    looped = any(finding.code == BEFORE for finding in result.findings)
     said = (
         *AS_NAMES,
         BEFORE,
         *(OF_THE_LOOP if looped else ()),
         *(each["code"] for each in result.model_verdicts[0].data["reasons"]),
     )
-    found = [sentence(each, option) for each in warned if each.code not in said and each not in result.model_verdicts]
+    found = [
+        sentence(finding, option)
+        for finding in warned
+        if finding.code not in said and finding not in result.model_verdicts
+    ]
     lines = [*([names] if names else []), *other_reasons(result.model_verdicts[0]), *found]
     if lines:
         say(f"not known{further(len(lines) - UNKNOWN, option)}", *(f"- {line}" for line in lines[:UNKNOWN]))
@@ -179,7 +183,7 @@ def models_table(result: Identification, most: int | None = None) -> Table:
     for row in rows:
         preferred = result.is_recommended and row.model == result.chosen.model.name
         verdict = f"{'recommended; ' * preferred}{verdicts[row.model]}"
-        names = [in_unit(each.output, each.unit) for each in row.outputs]
+        names = [in_unit(output.output, output.unit) for output in row.outputs]
         of_outputs: Sequence[Row | OutputErrors] = row.outputs or (row,)
         for k, errors in enumerate(of_outputs):
             fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
@@ -232,13 +236,13 @@ def _in_detail(result: Identification) -> list[Fit[Any]]:
 
 def _first(result: Identification) -> list[Finding]:
     """The findings that follow the recommendation."""
-    return [each for each in result.findings if each.code == FIRST]
+    return [finding for finding in result.findings if finding.code == FIRST]
 
 
 def _shown(result: Identification) -> list[Finding]:
     """Findings about the data and the models in detail, warnings first."""
     less = {fit.model.name for fit in result.fits} - {fit.model.name for fit in _in_detail(result)}
-    noticed = [each for each in result.findings if each.code != FIRST and each.model not in less]
+    noticed = [finding for finding in result.findings if finding.code != FIRST and finding.model not in less]
     verdict = [each for each in result.model_verdicts[:1] if len(each.data["reasons"]) > 1]
     found = (*noticed, *verdict, *result.verdicts)
     return sorted(found, key=lambda each: severity(each) is Severity.INFO)
@@ -246,6 +250,6 @@ def _shown(result: Identification) -> list[Finding]:
 
 def _left_out(result: Identification, shown: Sequence[Finding]) -> str:
     """What the report has besides."""
-    count = sum(each not in shown for each in result.findings) - len(_first(result))
+    count = sum(finding not in shown for finding in result.findings) - len(_first(result))
     more = [f"{count} {'finding' if count == 1 else 'findings'} about other models"] if count else []
     return listed((*more, "residual tests", "errors by operating region", "accuracy against number of parameters"))

@@ -199,7 +199,7 @@ def bars(outputs: "deque[float]") -> str:
         return ""
     low, high = min(outputs), max(outputs)
     size = (high - low) or 1.0
-    return "".join(BARS[min(int((each - low) / size * len(BARS)), len(BARS) - 1)] for each in outputs)
+    return "".join(BARS[min(int((output - low) / size * len(BARS)), len(BARS) - 1)] for output in outputs)
 
 
 def tables(message: Message, start: Message) -> "list[Any]":
@@ -213,12 +213,12 @@ def tables(message: Message, start: Message) -> "list[Any]":
     for title, rows in (("parameters, with 95 % intervals", named), ("motor", message["physical"])):
         lines = [
             (
-                each["name"],
-                f"{each['value']:.5g}" if each["value"] is not None else "–",
-                f"{each['half_width']:.2g}" if each["half_width"] is not None else "",
-                plain_unit(each.get("unit", "")),
+                row["name"],
+                f"{row['value']:.5g}" if row["value"] is not None else "–",
+                f"{row['half_width']:.2g}" if row["half_width"] is not None else "",
+                plain_unit(row.get("unit", "")),
             )
-            for each in rows
+            for row in rows
         ]
         if lines:
             heads: Any = {title: "left", "value": "right", "±": "right", "unit": "left"}

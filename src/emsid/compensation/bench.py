@@ -172,13 +172,15 @@ def try_out(model: Any, compensation: Compensation, on: Setting, wrong: float = 
         wrong: error of friction, dead zone and inertia, in all eight combinations.
     """
     references = {"sine": _sine(on, compensation.dt), "steps": _steps(on, compensation.dt)}
-    before = {name: _run(model, None, compensation, on, *each) for name, each in references.items()}
-    after = {name: _run(model, compensation, compensation, on, *each) for name, each in references.items()}
+    before = {name: _run(model, None, compensation, on, *reference) for name, reference in references.items()}
+    after = {name: _run(model, compensation, compensation, on, *reference) for name, reference in references.items()}
     off: dict[tuple[float, float, float], dict[str, Run]] = {}
     ends = (1 - wrong, 1 + wrong)
     for factors in product(ends, ends, ends):
         other = compensation.scaled(*factors)
-        off[factors] = {name: _run(model, other, compensation, on, *each) for name, each in references.items()}
+        off[factors] = {
+            name: _run(model, other, compensation, on, *reference) for name, reference in references.items()
+        }
     return Trial(on, compensation.dt, before, after, off)
 
 

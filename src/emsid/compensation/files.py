@@ -55,10 +55,10 @@ def write(
     lines = [f"# {called}: compensation", "", *[f"- {note}" for note in notes], ""]
     files: dict[str, str | bytes] = {**texts, README: "\n".join(lines), **(more or {})}
     folder = Path(path)
-    there = [each for each in files if (folder / each).exists()]
+    there = [file for file in files if (folder / file).exists()]
     if there and not force:
         raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
     written = export(model, "c99", folder, name=called, dt=dt, force=force, single=single)
-    paths = [folder / each for each in files]
+    paths = [folder / file for file in files]
     write_several(atomic_write, paths, files.values())
     return [*written, *paths]

@@ -93,7 +93,7 @@ class Design:
             "gain": self.gain,
             "half_widths": {"present": finite(self.present), "design": finite(self.best.half_widths)}
             | {name: finite(each.half_widths) for name, each in self.standard.items()},
-            "findings": [each.to_data() for each in self.findings],
+            "findings": [finding.to_data() for finding in self.findings],
         }
 
 
@@ -141,7 +141,7 @@ def design(
     step, samples = _sampling(fit, dt, duration)
     sensitivities = Sensitivities.of(fit.model, fit.names, fit.standard_error, step, _noise(fit, noise))
     names = tuple(dict.fromkeys(_named(fit, each) for each in wanted)) or fit.names
-    indices = np.array([fit.names.index(each) for each in names])
+    indices = np.array([fit.names.index(name) for name in names])
     rng = np.random.default_rng(seed)
     standard = _standard(sensitivities, limits, samples, indices, criterion, seed)
     _check_moves(sensitivities, limits, standard)
@@ -247,7 +247,7 @@ def _check_moves(of: Sensitivities, limits: Limits, standard: Mapping[str, Predi
     Raises:
         DataError: for such limits.
     """
-    if not standard or all(not of.information(each.command).max() > MOVES for each in standard.values()):
+    if not standard or all(not of.information(prediction.command).max() > MOVES for prediction in standard.values()):
         raise _nothing(of.model.name, limits)
 
 

@@ -129,7 +129,7 @@ def source(name: str, form: CForm, *, single: bool) -> str:
 
 def macros_of(text: str, *, single: bool) -> str:
     """The macros of the functions of ``math.h`` that a text uses."""
-    return "".join(_macro(each, "f" if single else "") for each in FUNCTIONS if f"{each.upper()}(" in text)
+    return "".join(_macro(function, "f" if single else "") for function in FUNCTIONS if f"{function.upper()}(" in text)
 
 
 def helpers_of(text: str) -> str:

@@ -143,8 +143,8 @@ class FixedPoint:
     scales: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for each in self.regressors:
-            for factor in each.factors:
+        for regressor in self.regressors:
+            for factor in regressor.factors:
                 if factor.transform not in IN_C and factor.transform is not Transform.SIGN:
                     raise ModelError(f"{factor.transform.text} has no form in whole numbers; use c99")
         if not -self.fraction < self.exponent <= self.guard or len(self.regressors) > self.terms:

@@ -123,14 +123,14 @@ def variables(export: Export, header: str) -> list[Variable]:
         text = "" if row.interval is None else "95 % interval {:.4g} to {:.4g}".format(*row.interval)
         found.append(Variable(row.name, row.unit, "constant", float(row.value), text))
     names = {"time"}
-    for k, each in enumerate(found):
-        name = each.name
+    for k, variable in enumerate(found):
+        name = variable.name
         if UNHELD.search(name):
             raise ModelError(f"{name!r} has a sign that XML cannot hold; rename the channel", arguments=("name",))
         while name in names:
-            name = f"{each.kind} {name}"
+            name = f"{variable.kind} {name}"
         names.add(name)
-        found[k] = each._replace(name=name)
+        found[k] = variable._replace(name=name)
     return found
 
 
@@ -178,7 +178,7 @@ def description(export: Export, version: str, token: str, found: list[Variable])
         for name in (f"{export.name}.c", "fmi.c"):
             ElementTree.SubElement(files, "File", {"name": name})
     units = ElementTree.SubElement(root, "UnitDefinitions")
-    for unit in sorted({"s", *(each.unit for each in found if plain_unit(each.unit))}):
+    for unit in sorted({"s", *(variable.unit for variable in found if plain_unit(variable.unit))}):
         base = base_unit(unit)
         one = ElementTree.SubElement(units, "Unit", {"name": plain_unit(unit)})
         if base is not None:
@@ -189,9 +189,9 @@ def description(export: Export, version: str, token: str, found: list[Variable])
     body = ElementTree.SubElement(root, "ModelVariables")
     structure = ElementTree.SubElement(root, "ModelStructure")
     rows = [Variable("time", "s", "independent"), *found]
-    for k, each in enumerate(rows):
-        (_variable2 if two else _variable3)(body, k, each)
-    at = [k for k, each in enumerate(rows) if each.kind == "output"]
+    for k, row in enumerate(rows):
+        (_variable2 if two else _variable3)(body, k, row)
+    at = [k for k, row in enumerate(rows) if row.kind == "output"]
     if two:
         for heading in ("Outputs", "InitialUnknowns"):
             part = ElementTree.SubElement(structure, heading)
@@ -204,23 +204,23 @@ def description(export: Export, version: str, token: str, found: list[Variable])
     return _text(root)
 
 
-def _attributes(k: int, each: Variable) -> tuple[dict[str, str], dict[str, str]]:
+def _attributes(k: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
     """The attributes of a variable, and those of its type."""
-    constant = each.kind == "constant"
-    whole = {"name": each.name, "valueReference": str(k), "causality": "local" if constant else each.kind}
+    constant = variable.kind == "constant"
+    whole = {"name": variable.name, "valueReference": str(k), "causality": "local" if constant else variable.kind}
     whole |= {"variability": "constant" if constant else "continuous"}
-    whole |= {"description": each.text} if each.text else {}
-    typed = {"unit": plain_unit(each.unit)} if plain_unit(each.unit) else {}
-    return whole, typed | ({} if each.value is None else {"start": repr(each.value)})
+    whole |= {"description": variable.text} if variable.text else {}
+    typed = {"unit": plain_unit(variable.unit)} if plain_unit(variable.unit) else {}
+    return whole, typed | ({} if variable.value is None else {"start": repr(variable.value)})
 
 
-def _variable3(body: Any, k: int, each: Variable) -> None:
-    whole, typed = _attributes(k, each)
+def _variable3(body: Any, k: int, variable: Variable) -> None:
+    whole, typed = _attributes(k, variable)
     ElementTree.SubElement(body, "Float64", whole | typed)
 
 
-def _variable2(body: Any, k: int, each: Variable) -> None:
-    whole, typed = _attributes(k, each)
+def _variable2(body: Any, k: int, variable: Variable) -> None:
+    whole, typed = _attributes(k, variable)
     ElementTree.SubElement(ElementTree.SubElement(body, "ScalarVariable", whole), "Real", typed)
 
 

@@ -183,7 +183,7 @@ def linear_parts(export: Export) -> list[tuple[Any, ...]]:
         return []
     every = made if isinstance(made, tuple | list) else [made]
     systems = [library.ss(each) for each in every if hasattr(each, "dt")]
-    return [(*map(np.asarray, library.ssdata(each)), float(each.dt or 0.0)) for each in systems]
+    return [(*map(np.asarray, library.ssdata(system)), float(system.dt or 0.0)) for system in systems]
 
 
 def mat(systems: list[tuple[Any, ...]]) -> bytes:

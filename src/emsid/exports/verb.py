@@ -64,7 +64,7 @@ def export(
         FormatError: where files exist or cannot be written.
     """
     kind = format_of(format)
-    unknown = [each for each in options if each not in kind.options]
+    unknown = [option for option in options if option not in kind.options]
     if unknown:
         have = listed(list(kind.options)) if kind.options else "none"
         raise ModelError(f"{format} has no option {unknown[0]!r}; it has {have}", arguments=(unknown[0],))
@@ -76,10 +76,10 @@ def export(
     files, notes = kind.function(made)
     files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
     folder = Path(path)
-    there = [each for each in files if (folder / each).exists()]
+    there = [file for file in files if (folder / file).exists()]
     if there and not force:
         raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
-    written = [folder / each for each in files]
+    written = [folder / file for file in files]
     write_several(atomic_write, written, files.values())
     return written
 

@@ -81,7 +81,7 @@ def least_squares_over(
         ModelError: for a structure of other channels.
         Stopped: if ``control`` stops it.
     """
-    files = [str(each.path) for each in found_files(source)]
+    files = [str(file.path) for file in found_files(source)]
     if not scanned(files, BINARY):
         raise DataError(f"{files[0]}: parts are taken of {', '.join(BINARY)} only; write the tables in such a format")
     inputs, outputs = as_names(input), as_names(output)

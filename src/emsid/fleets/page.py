@@ -46,7 +46,7 @@ def fleet_report(result: Fleet, source: str) -> Report:
     """
     good = len(result.rows) - len(result.failed)
     motors = {row.motor for row in result.rows}
-    named = {each.motor for each in result.outliers} | {each.motor for each in result.changes}
+    named = {outlier.motor for outlier in result.outliers} | {change.motor for change in result.changes}
     changed = [each for each in result.series if len(each.periods) >= FEWEST_PERIODS]
     sections = [Section("Parameters over the motors", figures=(over_motors(result),))] if result.series else []
     if changed and good:
@@ -58,8 +58,8 @@ def fleet_report(result: Fleet, source: str) -> Report:
         title="Fleet",
         summary=(
             f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. Motors that "
-            f"differ from the others: {len({each.motor for each in result.outliers})}; that have changed: "
-            f"{len({each.motor for each in result.changes})}. In a healthy fleet at most one run in 20 names any "
+            f"differ from the others: {len({outlier.motor for outlier in result.outliers})}; that have changed: "
+            f"{len({change.motor for change in result.changes})}. In a healthy fleet at most one run in 20 names any "
             "motor, for each of the two.",
         ),
         facts=(
@@ -70,9 +70,9 @@ def fleet_report(result: Fleet, source: str) -> Report:
         sections=tuple(sections),
         opening=Section("", tables=tuple(filter(None, (_outliers(result), _changes(result))))),
         notices=tuple(
-            Notice(sentence(each), severity(each).value)
-            for each in result.findings
-            if severity(each) is not Severity.INFO and not each.subject
+            Notice(sentence(finding), severity(finding).value)
+            for finding in result.findings
+            if severity(finding) is not Severity.INFO and not finding.subject
         ),
         imprint=f"emsid fleet {source}",
     )
@@ -81,16 +81,16 @@ def fleet_report(result: Fleet, source: str) -> Report:
 def _outliers(result: Fleet) -> Table | None:
     rows = tuple(
         (
-            each.motor,
-            each.parameter,
-            _shown(each.value, each.half_width),
-            f"± {each.half_width:.2g}" if each.half_width else "unknown",
-            number(each.centre),
-            f"{each.deviation:.2g}",
-            plain_unit(each.unit),
-            f"{each.score:+.1f}",
+            outlier.motor,
+            outlier.parameter,
+            _shown(outlier.value, outlier.half_width),
+            f"± {outlier.half_width:.2g}" if outlier.half_width else "unknown",
+            number(outlier.centre),
+            f"{outlier.deviation:.2g}",
+            plain_unit(outlier.unit),
+            f"{outlier.score:+.1f}",
         )
-        for each in result.outliers
+        for outlier in result.outliers
     )
     head = ("Motor", "Parameter", "Value", "95 % interval", "Fleet", "Deviation", "Unit", "Score")
     note = "Score: distance to the fleet, in standard deviations of motors and estimate together."
@@ -105,16 +105,16 @@ def _shown(value: float, half_width: float) -> str:
 def _changes(result: Fleet) -> Table | None:
     rows = tuple(
         (
-            each.motor,
-            each.parameter,
-            each.since,
-            number(each.before),
-            number(each.after),
-            f"{each.after - each.before:+.2g} ± {each.half_width:.2g}",
-            plain_unit(each.unit),
-            f"{each.score:+.1f}",
+            change.motor,
+            change.parameter,
+            change.since,
+            number(change.before),
+            number(change.after),
+            f"{change.after - change.before:+.2g} ± {change.half_width:.2g}",
+            plain_unit(change.unit),
+            f"{change.score:+.1f}",
         )
-        for each in result.changes
+        for change in result.changes
     )
     head = ("Motor", "Parameter", "Since", "Before", "After", "Change", "Unit", "Score")
     return Table(head, rows, "Motors that have changed.", text_columns=3) if rows else None

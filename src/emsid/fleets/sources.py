@@ -76,7 +76,7 @@ def found_files(source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]
         if not found:
             raise DataError(f"{source}: no file that can be read; there are readers for {', '.join(READERS)}")
         return found
-    return [each for one in source for each in found_files(one)]
+    return [file for one in source for file in found_files(one)]
 
 
 def _of_one(source: str) -> list[Found]:
@@ -128,16 +128,16 @@ def batches(files: Sequence[Found], motor: str | None, period: str | None, time:
         DataError: for a field that some paths lack, or a period that cannot be divided.
     """
     key = motor or "motor"
-    if motor and any(motor not in each.keys for each in files):
-        without = next(each.path for each in files if motor not in each.keys)
+    if motor and any(motor not in file.keys for file in files):
+        without = next(file.path for file in files if motor not in file.keys)
         raise DataError(f"{without}: the path names no {motor!r}", arguments=("motor",))
-    of_path = period if period and any(period in each.keys for each in files) else None
-    if of_path and any(of_path not in each.keys for each in files):
+    of_path = period if period and any(period in file.keys for file in files) else None
+    if of_path and any(of_path not in file.keys for file in files):
         raise DataError(f"some paths name no {period!r}; give a duration, such as 1d", arguments=("period",))
     groups: dict[tuple[str, str], list[str]] = {}
-    for each in files:
-        name = each.keys.get(key, each.path.stem)
-        groups.setdefault((name, each.keys[of_path] if of_path else ""), []).append(str(each.path))
+    for file in files:
+        name = file.keys.get(key, file.path.stem)
+        groups.setdefault((name, file.keys[of_path] if of_path else ""), []).append(str(file.path))
     whole = [Batch(name, when, tuple(paths)) for (name, when), paths in groups.items()]
     if period is None or of_path:
         return whole
@@ -230,7 +230,7 @@ def _schema(files: Sequence[str]) -> dict[str, Any]:
 
 def scanned(files: Iterable[str], kinds: Sequence[str] = SCANNED) -> bool:
     """Whether all files are tables that can be scanned."""
-    return all(Path(each).suffix.lower() in kinds for each in files)
+    return all(Path(file).suffix.lower() in kinds for file in files)
 
 
 def scan(files: Sequence[str]) -> pl.LazyFrame:
@@ -260,22 +260,22 @@ def divided(files: Sequence[Found], motor: str, folder: Path) -> tuple[list[Foun
     """
     import polars as pl
 
-    others = [str(each.path) for each in files if not scanned([str(each.path)])]
+    others = [str(file.path) for file in files if not scanned([str(file.path)])]
     if others:
         raise FormatError(f"{others[0]}: the motor is a column of tables only ({', '.join(SCANNED)})")
     failed: dict[str, str] = {}
-    for k, each in enumerate(files):
+    for k, file in enumerate(files):
         part = folder / f"{k:06d}"
         try:
-            table = scan([str(each.path)])
+            table = scan([str(file.path)])
             if motor not in (names := table.collect_schema().names()):
-                failed[str(each.path)] = f"no column {motor!r}; there are {some(names)}"
+                failed[str(file.path)] = f"no column {motor!r}; there are {some(names)}"
                 continue
             table.with_columns(pl.col(motor).cast(pl.String)).sink_parquet(
                 pl.PartitionBy(part, key=motor), mkdir=True, engine="streaming"
             )
         except (pl.exceptions.PolarsError, OSError) as problem:
-            failed[str(each.path)] = f"this table cannot be read ({' '.join(str(problem).split())[:120]})"
+            failed[str(file.path)] = f"this table cannot be read ({' '.join(str(problem).split())[:120]})"
     if len(failed) == len(files):
         path, reason = next(iter(failed.items()))
         raise DataError(f"{path}: {reason}", arguments=("motor",))

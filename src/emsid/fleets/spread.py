@@ -165,13 +165,13 @@ def series_of(rows: Sequence[FleetRow]) -> list[Series]:
     at = {name: k for k, name in enumerate(motors)}, {name: k for k, name in enumerate(periods)}
     found: dict[str, Series] = {}
     for row in good:
-        for name, each in row.estimates.items():
+        for name, estimate in row.estimates.items():
             if name not in found:
                 empty = np.full((2, len(motors), len(periods)), np.nan)
-                found[name] = Series(name, each.unit, motors, periods, empty[0], empty[1])
+                found[name] = Series(name, estimate.unit, motors, periods, empty[0], empty[1])
             place = at[0][row.motor], at[1][row.period]
-            found[name].values[place] = each.value
-            found[name].errors[place] = each.half_width / HALF_WIDTH
+            found[name].values[place] = estimate.value
+            found[name].errors[place] = estimate.half_width / HALF_WIDTH
     return [_with_errors(each) for each in found.values()]
 
 

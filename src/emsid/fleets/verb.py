@@ -87,7 +87,7 @@ class Fleet:
             "schema": 1,
             "rows": len(self.rows),
             "interrupted": self.interrupted,
-            "findings": [each.to_data() for each in self.findings],
+            "findings": [finding.to_data() for finding in self.findings],
             "ordinary": {name: asdict(each) for name, each in self.ordinary.items()},
             "failed": [{"motor": row.motor, "period": row.period, "reason": row.reason} for row in self.failed],
         }
@@ -213,7 +213,7 @@ def _found(
         files = [Found(source, {})]
     else:
         files = found_files(source)
-    if motor is None or any(motor in each.keys for each in files):
+    if motor is None or any(motor in file.keys for file in files):
         return batches(files, motor, period, time), []
     parts, failed = divided(files, motor, folder / PARTS)
     rows = [FleetRow(Path(path).name, "", reason=f"{path}: {reason}") for path, reason in failed.items()]
@@ -260,7 +260,7 @@ def _structure(
         return specification(what)
     if not isinstance(what, str):
         return what, {}
-    asked = [each for each in todo if reference in (None, each.motor)][:MOST_TRIED]
+    asked = [batch for batch in todo if reference in (None, batch.motor)][:MOST_TRIED]
     if not asked:
         raise DataError(f"no motor {reference!r} in the fleet", arguments=("reference",))
     problem: EmsidError | None = None

@@ -122,7 +122,7 @@ def side_by_side(columns: Columns, repeated: Sequence[str]) -> Columns:
     times = [columns.series[name] for name in repeated if name in columns.series]
     if len(times) < 2 or len(times) < len(repeated) or names[0] != repeated[0] or columns.damaged:
         return columns
-    if not all(_ascends(each) for each in times) or any(a in repeated and b in repeated for a, b in pairwise(names)):
+    if not all(_ascends(time) for time in times) or any(a in repeated and b in repeated for a, b in pairwise(names)):
         return columns
     clocks: dict[str, str] = {}
     clock = names[0]

@@ -92,7 +92,7 @@ def fit_data(fit: Fit[Any]) -> FitData:
         iterations=int(fit.iterations),
         dependent=int(fit.dependent),
         table=tuple(_row(row) for row in fit.table),
-        findings=tuple(_finding(each) for each in fit.findings if _fits(each)),
+        findings=tuple(_finding(finding) for finding in fit.findings if _fits(finding)),
     )
 
 
@@ -109,7 +109,7 @@ def fit_of(model: Model, data: FitData, channels: ChannelNames | None) -> Fit[An
     covariance = np.full((size, size), np.nan)
     for k, row in enumerate(data.covariance):
         covariance[k, k + 1 - len(row) : k + 1] = covariance[k + 1 - len(row) : k + 1, k] = _read(row)
-    findings = tuple(Finding(each.code, each.subject, each.data) for each in data.findings)
+    findings = tuple(Finding(finding.code, finding.subject, finding.data) for finding in data.findings)
     return Fit(
         model,
         data.names,

@@ -247,7 +247,7 @@ class _Expression:
             case [ast.In() | ast.NotIn() as sign], [choices]:
                 among = self._among(left, choices)
                 return among if isinstance(sign, ast.In) else ~among
-        right = [self.of(each) for each in node.comparators]
+        right = [self.of(comparator) for comparator in node.comparators]
         if not all(type(sign) in _BINARY for sign in node.ops):
             raise _NotUnderstood
         pairs = zip(node.ops, [left, *right[:-1]], right, strict=True)

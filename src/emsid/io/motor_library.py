@@ -84,7 +84,7 @@ def add_actuator(
         raise DataError(f"{home} has an actuator {name} already; give this one another name")
     load_model(model)
     content = read_bytes(model)
-    known = tuple(Recorded(Path(each).name, _sha256(read_bytes(each))) for each in records)
+    known = tuple(Recorded(Path(record).name, _sha256(read_bytes(record))) for record in records)
     entry = Actuator(FORMAT, SCHEMA, _sha256(content), known, command)
     home.mkdir(parents=True, exist_ok=True)
     atomic_write(home / f"{name}.json", content)
@@ -126,14 +126,14 @@ def check_records(
         FormatError: as `actuators` does.
     """
     model_of(folder, name)
-    known = {each.file: each for each in actuators(folder)[name].records}
+    known = {record.file: record for record in actuators(folder)[name].records}
     for path in map(Path, records):
         entry = known.get(path.name)
         if entry is None:
             raise DataError(f"{path}: {name} was identified from {listed(list(known))}")
         if _sha256(read_bytes(path)) != entry.sha256:
             raise DataError(f"{path} is not the file that {name} was identified from: its checksum differs")
-    missing = [file for file in known if file not in {Path(each).name for each in records}]
+    missing = [file for file in known if file not in {Path(record).name for record in records}]
     if missing:
         raise DataError(f"{name} was identified from {listed(missing)} too; give it as a record")
     return tuple(known.values())

@@ -151,11 +151,11 @@ def about_clocks(columns: Columns, names: Sequence[str], record: str) -> list[Fi
         record: its name.
     """
     channels = [column_of(name, columns.series) for name in names]
-    clocks = dict.fromkeys(columns.clocks[each] for each in channels if each in columns.clocks)
+    clocks = dict.fromkeys(columns.clocks[channel] for channel in channels if channel in columns.clocks)
     times = [columns.series[clock] for clock in clocks]
     if len(times) < 2:
         return []
-    begins, ends = ([float(each[k]) for each in times] for k in (0, -1))
+    begins, ends = ([float(time[k]) for time in times] for k in (0, -1))
     share = (min(ends) - max(begins)) / (max(ends) - min(begins))
     return [Finding("clocks-of-files", record, {"columns": channels, "share": share})]
 

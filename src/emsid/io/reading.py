@@ -341,7 +341,7 @@ def _record(
     by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
     sources = {s.name: s.column for s in signals}
     unused = surplus_units(units, sources, columns)
-    check_options({**by_column, "units": {each: units[each] for each in units if each not in unused}}, sources)
+    check_options({**by_column, "units": {unit: units[unit] for unit in units if unit not in unused}}, sources)
     apart = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(apart, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]

@@ -29,7 +29,7 @@ def read_spreadsheet(content: bytes) -> Columns:
     """
     if content.startswith(b"PK"):
         with suppress(BadZipFile, NotImplementedError), ZipFile(BytesIO(content)) as archive:
-            check_expansion(len(content), sum(each.file_size for each in archive.infolist()))
+            check_expansion(len(content), sum(member.file_size for member in archive.infolist()))
     sheets: dict[str, str] = json.loads(parsed_by(parsed, content, "a spreadsheet", "fastexcel", "excel"))
     tables: dict[str, Columns] = {}
     problems: list[FormatError] = []

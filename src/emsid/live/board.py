@@ -87,8 +87,8 @@ class Board:
         done = 0
         while done < len(volts):
             now = (state.samples + 0.5) * self.dt
-            active = [each for each in self.changes if each.time <= now]
-            later = [each.time for each in self.changes if each.time > now]
+            active = [change for change in self.changes if change.time <= now]
+            later = [change.time for change in self.changes if change.time > now]
             stop = min(len(volts), done + round(later[0] / self.dt) - state.samples) if later else len(volts)
             stop = max(stop, done + 1)
             motor, torque = changed(self.motor, active)
@@ -108,11 +108,11 @@ def changed(motor: Motor, changes: Sequence[MotorChange]) -> tuple[Motor, float]
         ModelError: for a parameter that the motor does not have.
     """
     torque = 0.0
-    for each in changes:
-        if each.name == DISTURBANCE:
-            torque = each.value
+    for change in changes:
+        if change.name == DISTURBANCE:
+            torque = change.value
         else:
-            motor = _put(motor, each.name.split("."), each)
+            motor = _put(motor, change.name.split("."), change)
     return motor, torque
 
 

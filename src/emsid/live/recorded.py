@@ -57,5 +57,5 @@ def read_log(
     if timeline.dt is None or not stretches:
         raise DataError(f"{path}: there are too few samples in this log to find its sample time", arguments=("dt",))
     step = timeline.dt
-    records = [record_of(each, parser.columns.channels, step, Path(path).name) for each in stretches]
+    records = [record_of(stretch, parser.columns.channels, step, Path(path).name) for stretch in stretches]
     return concatenate(records)

@@ -245,5 +245,5 @@ class Server:
     def _flush(self) -> None:
         """Give the clients a moment to receive what is left."""
         end = time.monotonic() + 1.0
-        while time.monotonic() < end and any(each.outgoing and not each.lossy for each in self._clients.values()):
+        while time.monotonic() < end and any(client.outgoing and not client.lossy for client in self._clients.values()):
             self._exchange(0.01)

@@ -132,7 +132,7 @@ class Session:
             "reason": self.reason,
             "fit": None if fit is None else fit.to_data(),
             "physical": [_physical(each) for each in self.physical],
-            "changes": [{"time": each.time, "since": each.since, "what": each.kind} for each in self.changes],
+            "changes": [{"time": change.time, "since": change.since, "what": change.kind} for change in self.changes],
             "findings": [finding.to_data() for finding in self.findings],
         }
 
@@ -310,7 +310,7 @@ class _Work:
             data = {"lines": self.parser.malformed, "not_finite": self.parser.not_finite}
             first, self.reported = not self.reported, bad
             found = Finding("lines-not-used", session.name, data | {"example": self.parser.example})
-            session.findings = [each for each in session.findings if each.code != found.code]
+            session.findings = [finding for finding in session.findings if finding.code != found.code]
             message = self.found(found)
             if first:
                 yield message
@@ -346,7 +346,7 @@ class _Work:
                 "structure": tracker.recursion.structure.name,
                 "equation": tracker.recursion.structure.equation(),  # type: ignore[attr-defined]
                 "parameters": list(tracker.recursion.structure.parameter_names),
-                "terms": [str(each) for each in tracker.recursion.structure.regressors],  # type: ignore[attr-defined]
+                "terms": [str(regressor) for regressor in tracker.recursion.structure.regressors],  # type: ignore[attr-defined]
                 "rule": _rule(tracker),
                 "inputs": _channels(record.input_names, record.input_units),
                 "output": _channels(record.output_names, record.output_units)[0],
@@ -450,6 +450,6 @@ def _channels(names: tuple[str, ...], units: tuple[str, ...]) -> list[dict[str, 
     return [{"name": name, "unit": unit} for name, unit in zip(names, units, strict=True)]
 
 
-def _physical(each: Physical) -> dict[str, Any]:
-    width = each.half_width if each.half_width is not None and isfinite(each.half_width) else None
-    return {"name": each.name, "value": each.value, "half_width": width, "unit": each.unit}
+def _physical(physical: Physical) -> dict[str, Any]:
+    width = physical.half_width if physical.half_width is not None and isfinite(physical.half_width) else None
+    return {"name": physical.name, "value": physical.value, "half_width": width, "unit": physical.unit}

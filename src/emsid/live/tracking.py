@@ -174,15 +174,15 @@ class Tracker:
             figures = of_regression(fit, like)
         return tuple(
             Physical(
-                each.name,
-                each.value,
-                each.unit,
+                figure.name,
+                figure.value,
+                figure.unit,
                 None
-                if each.standard_error is None or not isfinite(each.standard_error)
-                else HALF_WIDTH * each.standard_error,
+                if figure.standard_error is None or not isfinite(figure.standard_error)
+                else HALF_WIDTH * figure.standard_error,
             )
-            for each in figures
-            if isfinite(each.value)
+            for figure in figures
+            if isfinite(figure.value)
         )
 
     def _reacted(self, state: RecursiveState) -> RecursiveState:

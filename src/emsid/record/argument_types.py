@@ -150,7 +150,7 @@ def names_of(value: object, what: str, where: str) -> tuple[str, ...]:
         names = (None,)
     if isinstance(value, bytes | Mapping) or not all(map(_is_text, names)):
         raise DataError(f"{where}: {what} is {shown(value)}; give {NAMES.words}")
-    return tuple(str(each) for each in names)
+    return tuple(str(name) for name in names)
 
 
 def shown(value: object) -> str:

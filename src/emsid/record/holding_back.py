@@ -101,7 +101,7 @@ def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
     first = round((1 - fraction) * len(record))
     size = len(record) - first
     parts = [(k, k + size) for k in range(first, -1, -max(size // 2, 1))]
-    return next((each for each in parts if shares(record, *each).min() >= FAIR), parts[0])
+    return next((part for part in parts if shares(record, *part).min() >= FAIR), parts[0])
 
 
 def shares(record: Record, first: int, stop: int) -> Array:

@@ -73,7 +73,7 @@ def _of_all(pieces: Sequence[Record]) -> tuple[Finding, ...]:
     """The findings of all pieces; those that the pieces have in common once."""
     found: list[Finding] = []
     for piece in pieces:
-        found += [each for each in piece.findings if each not in found]
+        found += [finding for finding in piece.findings if finding not in found]
     return tuple(found)
 
 

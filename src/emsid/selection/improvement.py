@@ -228,10 +228,12 @@ def simplest(
         size: how complex one is: its number of parameters.
         as_good: a further condition on a model and the best one.
     """
-    best = min(models, key=lambda each: each.errors.mean)
-    good = [each for each in models if each is best or (as_good(each, best) and not better(best.errors, each.errors))]
+    best = min(models, key=lambda model: model.errors.mean)
+    good = [
+        model for model in models if model is best or (as_good(model, best) and not better(best.errors, model.errors))
+    ]
     most = min(map(size, good))
-    small = [each for each in models if size(each) <= most and (each is best or as_good(each, best))]
+    small = [model for model in models if size(model) <= most and (model is best or as_good(model, best))]
     return min(small, key=lambda each: (each.errors.mean, size(each)))
 
 
@@ -249,7 +251,7 @@ def front(
         as_good: a further condition on a simpler model that is as good as another.
     """
     found: list[T] = []
-    for each in sorted(models, key=lambda each: (size(each), each.errors.mean)):
+    for each in sorted(models, key=lambda model: (size(model), model.errors.mean)):
         if not np.isfinite(each.errors.mean):
             continue
         if not found or not as_good(found[-1], each) or better(each.errors, than=found[-1].errors):

@@ -128,12 +128,12 @@ class Data:
         reading = self.reading(step)
         said = [
             {
-                "code": each.code,
-                "text": sentence(each, self.spelling),
-                "severity": severity(each).value,
-                "given": channels_for(each, reading),
+                "code": finding.code,
+                "text": sentence(finding, self.spelling),
+                "severity": severity(finding).value,
+                "given": channels_for(finding, reading),
             }
-            for each in look.findings
+            for finding in look.findings
         ]
         found: dict[str, Any] = {
             "header": HEADER,

@@ -36,8 +36,8 @@ def exported(path: Path, format: str) -> Response:
     with tempfile.TemporaryDirectory() as folder:
         emsid.export(found, format, folder, dt=dt, force=True)
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-            for each in sorted(Path(folder).rglob("*")):
-                if each.is_file():
-                    archive.write(each, each.relative_to(folder))
+            for file in sorted(Path(folder).rglob("*")):
+                if file.is_file():
+                    archive.write(file, file.relative_to(folder))
     headers = {"content-disposition": f'attachment; filename="{path.stem}-{format}.zip"'}
     return Response(content.getvalue(), media_type="application/zip", headers=headers)

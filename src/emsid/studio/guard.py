@@ -70,7 +70,7 @@ class Guard:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 given = {name.lower() for name, _ in message["headers"]}
-                message["headers"] = [*message["headers"], *(each for each in HEADERS if each[0] not in given)]
+                message["headers"] = [*message["headers"], *(header for header in HEADERS if header[0] not in given)]
             await send(message)
 
         path = "/" + scope["path"].split("/", 2)[2]

@@ -140,7 +140,7 @@ def played(found: Any, values: Mapping[str, float], asked: Mapping[str, Any], ow
         output = np.asarray(model.simulate(u, dt=None if model.dt else dt).output)
         measured = np.full(len(u), np.nan)
     columns: Sequence[Array] = (u[:, 0], output[:, 0], measured)
-    return [Signal(time, np.ascontiguousarray(each), dt) for each in columns]
+    return [Signal(time, np.ascontiguousarray(column), dt) for column in columns]
 
 
 __all__ = ["EmsidError", "free_runs", "input_of", "loaded", "played", "sliders"]

@@ -217,7 +217,7 @@ class Routes:
         names = ["measured", *(f"model {name}" for name in asked.getlist("model"))]
         channel, time, dt = int(asked.get("output", "0")), found["time"], float(found["dt"])
         signals = [Signal(time, found[name][:, channel], dt) for name in names]
-        signals += [Signal(time, signals[0].values - each.values, dt) for each in signals[1:]]
+        signals += [Signal(time, signals[0].values - signal.values, dt) for signal in signals[1:]]
         first, last = float(asked.get("from", time[0])), float(asked.get("to", time[-1]))
         return np_ends(time) + packed(signals, first, last, int(asked["width"]))
 

@@ -238,12 +238,12 @@ def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
                 options[name] = float(value)
             elif name == "orders":
                 parts = value.split(",") if isinstance(value, str) else value
-                options[name] = [int(each) for each in parts]
+                options[name] = [int(part) for part in parts]
             elif name in TEXTS:
                 options[name] = str(value)
             elif name in LISTS:
                 parts = value.split(",") if isinstance(value, str) else value
-                options[name] = [str(each).strip() for each in parts]
+                options[name] = [str(part).strip() for part in parts]
             elif name == "fixed":
                 options[name] = {str(key): str(each) for key, each in value.items()}
             else:
@@ -260,16 +260,16 @@ def catalogue() -> dict[str, Any]:
     from emsid.study.demonstration import EXAMPLES
 
     parameters: dict[str, str] = {}
-    for each in CANDIDATES.values():
-        if isinstance(each, Physical):
-            for name, handle in each.plant.handles.items():
+    for candidate in CANDIDATES.values():
+        if isinstance(candidate, Physical):
+            for name, handle in candidate.plant.handles.items():
                 parameters.setdefault(name, handle.parameter.unit)
     return {
         "models": [
-            {"name": name, "summary": each.summary, "uses": list(each.uses), "usual": name in USUAL}
-            for name, each in CANDIDATES.items()
+            {"name": name, "summary": candidate.summary, "uses": list(candidate.uses), "usual": name in USUAL}
+            for name, candidate in CANDIDATES.items()
         ],
         "static": list(families()),
         "parameters": [{"name": name, "unit": unit} for name, unit in parameters.items()],
-        "examples": [{"name": each.name, "title": each.title} for each in EXAMPLES],
+        "examples": [{"name": example.name, "title": example.title} for example in EXAMPLES],
     }

@@ -123,7 +123,9 @@ def write_runs(result: Identification, run: Path) -> None:
     """Write the measured and simulated outputs on unseen data and on those of the fit."""
     for part, comparison in (("unseen", result.on_unseen), ("fitted", result.on_record)):
         record = comparison.assessments[0].record
-        signals: dict[str, Any] = {f"model {each.row.model}": each.simulation.output for each in comparison.assessments}
+        signals: dict[str, Any] = {
+            f"model {assessment.row.model}": assessment.simulation.output for assessment in comparison.assessments
+        }
         with (run / f".{part}.part").open("wb") as file:
             np.savez(file, time=record.time, dt=record.dt, input=record.input, measured=record.output, **signals)
         (run / f".{part}.part").replace(run / f"{part}.npz")
@@ -148,17 +150,17 @@ def shown(result: Identification, content: Report) -> dict[str, Any]:
         ],
         "parameters": {fit.model.name: [parameter(row) for row in fit.parameters.values()] for fit in result.fits},
         "poles": {fit.model.name: poles_of(fit.model, float(result.record.input[:, 0].mean())) for fit in result.fits},
-        "verdicts": {each.model: sentence(each, as_python) for each in result.model_verdicts},
+        "verdicts": {verdict.model: sentence(verdict, as_python) for verdict in result.model_verdicts},
         "outputs": result.unseen.output_names,
         "units": result.unseen.output_units,
         "findings": [
             {
-                "text": sentence(each, as_python),
-                "severity": severity(each).value,
-                "model": each.model,
-                "edit": edit_for(each, result.record),
+                "text": sentence(finding, as_python),
+                "severity": severity(finding).value,
+                "model": finding.model,
+                "edit": edit_for(finding, result.record),
             }
-            for each in findings
+            for finding in findings
         ],
         "sections": {each.title: section(each) for each in content.sections},
     }
@@ -191,7 +193,7 @@ def section(part: Section) -> dict[str, Any]:
         "equations": part.equations,
         "remarks": part.remarks,
         "tables": [table(each) for each in part.tables],
-        "figures": [{"name": each.name, "caption": each.caption} for each in part.figures],
+        "figures": [{"name": figure.name, "caption": figure.caption} for figure in part.figures],
     }
 
 

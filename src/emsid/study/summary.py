@@ -101,9 +101,9 @@ def study_data(result: Study) -> dict[str, Any]:
         "paper_ratios": [asdict(row) for part in result.parts for row in paper_ratios(part)],
         "load_friction_mse": result.load_friction_mse,
         "load_friction": asdict(curve) if curve else None,
-        "excitation": {part.name: [asdict(each) for each in part.excitations] for part in result.parts},
+        "excitation": {part.name: [asdict(excitation) for excitation in part.excitations] for part in result.parts},
         "richer_input": asdict(richer) if richer else None,
-        "priors": {part.name: [asdict(each) for each in part.priors] for part in result.parts},
+        "priors": {part.name: [asdict(prior) for prior in part.priors] for part in result.parts},
         "survey": survey.to_data() if survey else None,
         "findings": [finding.to_data() for finding in findings(result)],
     }
@@ -117,7 +117,7 @@ HEADLINE = ("study-paper-ratios", "study-even-terms", "study-what-decides", "stu
 
 def headline(found: Sequence[Finding]) -> list[Finding]:
     """What was found, in three findings at most: the paper's comparison, the reason, and the best model."""
-    by_code = {each.code: each for each in found}
+    by_code = {finding.code: finding for finding in found}
     if "study-even-terms" in by_code:
         by_code.pop("study-what-decides", None)
     return [by_code[code] for code in HEADLINE if code in by_code]
@@ -171,7 +171,7 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
         yield excited
     yield from _prediction(part)
     yield from _recursion(part, result.settings.forgetting)
-    yield from (each for fit in part.fits for each in fit.findings if each.code == "forgetting-limited")
+    yield from (finding for fit in part.fits for finding in fit.findings if finding.code == "forgetting-limited")
     for fit in part.fits:
         if fit.ending is Ending.RANK_DEFICIENT:
             data = {"study": part.name, "method": fit.method, "rank": int(fit.rank), "parameters": len(fit.names)}

@@ -215,7 +215,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     nonlinear = chosen(first, known) if own else searches(settings.motor, first, shaft=shaft)
     done = _fitted(name, first, candidates, nonlinear, settings.forgetting, control)
     # All models are compared on the same samples.
-    memories = (*(each.memory for each in candidates), *(fit.model.memory for fit in done.fits))
+    memories = (*(candidate.memory for candidate in candidates), *(fit.model.memory for fit in done.fits))
     start = max(settings.transient or 0, *memories)
     kind = "given" if own else "two sines"
     assessed = tuple(

@@ -27,7 +27,7 @@ def _differs(kind: str, value: float, unit: str) -> str:
 def records_differ(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: kind, unit, share, records (name, value)."""
     kind, records = f.data["kind"], f.data["records"]
-    values = [each["value"] for each in records]
+    values = [record["value"] for record in records]
     extremes = sorted((values.index(min(values)), values.index(max(values))))  # the two records furthest apart
     first, second = (f"{records[k]['name']} {_differs(kind, values[k], f.data['unit'])}" for k in extremes)
     return (

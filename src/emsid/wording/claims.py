@@ -65,8 +65,8 @@ def paper_ratios(f: Finding) -> Parts:
 @_about("study-even-terms")
 def even_terms(f: Finding) -> Parts:
     studies = f.data["studies"]
-    here = listed([f"{1 / each['better']:.2f} times ({each['study']})" for each in studies])
-    paper = listed([f"{1 / each['paper']:.2g}" for each in studies])
+    here = listed([f"{1 / study['better']:.2f} times ({study['study']})" for study in studies])
+    paper = listed([f"{1 / study['paper']:.2g}" for study in studies])
     return (
         "An expansion of second degree describes dead zone and Coulomb friction",
         f"Its free-run MSE is {here} the linear model's; in the paper {paper}",

@@ -99,9 +99,9 @@ def _say(found: "Design", out: Path) -> None:
     }
     rows = []
     for name, value in found.values.items():
-        cells = (f"{half:.3g}" if isfinite(half := each[name]) else "–" for each in columns.values())
+        cells = (f"{half:.3g}" if isfinite(half := column[name]) else "–" for column in columns.values())
         rows.append((f"{'*' if name in found.wanted else ' '} {name}", f"{value:.5g}", *cells, found.units[name]))
     show(plain_table("predicted half widths of 95 % intervals", headings, rows))
     say(f"* wanted: {found.gain:.2f} times narrower than with the best standard signal")
-    say(*(f"- {sentence(each, option)}" for each in found.findings))
+    say(*(f"- {sentence(finding, option)}" for finding in found.findings))
     say(f"written to {out}: {len(found.record):,} samples")

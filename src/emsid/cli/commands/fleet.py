@@ -127,13 +127,13 @@ def _print(result: "Fleet") -> None:
 
     good = len(result.rows) - len(result.failed)
     say(f"{len({row.motor for row in result.rows}):,} motors, {len(result.rows):,} rows, {good:,} with a model")
-    single = [each for each in result.findings if each.subject]
-    say(*(f"- {sentence(each, option)}" for each in single[:MOST_SHOWN]))
+    single = [finding for finding in result.findings if finding.subject]
+    say(*(f"- {sentence(finding, option)}" for finding in single[:MOST_SHOWN]))
     if len(single) > MOST_SHOWN:
         say(f"- in the report: {len(single) - MOST_SHOWN} more such findings")
     if not single:
         say("- no motor differs from the others or has changed")
-    say(*(f"- {sentence(each, option)}" for each in result.findings if not each.subject))
+    say(*(f"- {sentence(finding, option)}" for finding in result.findings if not finding.subject))
     for rows in reasons(result.rows).values():
         names = ", ".join(row.motor for row in rows[:5]) + ", …" * (len(rows) > 5)
         say(f"  {names}: {rows[0].reason}")

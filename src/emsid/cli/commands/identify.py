@@ -346,6 +346,6 @@ def physical_first(asked: Sequence[str]) -> "list[Physical]":
     """The physical models, requested ones first. They define the names and units of parameters."""
     from emsid.identification.candidates import CANDIDATES, Physical
 
-    physical = {name: each for name, each in CANDIDATES.items() if isinstance(each, Physical)}
+    physical = {name: candidate for name, candidate in CANDIDATES.items() if isinstance(candidate, Physical)}
     order = dict.fromkeys((*(name for name in asked if name in physical), *physical))
     return [physical[name] for name in order]

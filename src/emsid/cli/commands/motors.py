@@ -87,7 +87,7 @@ def motors(
 
 
 def _about(entry: "Actuator") -> dict[str, Any]:
-    records = [{"file": each.file, "sha256": each.sha256} for each in entry.records]
+    records = [{"file": record.file, "sha256": record.sha256} for record in entry.records]
     return {"model_sha256": entry.model_sha256, "records": records, "command": entry.command}
 
 

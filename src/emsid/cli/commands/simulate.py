@@ -91,12 +91,12 @@ def simulate(
         tops = [{"name": name, "largest": top, "unit": unit} for name, top, unit in largest]
         document = {"file": str(out), "samples": len(record), "dt": record.dt, "columns": channels}
         if model is not None:
-            document |= {"start": start.value, "findings": [each.to_data() for each in found]}
+            document |= {"start": start.value, "findings": [finding.to_data() for finding in found]}
         say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
         return
     shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
     say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}", *([begun] if model is not None else []))
-    say(*(f"- {sentence(each, option)}" for each in found))
+    say(*(f"- {sentence(finding, option)}" for finding in found))
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 

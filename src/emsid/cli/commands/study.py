@@ -116,11 +116,11 @@ def _print(result: "Study", details: bool) -> None:
     from emsid.wording.first_screen import more
 
     found = findings(result)
-    say(*(sentence(each, option) for each in headline(found)), "")
+    say(*(sentence(finding, option) for finding in headline(found)), "")
     narrow = width_of_terminal() < NARROW
     models = models_table(study_rows(result), () if narrow else lead_inputs(result))
     show(text_table(models, (*LEFT_OUT, "Free-run fit") if narrow else LEFT_OUT))
-    say(*(f"- {sentence(each, option)}" for each in found if severity(each) is not Severity.INFO))
+    say(*(f"- {sentence(finding, option)}" for finding in found if severity(finding) is not Severity.INFO))
     if not details:
         say(more(option))
         return

@@ -310,7 +310,7 @@ def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]
     if log is None:
         record = record[: session.counts["samples"]]
     segments = sorted(record.segments, key=len, reverse=True)[:MOST_RECORDS]
-    segments.sort(key=lambda each: each.times)
+    segments.sort(key=lambda segment: segment.times)
     files = ["record.csv"] if len(segments) == 1 else [f"record-{k + 1}.csv" for k in range(len(segments))]
     for name, segment in zip(files, segments, strict=True):
         write_record(segment, out / name)

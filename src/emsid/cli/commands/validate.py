@@ -82,7 +82,9 @@ def validate(
     records = list(map(reader, files))
     again: list[Reestimation | None] = [None] * len(records)
     if free:
-        again = [reestimate(loaded, each, names(free, "--free"), part=part, transient=transient) for each in records]
+        again = [
+            reestimate(loaded, record, names(free, "--free"), part=part, transient=transient) for record in records
+        ]
     seen = [source is not None and source.seen(record) for record in records]
     assessed = [
         assess_model(loaded, record, transient, data="identification" if fitted else "unseen")
@@ -144,8 +146,12 @@ def _document(
     from emsid.models.free_run import mean_squared_error
 
     record = assessed.record
-    document = {"record": record.name, **assessed.row.to_data(), "findings": [each.to_data() for each in findings]}
-    document |= {"regions": [asdict(each) for each in regions]}
+    document = {
+        "record": record.name,
+        **assessed.row.to_data(),
+        "findings": [finding.to_data() for finding in findings],
+    }
+    document |= {"regions": [asdict(region) for region in regions]}
     if again is not None:
         document |= {"reestimated": again.to_data()}
     if horizon > 1:

@@ -232,7 +232,7 @@ class RecursiveLeastSquares(Generic[M_co]):
         if not state.limited:
             return ()
         highest, names = self.limits(state)[1], self.structure.parameter_names
-        at_limit = [each for each, d, most in zip(names, state.diagonal, highest, strict=True) if d >= most]
+        at_limit = [name for name, d, most in zip(names, state.diagonal, highest, strict=True) if d >= most]
         data = {"model": self.structure.name, "samples": state.limited, "parameters": at_limit}
         return (Finding("forgetting-limited", self.structure.name, data),)
 

@@ -146,7 +146,7 @@ class RecursiveState:
             return f"its window has no rows of {n + 1} numbers"
         arrays = (self.estimate, self.factor, self.diagonal, self.peak, self.window)
         sums = (self.samples, self.residual_sum_of_squares, self.squared_weights)
-        if not (all(np.isfinite(each).all() for each in arrays) and np.isfinite(sums).all()):
+        if not (all(np.isfinite(array).all() for array in arrays) and np.isfinite(sums).all()):
             return "it has numbers that are not finite"
         if np.any(self.diagonal <= 0) or np.any(self.peak < 0):
             return "a variance or a peak is negative"

@@ -294,7 +294,7 @@ class _Search:
                 break
             self.control.check()
             ends = [self.box.moved(point.theta, each) for each in self._bent(iterate, damped, step, saving)]
-            costs = [trial_cost(self.problem, each, self.loss) + point.penalty.cost(each) for each in ends]
+            costs = [trial_cost(self.problem, end, self.loss) + point.penalty.cost(end) for end in ends]
             trial, theta = min(zip(costs, ends, strict=True), key=itemgetter(0))
             ratio = (point.penalised_cost - trial) / saving
             if ratio > 0:

@@ -84,7 +84,7 @@ class SparseProblem(ABC):
 
     def linearised(self, theta: Array) -> list[Block]:
         """As in `Problem`."""
-        return [each.block(len(theta)) for each in self.columns(theta)]
+        return [column.block(len(theta)) for column in self.columns(theta)]
 
 
 class Linearised(NamedTuple):

@@ -72,8 +72,8 @@ class Penalty:
             return cls.none(parameters)
         roots = np.sqrt(weights)
         return cls(
-            np.concatenate([root * each.rows for root, each in zip(roots, penalties, strict=True)]),
-            np.concatenate([root * each.constant for root, each in zip(roots, penalties, strict=True)]),
+            np.concatenate([root * penalty.rows for root, penalty in zip(roots, penalties, strict=True)]),
+            np.concatenate([root * penalty.constant for root, penalty in zip(roots, penalties, strict=True)]),
         )
 
     def value(self, theta: Array) -> Array:
@@ -119,7 +119,7 @@ class Smoothing:
 
     def samples(self, residuals: Sequence[Array]) -> float:
         """The number of independent samples in the residuals (Nᵢ,) of all experiments."""
-        return effective_samples(residuals) if self.correlated else float(sum(len(each) for each in residuals))
+        return effective_samples(residuals) if self.correlated else float(sum(len(residual) for residual in residuals))
 
 
 NONE = Smoothing()

@@ -32,9 +32,9 @@ class WithoutSamples(SparseProblem):
 
     def columns(self, theta: Array) -> Iterator[Columns]:
         """The same with its derivative."""
-        for each, out in zip(columns_of(self.problem, theta), self.left_out, strict=True):
-            others = _others(out, each.residual)
-            yield each._replace(residual=each.residual[others], rows=each.rows[:, others])
+        for column, out in zip(columns_of(self.problem, theta), self.left_out, strict=True):
+            others = _others(out, column.residual)
+            yield column._replace(residual=column.residual[others], rows=column.rows[:, others])
 
 
 def without(problem: Problem, left_out: Sequence[Mask] | None) -> Problem:

@@ -73,7 +73,7 @@ class OfCascades(Capabilities[Cascade]):
             signals = [model.signals_from_rest(segment.input[:, 0]) for segment in record.segments]
         return tuple(
             MapInUse(
-                np.concatenate([each[k] for each in signals]),
+                np.concatenate([signal[k] for signal in signals]),
                 k + 1,
                 block.value,
                 block.marks()[0],

@@ -76,7 +76,7 @@ class ProcessModel(ThroughStateSpace):
     name: str = "process"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time_constants", tuple(float(each) for each in self.time_constants))
+        object.__setattr__(self, "time_constants", tuple(float(constant) for constant in self.time_constants))
         numbers = (self.gain, *self.time_constants, self.zero, self.delay, self.offset, self.dt)
         if not np.isfinite(numbers).all() or not self.dt > 0:
             raise ModelError(f"{self.name}: gain, times and offset must be finite, and the sample time positive")
@@ -91,7 +91,7 @@ class ProcessModel(ThroughStateSpace):
     def continuous(self) -> tuple[Array, Array, Array, float]:
         """A, B, C and D in continuous time, without the dead time."""
         n = len(self.time_constants)
-        a, b = np.diag([-1.0 / each for each in self.time_constants]), np.zeros((n, 1))
+        a, b = np.diag([-1.0 / constant for constant in self.time_constants]), np.zeros((n, 1))
         for k in range(1, n):
             a[k, k - 1] = 1.0 / self.time_constants[k]
         b[0, 0] = 1.0 / self.time_constants[0]
@@ -143,7 +143,7 @@ class ProcessModel(ThroughStateSpace):
 
     def parameter_values(self) -> dict[str, float]:
         """gain, T1, T2, …, Tz, delay and offset."""
-        times = {f"T{k + 1}": each for k, each in enumerate(self.time_constants)}
+        times = {f"T{k + 1}": constant for k, constant in enumerate(self.time_constants)}
         return {"gain": self.gain, **times, "Tz": self.zero, "delay": self.delay, "offset": self.offset}
 
     def with_estimates(self, names: Sequence[str], values: Array) -> ProcessModel:
@@ -169,7 +169,7 @@ class ProcessModel(ThroughStateSpace):
     def equation(self) -> str:
         """The transfer function with numbers."""
         above = f"(1 + {self.zero:.6g}*s)" if self.zero else ""
-        below = "".join(f"(1 + {each:.6g}*s)" for each in self.time_constants)
+        below = "".join(f"(1 + {constant:.6g}*s)" for constant in self.time_constants)
         late = f"*exp(-{self.delay:.6g}*s)" if self.delay else ""
         return f"y = {self.gain:.6g}{above}/({below}){late} u {self.offset:+.6g} + e"
 
@@ -267,7 +267,7 @@ class _FreeRunError:
             step = STEP * max(abs(value), self.like.dt if self.names[k] not in ("gain", "offset") else 1e-3)
             moved = theta.copy()
             moved[k] += step
-            columns.append([(each - r) / step for each, r in zip(self.residuals(moved), here, strict=True)])
+            columns.append([(residual - r) / step for residual, r in zip(self.residuals(moved), here, strict=True)])
         return [(r, np.column_stack([column[s] for column in columns])) for s, r in enumerate(here)]
 
 
@@ -280,8 +280,8 @@ def _start(structure: ProcessStructure, segments: Sequence[Record]) -> ProcessMo
     for time, wait in product(times, waits):
         spread = tuple(time / structure.poles * (1.0 + 0.3 * k) for k in range(structure.poles))
         model = ProcessModel(1.0, spread, 0.0, wait, 0.0, dt, structure.name)
-        x = np.concatenate([model.run(model.at_rest(each.input[0]), each.input)[0][:, 0] for each in segments])
-        y = np.concatenate([each.output[:, 0] for each in segments])
+        x = np.concatenate([model.run(model.at_rest(segment.input[0]), segment.input)[0][:, 0] for segment in segments])
+        y = np.concatenate([segment.output[:, 0] for segment in segments])
         columns = np.column_stack([x, np.ones(len(x))])
         (gain, offset), *_ = np.linalg.lstsq(columns, y, rcond=None)
         cost = float(np.sum((columns @ np.array([gain, offset]) - y) ** 2))
@@ -308,7 +308,7 @@ def fit_process(
     for record in several:
         if record.input.shape[1] != 1 or record.output.shape[1] != 1 or record.dt != several[0].dt:
             raise ModelError(f"{structure.name} has one input and one output, and one sample time for all records")
-    segments = [each for record in several for each in record.segments if len(each) > least]
+    segments = [segment for record in several for segment in record.segments if len(segment) > least]
     if not segments:
         raise ModelError(f"{structure.name}: no segment has more than {least} samples; record longer")
     begin = _start(structure, segments)

@@ -254,7 +254,7 @@ class StateSpaceModel(RunMethods):
         """The difference equations with numbers."""
         inputs = ["u(t)"] if self.b.shape[1] == 1 else [f"u{j + 1}(t)" for j in range(self.b.shape[1])]
         outputs = ["y(t)"] if len(self.level) == 1 else [f"y{i + 1}(t)" for i in range(len(self.level))]
-        noises = [each.replace("y", "e") for each in outputs]
+        noises = [output.replace("y", "e") for output in outputs]
         states = [f"x{i + 1}(t)" for i in range(self.order)]
 
         def line(left: str, parts: Sequence[tuple[Array, Sequence[str]]], rest: str = "") -> str:

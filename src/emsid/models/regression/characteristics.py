@@ -21,12 +21,12 @@ Array = NDArray[np.float64]
 
 def of_linear(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]:
     """Gain and slowest time constant of A(q)y = B(q)u; none for a regression that is not linear."""
-    regressors = [each for each in fit.model.structure.regressors if each.factors]
-    single = [each.factors[0] for each in regressors if len(each.factors) == 1]
+    regressors = [regressor for regressor in fit.model.structure.regressors if regressor.factors]
+    single = [regressor.factors[0] for regressor in regressors if len(regressor.factors) == 1]
     if len(single) < len(regressors) or any(f.power > 1 or f.transform is not Transform.VALUE for f in single):
         return ()
-    at = [k for k, each in enumerate(fit.model.structure.regressors) if each.factors]
-    signs = np.array([-1.0 if each.negative else 1.0 for each in regressors])
+    at = [k for k, regressor in enumerate(fit.model.structure.regressors) if regressor.factors]
+    signs = np.array([-1.0 if regressor.negative else 1.0 for regressor in regressors])
     most = max((f.lag for f in single if f.channel == 0), default=0)
 
     def past(theta: Array) -> Array:

@@ -104,14 +104,19 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
     """What a constant input adds to the next output."""
     return sum(
         coefficient
-        * float(prod(each.transform.definition(level, each.parameter) ** each.power for each in regressor.factors))
+        * float(
+            prod(factor.transform.definition(level, factor.parameter) ** factor.power for factor in regressor.factors)
+        )
         for coefficient, regressor in terms
     )
 
 
 def _time_constants(poles: NDArray[Any], dt: float) -> list[Figure]:
     """The slowest time constants, and natural frequency and damping ratio of the slowest pair of complex poles."""
-    real, pair = [each for each in time_constants(poles, dt) if each > SHORTEST * dt], oscillation(poles, dt)
+    real, pair = (
+        [constant for constant in time_constants(poles, dt) if constant > SHORTEST * dt],
+        oscillation(poles, dt),
+    )
     names = ("time constant", "second time constant")
     found = [Figure(name, each, "s") for name, each in zip(names, real, strict=False)]
     if pair is not None:
@@ -126,7 +131,7 @@ def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> 
         figures = figures_at(estimate)
     except (EmsidError, ValueError, ArithmeticError):
         return ()
-    values = {each.name: each.value for each in figures}
+    values = {figure.name: figure.value for figure in figures}
     gradient = {name: np.zeros(len(estimate)) for name in values}
     known = np.isfinite(np.diag(fit.covariance))
     for k in np.flatnonzero(known):
@@ -134,16 +139,16 @@ def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> 
         moved = estimate.copy()
         moved[k] += step
         try:
-            there = {each.name: each.value for each in figures_at(moved)}
+            there = {figure.name: figure.value for figure in figures_at(moved)}
         except (EmsidError, ValueError, ArithmeticError):
             there = {}
         for name, value in values.items():
             gradient[name][k] = (there.get(name, np.nan) - value) / step
     covariance = fit.covariance[np.ix_(known, known)]
     found = []
-    for each in figures:
-        slope = gradient[each.name][known]
+    for figure in figures:
+        slope = gradient[figure.name][known]
         variance = float(slope @ covariance @ slope)
         certain = isfinite(variance) and variance >= 0
-        found.append(replace(each, standard_error=float(np.sqrt(variance)) if certain else None))
+        found.append(replace(figure, standard_error=float(np.sqrt(variance)) if certain else None))
     return tuple(found)

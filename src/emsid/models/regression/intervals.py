@@ -57,7 +57,7 @@ def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) ->
     largest = max(float(np.max(np.abs(part[-1]))) for part in parts)
     if np.sqrt(np.mean(np.concatenate(residuals) ** 2)) < EXACT * largest:
         return fit
-    past = sum(any(factor.channel == 0 for factor in each.factors) for each in structure.regressors)
+    past = sum(any(factor.channel == 0 for factor in regressor.factors) for regressor in structure.regressors)
     lags = max(LAGS, 2 * past)
     taken = absorbed([(e, part[:-1].T) for part, e in zip(parts, residuals, strict=True)], lags) if past else 0.0
     test = whiteness(residuals, taken, lags)

@@ -28,10 +28,10 @@ def linearised(model: Narx, around: float) -> tuple[Array, Array, float]:
     rows = np.zeros((1 + model.structure.inputs, model.structure.memory + 1))
     for regressor, value in zip(model.structure.regressors, model.parameters, strict=True):
         weight = -value if regressor.negative else value
-        levels = [around if each.channel else rest for each in regressor.factors]
+        levels = [around if factor.channel else rest for factor in regressor.factors]
         factors = list(zip(regressor.factors, levels, strict=True))
         through = np.array([float(each.transform.definition(x, each.parameter)) for each, x in factors])
-        powers = np.array([each.power for each in regressor.factors])
+        powers = np.array([factor.power for factor in regressor.factors])
         for k, (each, x) in enumerate(factors):
             others = float(np.prod(np.delete(through**powers, k)))
             own = powers[k] * through[k] ** (powers[k] - 1) * slope(int(each.transform), x, each.parameter)

@@ -361,7 +361,7 @@ class RegressionModel(RunMethods):
     @property
     def is_linear(self) -> bool:
         """Whether all regressors are past outputs, past inputs or a constant."""
-        return all(each.is_linear or not each.factors for each in self.structure.regressors)
+        return all(regressor.is_linear or not regressor.factors for regressor in self.structure.regressors)
 
     def parameter_values(self) -> dict[str, float]:
         """The value of every parameter by its name in the structure."""

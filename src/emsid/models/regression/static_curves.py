@@ -69,12 +69,12 @@ def _of_one_side(model: Narx) -> dict[int | None, dict[int, Regressor]]:
 
 def has_products(model: Narx) -> bool:
     """Whether a term of a regression is a product of input and output."""
-    return any(len({factor.channel for factor in each.factors}) > 1 for each in model.structure.regressors)
+    return any(len({factor.channel for factor in regressor.factors}) > 1 for regressor in model.structure.regressors)
 
 
 def _linear(regressors: dict[int, Regressor]) -> dict[int, Regressor]:
     """Those that are a past signal itself."""
-    return {k: each for k, each in regressors.items() if each.is_linear}
+    return {k: regressor for k, regressor in regressors.items() if regressor.is_linear}
 
 
 def _sum(model: Narx, regressors: dict[int, Regressor], x: Array) -> Array:

@@ -189,7 +189,7 @@ def polynomial_narx(na: int, nb: int, degree: int, nk: int = 1, inputs: int = 1,
     )
     factor = cache(Factor)  # a dictionary has few different factors
     products = [
-        Regressor(tuple([factor(*each, chosen.count(each)) for each in dict.fromkeys(chosen)]))
+        Regressor(tuple([factor(*channel, chosen.count(channel)) for channel in dict.fromkeys(chosen)]))
         for power in range(2, degree + 1)
         for chosen in combinations_with_replacement(channels, power)
     ]

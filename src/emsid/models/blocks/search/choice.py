@@ -150,7 +150,9 @@ def improving(task: Task) -> Iterator[Choice]:
         task.control.doing(f"{rate} steps per sample")
         # A pole that was added at one step per sample may only imitate what that step cannot show.
         sources = [small] if best is small else [small, best]
-        found = task.refined([Plan(at_higher_rate(each.model, rate), each.family, each.size) for each in sources], best)
+        found = task.refined(
+            [Plan(at_higher_rate(source.model, rate), source.family, source.size) for source in sources], best
+        )
         if found and better((choice := simplest(found)).unseen, best.unseen):
             for best in _of_higher_orders(task, choice):
                 yield best

@@ -36,7 +36,7 @@ def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> tuple[Findi
             found = list(_cancellations(block))
         elif isinstance(block, StaticMap):
             found = block.findings(np.concatenate([model.signals_from_rest(u)[k] for u, _ in pairs]))
-        findings += [replace(each, subject=model.name, data={"block": k + 1, **each.data}) for each in found]
+        findings += [replace(finding, subject=model.name, data={"block": k + 1, **finding.data}) for finding in found]
     lost = [n for n, variance in zip(fit.names, np.diag(fit.covariance), strict=True) if not np.isfinite(variance)]
     if lost and fit.ending is not Ending.RANK_DEFICIENT:  # which has a finding of its own
         findings.append(Finding("parameters-without-interval", model.name, {"parameters": lost}))

@@ -209,8 +209,10 @@ def _structure(
     example = "orders=(1, 2)" if topology.first and topology.second else "order=2"
     shape = f"emsid.{called}({example}, static='dead-zone')"
     flat = orders if isinstance(orders, tuple | list) else (orders,)
-    for each in (*flat, *misplaced):
-        if isinstance(each, Record) or (isinstance(each, tuple | list) and any(isinstance(r, Record) for r in each)):
+    for record in (*flat, *misplaced):
+        if isinstance(record, Record) or (
+            isinstance(record, tuple | list) and any(isinstance(r, Record) for r in record)
+        ):
             raise ModelError(f"{called} takes no record; give it to fit: emsid.fit({shape}, record)")
     for each in (*flat, *misplaced, *given.values()):
         if type(each).__name__ in ("Options", "CascadeSearch"):

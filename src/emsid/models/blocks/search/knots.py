@@ -99,7 +99,7 @@ def _with_finer_map(found: Found) -> Cascade | None:
     options = [each for each in finer if _has_room(each.cascade.blocks[each.block], found)]
     if not options:
         return None
-    chosen = max(options, key=lambda each: each.saved)
+    chosen = max(options, key=lambda option: option.saved)
     start, k = _where_data_are(chosen, found), chosen.block
     return start if len(start.blocks[k].parameters) > len(found.model.blocks[k].parameters) else None
 

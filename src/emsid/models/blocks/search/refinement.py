@@ -144,8 +144,8 @@ def refined(
 
 def _best_of_kinds(choices: Sequence[Choice]) -> list[Choice]:
     """The best choice of every kind on the data that it was refined on, `COMPARED` at most, best first."""
-    kinds = {(_kind(each.model), each.size): each for each in sorted(choices, key=lambda each: -each.known)}
-    return sorted(kinds.values(), key=lambda each: each.known)[:COMPARED]
+    kinds = {(_kind(choice.model), choice.size): choice for choice in sorted(choices, key=lambda choice: -choice.known)}
+    return sorted(kinds.values(), key=lambda choice: choice.known)[:COMPARED]
 
 
 def _limits(steps: int, control: Control) -> Search:
@@ -173,7 +173,7 @@ def promising(
         error = float(np.sqrt(2 * minimum.cost / minimum.samples))
         return Choice(problem.model(minimum.estimate), UNKNOWN, error, plan.size, plan.family)
 
-    found = sorted(_successes(approach, plans, threads, control, []), key=lambda each: each.known)
+    found = sorted(_successes(approach, plans, threads, control, []), key=lambda choice: choice.known)
     best = found[:FINISHED]
     return [replace(plans[0], model=each.model, family=each.family, size=each.size) for each in best] or plans
 

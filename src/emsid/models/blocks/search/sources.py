@@ -128,7 +128,7 @@ def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
     """
     starts = [start for k, start in enumerate(starts) if not k or not _same_filters(start, starts[k - 1])]
     orders = [tuple(len(b.denominator) for b in start.blocks if isinstance(b, Rational)) for start in starts]
-    ahead = [k for k, each in enumerate(orders) if each not in orders[:k]]
+    ahead = [k for k, order in enumerate(orders) if order not in orders[:k]]
     behind = [k for k in range(len(starts)) if k not in ahead]
     several = len(ahead) - 1 if orders and len(orders[0]) > 1 else 0
     return [starts[k] for k in (ahead + behind)[: REFINED + several]]

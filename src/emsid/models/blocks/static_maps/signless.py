@@ -180,7 +180,7 @@ class EvenSpline(ThroughPoints):
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """Knots without data around them."""
-        return tuple(each for each in self.half.findings(np.abs(x)) if each.code != "map-is-straight")
+        return tuple(finding for finding in self.half.findings(np.abs(x)) if finding.code != "map-is-straight")
 
     def meaning(self, name: str) -> str:
         """The knot of this value."""

@@ -33,7 +33,7 @@ class Tables(NamedTuple):
 def tables_of(maps: Sequence[StaticMap]) -> Tables | None:
     """The tables of maps; None if one of them is no polynomial between break points."""
     pieces = [each.pieces() for each in maps]
-    known = [each for each in pieces if each is not None]
+    known = [piece for piece in pieces if piece is not None]
     if len(known) < len(maps):
         return None
     first = np.zeros(len(known) + 1, dtype=np.int64)

@@ -202,10 +202,10 @@ def supported(fit: Fit[Narx], refit: Refit, dictionary: int, given: Collection[R
         dictionary: P, the number of terms that were selected from.
         given: terms that were not selected.
     """
-    products, most = {each.factors for each in given}, WORSE * fit.noise_variance
+    products, most = {regressor.factors for regressor in given}, WORSE * fit.noise_variance
     while len(fit.estimate) > 1 and np.isfinite(fit.covariance).all():
         structure, theta = fit.model.structure, fit.estimate
-        selected = np.array([each.factors not in products for each in structure.regressors])
+        selected = np.array([regressor.factors not in products for regressor in structure.regressors])
         least = log(fit.samples) + selected * 2 * log(dictionary)
         with np.errstate(divide="ignore"):
             support = theta**2 / np.diag(fit.covariance) / least

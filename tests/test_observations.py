@@ -10,12 +10,15 @@ from emsid.findings import Finding
 from emsid.identification import all_data, long_records
 from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.compared import Compared
-from emsid.identification.options import Options
+from emsid.identification.options import Options, refit_data
 from emsid.identification.requests import plants_of, unused_requests
 from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
+from emsid.models.refit_data import Budget
+from emsid.models.refitting import refitted
+from emsid.models.regression.capabilities import OfRegressions
 from emsid.report.identification_page import report, summary
 from emsid.validation.comparison import assess
 from emsid.validation.residual_test import NOTABLE, SIGNIFICANCE, ResidualTest, residual_tests
@@ -166,21 +169,6 @@ class Clock:
         return self.now
 
 
-class Later:
-    """A candidate that continues with another structure."""
-
-    summary, uses = "later", ()
-
-    def __init__(self, structure):
-        self.structure = structure
-
-    def __call__(self, record, options, control):
-        raise NotImplementedError
-
-    def continued(self, fit, record, options, control):
-        return emsid.fit(self.structure, record)
-
-
 class Endless:
     """A candidate whose search never ends by itself; every step of it takes a tenth of a second of the clock."""
 
@@ -258,9 +246,6 @@ def test_only_fits_to_an_excerpt_that_are_continued_merely_compare(monkeypatch):
             asked.append((len(record), options.comparing))
             return emsid.fit(emsid.arx(1, 1), record)
 
-        def continued(self, fit, record, options, control):
-            return self(record, options, control)
-
     monkeypatch.setattr(long_records, "COMPARED", 1_000)
     monkeypatch.setitem(CANDIDATES, "arx", Asked())
     for models, how in (("friction-narx,arx", {}), ("friction-narx,arx", {"bootstrap": 2}), ("arx", {})):
@@ -270,17 +255,14 @@ def test_only_fits_to_an_excerpt_that_are_continued_merely_compare(monkeypatch):
         assert (1_400, True) not in asked
 
 
-@pytest.mark.parametrize("name", CANDIDATES)
-def test_every_model_of_an_excerpt_can_be_continued(name):
-    assert hasattr(CANDIDATES[name], "continued") == (name not in ("armax", "box-jenkins", "state-space"))
-
-
-@pytest.mark.parametrize("name", ["output-error", "hammerstein", pytest.param("feedback", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "name", ["output-error", "armax", "hammerstein", pytest.param("feedback", marks=pytest.mark.long)]
+)
 def test_a_fit_to_a_part_continues_to_that_of_the_whole(name):
     record, kind = driven(0, 1200, square=0.3), CANDIDATES[name]
     options = Options(na=1, nb=1, nk=1, orders=(1,), static="polynomial", knots=2, hold="zero")
     part, whole = (kind(each, options) for each in (record[:500], record))
-    found = kind.continued(part, record, options)
+    found = refitted(part, refit_data(options, record), Budget.LAST)
     before, error, least = (free_run_error(fit.model, [record]) for fit in (part, found, whole))
     assert found.ending is Ending.CONVERGED
     assert found.names == part.names
@@ -294,7 +276,8 @@ def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkey
     fit = emsid.fit(emsid.arx(1, 1), record[:1000])
     judged = Compared.of([fit], record[:1000], driven(1), options, Control(), transient=None, whole=record)
     for structure, better in ((emsid.arx(1, 1, 5), False), (emsid.arx(1, 1), True)):
-        monkeypatch.setitem(CANDIDATES, "arx", Later(structure))
+        last = emsid.fit(structure, record)
+        monkeypatch.setattr(OfRegressions, "refitted", lambda *_, last=last: last)
         found = all_data.on_all_samples(judged, record, options)
         assert (found.whole is record, found.best is fit) == (better, not better)
     stopped = Control(cancelled=lambda: True)

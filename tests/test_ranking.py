@@ -23,7 +23,8 @@ from emsid.identification.recommendation import recommended
 from emsid.models.capabilities import Capabilities
 from emsid.models.free_run import free_run_error
 from emsid.models.kinds import KINDS, capabilities_of
-from emsid.models.refitting import better_refit, refitted
+from emsid.models.refit_data import Budget, Data
+from emsid.models.refitting import refitted, usable_refit
 from emsid.record.holding_back import left_out_once, stretches_in_turn
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure
@@ -86,8 +87,13 @@ def test_every_sample_after_the_first_ones_of_a_segment_is_left_out_once(lengths
 # --- fitted again ----------------------------------------------------------------------------------------------------
 
 
+def refit(fit, record, budget=Budget.FEW, **how):
+    """The model of a fit to a record."""
+    return refitted(fit, Data((record,), **how), budget).model
+
+
 def structures():
-    """Something of every kind that can be fitted again."""
+    """Something of every kind."""
     yield emsid.arx(na=1, nb=1), {}
     yield emsid.arx(na=1, nb=1), {"free_run": True}
     yield emsid.Cascade((PiecewiseLinear((-1, -0.2, 0.2, 1), (-0.7, 0, 0, 0.7)), Rational([0.1], [-0.9], 1))), {}
@@ -95,6 +101,7 @@ def structures():
     yield emsid.state_space(order=1), {"free_run": True}
     yield emsid.feedback(order=1, maps=1, static=emsid.blocks.DeadZone()), {}
     yield emsid.plants.rigid_motor(), {}
+    yield emsid.process_model(), {}
 
 
 @pytest.fixture(scope="module")
@@ -103,14 +110,33 @@ def fits():
 
 
 def test_every_kind_of_model_can_be_fitted_again(fits):
-    can = {each.model for each in KINDS if type(each).refitted is not Capabilities.refitted}
-    assert {type(fit.model) for fit in fits} == can
+    assert {type(fit.model) for fit in fits} == {each.model for each in KINDS}
+
+
+@pytest.mark.parametrize("budget", [Budget.MINIMUM, Budget.LAST])
+def test_further_budgets_reach_the_minimum_of_other_data(fits, budget):
+    """Of the whole record, from the estimate of its first half."""
+    record = drive(0, 600)
+    for whole, (what, options) in zip(fits, structures(), strict=True):
+        part = emsid.fit(what, record[:300], **options)
+        found = refitted(part, Data((record,)), budget)
+        least = free_run_error(emsid.fit(what, record, **options).model, [record])
+        assert free_run_error(found.model, [record]) < 1.02 * least, whole.model.name
+        assert type(found.model) is type(whole.model)
+        assert budget is Budget.MINIMUM or found.samples > 560, whole.model.name
+
+
+def test_a_search_anew_is_that_of_the_data(fits):
+    record, other = drive(0, 400), emsid.fit(emsid.arx(2, 2), drive(0, 400))
+    assert refitted(fits[0], Data((record,), search=lambda *_: other), Budget.SEARCH) is other
+    with pytest.raises(emsid.ModelError, match="no search"):
+        refit(fits[0], record, Budget.SEARCH)
 
 
 def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
     record = drive(0, 400)
     for fit in fits:
-        again = refitted(fit, record)
+        again = refit(fit, record)
         errors = [free_run_error(model, [record]) for model in (fit.model, again)]
         assert errors[1] == pytest.approx(errors[0], rel=0.02), fit.model.name
         assert again.name == fit.model.name
@@ -119,7 +145,7 @@ def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
 def test_a_model_fitted_again_to_another_drive_follows_it(fits):
     other = drive(1, 400, pole=0.85, gain=1.5)
     for fit in fits:
-        before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
+        before, after = (free_run_error(model, [other]) for model in (fit.model, refit(fit, other)))
         assert after < 0.3 * before, fit.model.name
         assert (
             after < 1.05 * free_run_error(emsid.fit(fit.model, other).model, [other])
@@ -133,11 +159,11 @@ def test_samples_that_are_left_out_have_no_effect_on_a_model_fitted_again(fits):
     out[100:150] = out[250:300] = True
     spoilt = replace(record, output=record.output + 5.0 * out[:, None])
     for fit in fits:
-        one, other = (refitted(fit, each, left_out=[out]).simulate(record).output for each in (record, spoilt))
+        one, other = (refit(fit, each, left_out=[out]).simulate(record).output for each in (record, spoilt))
         np.testing.assert_allclose(one, other, atol=2e-5, err_msg=fit.model.name)
-        whole = refitted(fit, record).simulate(record).output
+        whole = refit(fit, record).simulate(record).output
         assert np.abs(one - whole).max() > 1e-3, fit.model.name
-        with_all = refitted(fit, spoilt).simulate(record).output
+        with_all = refit(fit, spoilt).simulate(record).output
         assert np.abs(with_all - whole).max() > 0.1, fit.model.name
 
 
@@ -152,7 +178,7 @@ def test_a_feedback_model_that_runs_away_is_no_refit(fits, monkeypatch):
 
     monkeypatch.setattr("emsid.models.feedback.search.trials.runs_away", runs_away)
     other = drive(1, 400, pole=0.85, gain=1.5)
-    before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
+    before, after = (free_run_error(model, [other]) for model in (fit.model, refit(fit, other)))
     assert after == pytest.approx(before, rel=0.02)
     assert len(first) > 2
 
@@ -164,7 +190,7 @@ def test_a_regression_is_fitted_again_as_the_options_say(fits):
         seen.append(structure.name)
         return least_squares(structure, records, ridge=10.0)
 
-    again = refitted(fits[0], drive(0), linear=linear)
+    again = refit(fits[0], drive(0), linear=linear)
     assert seen == ["arx"]
     assert free_run_error(again, [drive(0)]) != free_run_error(fits[0].model, [drive(0)])
 
@@ -172,7 +198,7 @@ def test_a_regression_is_fitted_again_as_the_options_say(fits):
 def test_a_parameter_that_the_user_fixes_stays_fixed(fits):
     start = fits[2].model
     fit = emsid.fit(start, drive(0, 400), fixed=["f.f1", "f.f2"])
-    again = refitted(fit, drive(1, 400, pole=0.85, gain=1.5))
+    again = refit(fit, drive(1, 400, pole=0.85, gain=1.5))
     known = dict(zip(start.names, start.parameters, strict=True))
     found = dict(zip(again.names, again.parameters, strict=True))
     assert {name for name in known if found[name] == known[name]} == {"f.f1", "f.f2", "u0", "y0"}
@@ -185,14 +211,14 @@ def test_numbers_out_of_range_are_a_problem_of_the_model(fits, monkeypatch):
 
     monkeypatch.setattr(type(capabilities_of(fits[2].model)), "refitted", fails)
     with pytest.raises(emsid.ModelError, match="out of range"):
-        refitted(fits[2], drive(0, 400))
+        refit(fits[2], drive(0, 400))
 
 
 def test_a_cancelled_refit_is_stopped(fits):
     with pytest.raises(Stopped):
-        refitted(fits[0], drive(0), control=Control(cancelled=lambda: True))
+        refit(fits[0], drive(0), control=Control(cancelled=lambda: True))
     with pytest.raises(emsid.ModelError, match="no way to be fitted again"):
-        refitted(replace(fits[0], model=object()), drive(0))
+        refit(replace(fits[0], model=object()), drive(0))
 
 
 @pytest.mark.parametrize(("cubed", "taken"), [(-0.4, True), (0.4, False)])
@@ -203,10 +229,10 @@ def test_a_refit_is_taken_where_it_is_better_and_does_not_run_away(cubed, taken)
         y[t] = slow * y[t - 1] + (1 - slow) * (u[t - 1] + cubed * y[t - 1] ** 3)
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
     whole, known = emsid.Record(u, y, DT), as_fit(emsid.RegressionModel(cubic, np.array([slow, 1 - slow, 0.0]), DT))
-    assert free_run_error(refitted(known, whole), [whole]) < 0.1 * free_run_error(known.model, [whole])
-    found = better_refit(known, whole)
+    assert free_run_error(refit(known, whole), [whole]) < 0.1 * free_run_error(known.model, [whole])
+    found = usable_refit(known, Data((whole,)))
     assert (found is not None) is taken
-    assert found is None or better_refit(as_fit(found), whole) is None  # no better than itself
+    assert found is None or usable_refit(found, Data((whole,))) is None  # no better than itself
 
 
 # --- the choice ------------------------------------------------------------------------------------------------------
@@ -362,7 +388,7 @@ def test_models_are_fitted_to_all_data_for_their_ranking_where_these_are_few(mon
     fitted, choice = misleading()
     whole = emsid.concatenate([fitted, choice.best.record])
     for each in ranked(choice, fitted, Options()):
-        again = free_run_error(refitted(each.fit, whole), [whole])
+        again = free_run_error(refit(each.fit, whole), [whole])
         assert again < free_run_error(each.fit.model, [whole])
         included = StretchErrors.joined(each.included)
         assert included.samples.tolist() == each.left_out.samples.tolist()
@@ -521,7 +547,7 @@ def test_a_model_from_all_data_was_fitted_to_those_that_chose_it_too():
 
 
 def test_a_model_that_the_ranking_fitted_to_all_data_is_not_fitted_to_them_again(monkeypatch):
-    monkeypatch.delattr(all_data, "better_refit")
+    monkeypatch.delattr(all_data, "usable_refit")
     whole = drive(1)
     result = emsid.identify(whole, models=("arx", "friction-narx"))
     assert result.on_all_data is next(each.refit for each in result.ranking if each.fit is result.chosen)

@@ -1,8 +1,8 @@
-"""The recommended model from more data, by one refit of three budgets.
+"""The recommended model from more data, by one refit of three budgets (`emsid.models.refitting`).
 
 A long record is compared on an excerpt; the recommended model then continues from its estimates to all samples, with
 intervals (`Budget.LAST`). Where few data were held back, its parameters are estimated again from all data, from the
-known estimate (`Budget.STEPS`). Its structure was chosen on the fitted part alone. Where the error of a feedback model
+known estimate (`Budget.FEW`). Its structure was chosen on the fitted part alone. Where the error of a feedback model
 or of a plant is much larger on the held-back part, that part shows something that its structure lacks, such as a tank
 that overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order
 and maps, or refinements, are then chosen again from all data, by the same search (`Budget.SEARCH`). So they are for
@@ -14,22 +14,20 @@ the held-back part.
 
 from __future__ import annotations
 
-from enum import Enum, auto
-from functools import partial
 from typing import Any
 
-from emsid.errors import EmsidError
-from emsid.estimation.fit import Fit, fit_or_problem
+from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.compared import Compared
-from emsid.identification.options import Options
+from emsid.identification.options import Options, refit_data
 from emsid.identification.ranking import MANY, in_turn, ranked
 from emsid.identification.verdict import fails_on_unseen
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
-from emsid.models.refitting import better_refit, is_safe
+from emsid.models.refit_data import Budget
+from emsid.models.refitting import usable_refit
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
 from emsid.selection.improvement import better
@@ -37,17 +35,6 @@ from emsid.validation.comparison import compare
 
 SEARCHED_AGAIN = 50_000
 """A structure is not chosen twice from as many samples: every search takes seconds for them."""
-
-
-class Budget(Enum):
-    """How far a model is fitted to other data."""
-
-    STEPS = auto()
-    """A few steps of the parameters from the known estimate, without intervals."""
-    LAST = auto()
-    """As the search for it ends, from the known estimate, with intervals."""
-    SEARCH = auto()
-    """The search, for its structure too."""
 
 
 def refit(fit: Fit[Any], data: Record, budget: Budget, options: Options, control: Control = FREE) -> Fit[Any] | None:
@@ -61,26 +48,21 @@ def refit(fit: Fit[Any], data: Record, budget: Budget, options: Options, control
         control: when to stop.
 
     Returns:
-        None where there is no time, where the data do not suit it, for a kind of model that has no such fit, or where
-        the result cannot be used; with `Budget.STEPS` also where it simulates the data no better.
+        None where there is no time, where the data do not suit it, or where the result cannot be used; see
+        `usable_refit`.
     """
-    name = fit.model.name
-    doing = f"fitting {name} to all data"
+    doing = f"fitting {fit.model.name} to all data"
+    kind = CANDIDATES.get(fit.model.name)
+    search = None if kind is None else lambda record, control: kind(record, options, control)
     try:
         control.doing(doing)
-        if budget is Budget.STEPS:
-            model = better_refit(fit, data, linear=options.estimate, control=control)
-            return None if model is None else fit.at(model)
-        again: Any = CANDIDATES.get(name)
-        if budget is Budget.LAST:
-            again = hasattr(again, "continued") and partial(again.continued, fit)
-        if not again:
-            return None
-        found: Fit[Any] = fit_or_problem(partial(again, data, options, control.during(doing)))
-        control.check()
-        return found if is_safe(found.model, data, fit.model) else None
-    except (EmsidError, Stopped):
+        within = control if budget is Budget.FEW else control.during(doing)
+        found = usable_refit(fit, refit_data(options, data, within, search=search), budget)
+        if budget is not Budget.FEW:
+            control.check()
+    except Stopped:
         return None
+    return found
 
 
 def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:
@@ -144,7 +126,7 @@ def _with_steps(judged: Compared, whole: Record, options: Options, control: Cont
     known = next(each for each in judged.ranking if each.fit is judged.best)
     if known.included and judged.on_choice is None:
         return known.refit
-    found = refit(judged.best, whole, Budget.STEPS, options, control)
+    found = refit(judged.best, whole, Budget.FEW, options, control)
     return None if found is None else found.model
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
@@ -26,7 +25,7 @@ from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
-from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.estimation import asked
 from emsid.models.blocks.search.map_families import SPLINE
 from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_rectified
 from emsid.models.blocks.search.topologies import (
@@ -34,7 +33,6 @@ from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN_WIENER,
     WIENER,
     WIENER_HAMMERSTEIN,
-    CascadeSearch,
     Topology,
 )
 from emsid.models.feedback.search.estimation import FeedbackStructure
@@ -42,7 +40,7 @@ from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.by_name import names_had
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import Recent, Weighting, all_alike, elsewhere
+from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.neutral import neutral
 from emsid.models.plants.parameters import Signal
@@ -55,13 +53,8 @@ from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
 
-LEAST_SAVING = 1e-4
-"""A fit of a cascade that only compares ends where four steps together lower its cost by less than this part: at this
-rate all its steps would save less than what makes a model better than another."""
 REFERENCE = 8_000
 """The most samples of the regression that a plant which leaves much of the output is compared with."""
-LAST_STEPS = 10
-"""Steps of a plant from its estimates of a part of a record to those of all of it."""
 
 
 @dataclass(frozen=True)
@@ -80,38 +73,7 @@ class Blocks:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
-        return self._structure(options).fit(record, control=control)
-
-    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Fit the same cascade to the free run over the whole record, from the estimates of the part."""
-        return self._structure(options).continued(fit.model, record, control)
-
-    def _structure(self, options: Options) -> CascadeStructure:
-        rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for continuous inputs
-        settings = CascadeSearch(
-            static=options.static,
-            size=options.knots,
-            delay=options.nk,
-            oversampling=rate,
-            period=options.period,
-            least_saving=LEAST_SAVING if options.comparing else 0.0,
-            threads=min(cores(), CascadeSearch.threads),
-        )
-        return CascadeStructure(self.topology, self._orders(options), settings)
-
-    def _orders(self, options: Options) -> tuple[int | None, int | None]:
-        wanted = self.topology.first + self.topology.second
-        if not options.orders:
-            return None, None
-        if len(options.orders) != wanted:
-            raise ModelError(
-                f"{self.topology.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders given: "
-                "give one for each",
-                arguments=("orders",),
-            )
-        given = iter(options.orders)
-        first = next(given) if self.topology.first else None
-        return first, next(given) if self.topology.second else None
+        return asked(self.topology, options.by_name).fit(record, control=control)
 
 
 @dataclass(frozen=True)
@@ -130,10 +92,6 @@ class Feedback:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""
         return self._structure(options).fit(record, control=control)
-
-    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Fit the same model to the free run over the whole record, from the estimates of the part."""
-        return self._structure(options).continued(fit, record, control)
 
     def _structure(self, options: Options) -> FeedbackStructure:
         if len(options.orders) > 1:
@@ -231,28 +189,6 @@ class Physical:
         except (EmsidError, Stopped):
             return None
         return fit if has_physical_parameters(fit) else None
-
-    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Fit the same plant to the whole record, from the estimates of the part.
-
-        Raises:
-            ModelError: where records have parameters of their own.
-        """
-        if not has_physical_parameters(fit) or fit.by_record:
-            raise ModelError(f"{fit.model.name}: a fit with parameters by record cannot be continued")
-        plant, signals = fit.model.plant, fit.model.signals
-        return simulation_error(
-            plant,
-            record,
-            free=[row.name for row in fit.table if row.asked],
-            fixed=options.fixed,
-            datasheet=applicable(options.datasheet, plant),
-            weighting=elsewhere(fit.weighting, plant, record.segments, signals),
-            hold=plant.hold,
-            find_start=False,
-            max_iterations=LAST_STEPS,
-            control=control,
-        )
 
     def coded(self, options: Options) -> Plant:
         """The plant to begin with; its drive, if it has one, has the codes that are no commands."""

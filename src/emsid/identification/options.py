@@ -15,6 +15,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.plants.drive import Bridge, Hold
 from emsid.models.plants.search.between_samples import as_hold
+from emsid.models.refit_data import Data
 from emsid.models.regression.narx import Narx, Structure
 from emsid.record import Record
 
@@ -91,6 +92,11 @@ class Options:
         """The names of options that differ from their defaults."""
         return [each.name for each in fields(self) if getattr(self, each.name) != getattr(_DEFAULTS, each.name)]
 
+    @property
+    def by_name(self) -> dict[str, Any]:
+        """Every option, the course of the input as a text."""
+        return vars(self) | {"hold": getattr(self.hold, "value", None)}
+
     def estimate(self, structure: Structure, records: Record | Sequence[Record], history: bool = False) -> Fit[Narx]:
         """Fit a structure with these options."""
         if self.forgetting is None:
@@ -119,13 +125,18 @@ def options_of(options: Options | None, keywords: Mapping[str, Any]) -> Options:
     return options
 
 
+def refit_data(options: Options, records: Record | Sequence[Record], control: Control = FREE, **more: Any) -> Data:
+    """Records as data that a model is fitted to again with these options; ``more`` are fields of `Data`."""
+    several = (records,) if isinstance(records, Record) else records
+    return Data(several, options.estimate, control, given=options.by_name, **more)
+
+
 class ModelKind(Protocol):
     """A kind of model that can be fitted to a record.
 
     The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
     it lacks. One with a true ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
-    something of what the other models leave. One with ``continued(fit, record, options, control)`` fits the structure
-    of a fit to a part of a record to all of it, from its estimates.
+    something of what the other models leave.
     """
 
     @property

@@ -46,10 +46,10 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.first_look.data_advice import advice_by_code
 from emsid.first_look.examined import is_position
-from emsid.identification.options import Options
+from emsid.identification.options import Options, refit_data
 from emsid.models.free_run import free_run, predict
 from emsid.models.model import Model, Run
-from emsid.models.refitting import better_refit, refitted
+from emsid.models.refitting import refitted, usable_refit
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import Mask, is_series, left_out_once, parted, stretches_in_turn
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better, better_by_ratio, front
@@ -363,11 +363,13 @@ class _Folds:
 
     def again(self, fit: Fit[Any], data: Record, left_out: Sequence[Mask] | None = None) -> Model:
         """The model with its parameters from other data, see `refitted`."""
-        return refitted(fit, data, linear=self.options.estimate, control=self.control, left_out=left_out)
+        model: Model = refitted(fit, refit_data(self.options, data, self.control, left_out=left_out)).model
+        return model
 
     def to_all(self, fit: Fit[Any], whole: Record) -> Model | None:
-        """The model with its parameters from all data, see `better_refit`."""
-        return better_refit(fit, whole, linear=self.options.estimate, control=self.control)
+        """The model with its parameters from all data, see `usable_refit`."""
+        again = usable_refit(fit, refit_data(self.options, whole, self.control))
+        return None if again is None else again.model
 
     def errors(self, model: Model, data: Record, stretches: int = STRETCHES // FOLDS) -> StretchErrors:
         """Of the free run."""

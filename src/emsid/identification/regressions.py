@@ -40,8 +40,6 @@ from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import STRETCHES, StretchErrors, better
 
-LAST_STEPS, CLOSE = 8, 0.05
-"""Steps from the estimates of a part of a record to those of all of it, and the standard errors where they end."""
 BEGUN_AGAIN = 20_000
 """Searches over at most this many samples are begun again where they do not converge."""
 DEGREE = 3
@@ -76,26 +74,8 @@ class Regression:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
         structure = chosen_structure(self.build, self.choices, record, options, control)
-        return self._estimated(structure, record, options)
-
-    def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
-        """Fit the same structure to the whole record."""
-        return self._estimated(fit.model.structure, record, options)
-
-    def _estimated(self, structure: Structure, record: Record, options: Options) -> Fit[Narx]:
         fit = options.estimate(structure, record)
         return with_robust_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
-
-
-class _OfFreeRun:
-    """A regression that is fitted to the free run."""
-
-    def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
-        """Fit the same structure to the free run over the whole record, from the estimates of the part."""
-        few: dict[str, Any] = {"max_iterations": LAST_STEPS, "tolerance": CLOSE}
-        found = fit_free_run(fit.model.structure, record, start=fit.estimate, control=control, **few)
-        about_terms = (each for each in fit.findings if each.code == "dictionary-rank-deficient")
-        return replace(found, findings=(*found.findings, *about_terms))
 
 
 # What was chosen for a record, as long as it lives: models that begin with the same orders ask for them again.
@@ -103,7 +83,7 @@ _CHOSEN: WeakKeyDictionary[Record, dict[tuple[Any, ...], Any]] = WeakKeyDictiona
 
 
 @dataclass(frozen=True)
-class OutputError(_OfFreeRun):
+class OutputError:
     """A linear model fitted to the free run as a candidate: ARX without the bias of its equation error."""
 
     summary: str
@@ -134,7 +114,7 @@ class OutputError(_OfFreeRun):
 
 
 @dataclass(frozen=True)
-class FreeRunRegression(_OfFreeRun):
+class FreeRunRegression:
     """A family of structures as a candidate: chosen by least squares, then fitted to the free run, without idle terms.
 
     Args:
@@ -164,7 +144,7 @@ class FreeRunRegression(_OfFreeRun):
 
 
 @dataclass(frozen=True)
-class PolynomialNarx(_OfFreeRun):
+class PolynomialNarx:
     """Products of lagged outputs and inputs as a candidate, selected from a dictionary by the free run.
 
     It begins with an output-error model. The dictionary has its lags; if products help, lags one sample longer are

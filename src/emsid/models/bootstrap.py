@@ -24,10 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
-from emsid.estimation.fit import Fit, fit_or_problem
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.models.kinds import capabilities_of
+from emsid.models.refit_data import Budget, Data
+from emsid.models.refitting import refitted
 from emsid.record import Record, concatenate
 from emsid.record import segments as segments_of
 
@@ -83,12 +85,12 @@ def bootstrap(
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < FEWEST:
         raise ModelError(f"bootstrap: {count!r} draws; give a whole number of at least {FEWEST}", arguments=("count",))
     several = [records] if isinstance(records, Record) else list(records)
-    capabilities_of(fit.model).repeated(fit, several)  # refused before anything is drawn
+    _check_repeated(fit, several)
     cut = pieces_of(fit, list(segments_of(several)), pieces)
     draws = rng.integers(len(cut), size=(int(count), len(cut)))
     in_turn = map if executor is None else executor.map
     found: list[Array] = []
-    estimates = iter(in_turn(partial(_estimate, fit, several, cut), draws))
+    estimates = iter(in_turn(partial(_estimate, fit, cut), draws))
     for draw in range(int(count)):
         control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw, int(count))
         if (estimate := next(estimates)) is not None:
@@ -104,11 +106,25 @@ def bootstrap(
     )
 
 
-def _estimate(fit: Fit[Any], records: Sequence[Record], cut: Sequence[Record], draw: Sequence[int]) -> Array | None:
+def _check_repeated(fit: Fit[Any], records: Sequence[Record]) -> None:
+    """Refuse a linear fit that plain least squares do not repeat, as one with a ridge, and kinds that cannot be drawn.
+
+    Raises:
+        ModelError: for these.
+    """
+    same = capabilities_of(fit.model).same_in_every_fit
+    if same and fit.ending is Ending.SOLVED:
+        again = refitted(fit, Data(records), Budget.MINIMUM).estimate
+        same = np.allclose(again, fit.estimate, rtol=1e-6, atol=1e-9 * np.abs(again).max())
+    if not same:
+        raise ModelError(f"{fit.model_name}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")
+
+
+def _estimate(fit: Fit[Any], cut: Sequence[Record], draw: Sequence[int]) -> Array | None:
     """The estimate from one draw of pieces; None where it gives no model."""
     drawn = concatenate([cut[k] for k in draw], "drawn pieces")
     try:
-        again = fit_or_problem(partial(capabilities_of(fit.model).repeated(fit, records), drawn))
+        again = refitted(fit, Data((drawn,)), Budget.MINIMUM)
     except EmsidError:
         return None
     return again.estimate if again.names == fit.names and np.isfinite(again.estimate).all() else None

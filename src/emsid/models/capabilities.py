@@ -22,8 +22,7 @@ from emsid.models.c_form import CForm
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve, banded_curve, input_of, output_of
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
-from emsid.models.refit_data import Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import settled
 from emsid.models.stepping import PlainStepper, Stepper
 from emsid.record import Record
@@ -92,6 +91,9 @@ class Capabilities(Generic[M]):
     """Whether its parameters are physical quantities, so that some can be estimated again by name."""
     linear_in_parameters: ClassVar[bool] = False
     """Whether it is a structure of regressors, and so linear in its parameters."""
+    same_in_every_fit: ClassVar[bool] = False
+    """Whether its estimates mean the same in every fit, and nothing is computed from them, so that they can be drawn
+    by a bootstrap."""
     takes_all_inputs: ClassVar[bool] = True
     """Whether every input is a command that may step; the second input of a plant is a load."""
 
@@ -232,8 +234,13 @@ class Capabilities(Generic[M]):
 
     # --- other data --------------------------------------------------------------------------------------------------
 
-    def refitted(self, fit: Fit[M], data: Data) -> Model:
-        """The model with its parameters from other data, in a few steps from the estimate, without reports.
+    def refitted(self, fit: Fit[M], data: Data, budget: Budget) -> Fit[Any]:
+        """The model with its parameters from other data, from the estimate; see `emsid.models.refitting`.
+
+        Args:
+            fit: what is known.
+            data: the other data; samples are left out of them by `Budget.FEW` only.
+            budget: how far; not a search for the structure.
 
         Raises:
             ModelError: for a kind of model that cannot be fitted again, or data that do not suit it.
@@ -247,14 +254,6 @@ class Capabilities(Generic[M]):
             ModelError: for a kind of model that cannot be fitted again.
         """
         _lacks(fit.model, "no way to be fitted again")
-
-    def repeated(self, fit: Fit[M], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-        """The same estimator for other data, which begins at the estimate.
-
-        Raises:
-            ModelError: for a fit that cannot be repeated.
-        """
-        raise ModelError(f"{_name(fit.model)}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")
 
 
 def _name(model: Any) -> str:

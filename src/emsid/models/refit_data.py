@@ -1,27 +1,42 @@
-"""The data that a structure is fitted to again, and how far; see `emsid.models.refitting`."""
+"""The data that a model is fitted to again, and how far; see `emsid.models.refitting`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.without_samples import Mask
 from emsid.record import Record
 
-STEPS = 8
-"""Steps from the estimate of the whole data to that of a part of them."""
-SAVING = 1e-3
-"""The search ends once a few steps lower the cost by less than this share."""
-REPEATED_STEPS = 20
-"""Steps of a fit to pieces that a bootstrap has drawn, which begins at the estimate and has to reach the minimum."""
 
-Linear = Callable[[Any, Sequence[Record]], Fit[Any]]
-"""How a regression is fitted one step ahead, from its structure and the records."""
+class Budget(Enum):
+    """How far a model is fitted to other data, from its known estimate; its values are `steps` and `saving`."""
+
+    FEW = (8, 1e-3)
+    """A few steps, without intervals: the estimate of the whole data is close to that of a part of them."""
+    MINIMUM = (20, 0.0)
+    """To the minimum, without intervals, as for pieces that a bootstrap has drawn."""
+    LAST = (10, 0.0)
+    """As the search for it ends, with intervals and findings."""
+    SEARCH = (0, 0.0)
+    """The search, for its structure too."""
+
+    @property
+    def steps(self) -> int:
+        """The most Gauss–Newton steps."""
+        return self.value[0]
+
+    @property
+    def saving(self) -> float:
+        """The search ends once a few steps lower the cost by less than this share."""
+        return self.value[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +44,20 @@ class Data:
     """What a model is fitted to again, and how.
 
     Attributes:
-        records: the data.
-        linear: fits a regression one step ahead.
+        records: the data, of the same channels and sample time.
+        linear: fits a regression one step ahead, from its structure and the records.
         control: when to stop.
-        left_out: (N,) of every record, the samples that are not fitted; None fits all.
+        left_out: (N,) of every record, samples that are not fitted; a free run goes on through them. None fits all.
+        given: what the user gave for the search, by the names of `emsid.identify`.
+        search: searches such a model anew, for `Budget.SEARCH`.
     """
 
     records: Sequence[Record]
-    linear: Linear
-    control: Control
-    left_out: Sequence[Mask] | None
+    linear: Callable[[Any, Sequence[Record]], Fit[Any]] = least_squares
+    control: Control = FREE
+    left_out: Sequence[Mask] | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+    search: Callable[[Record, Control], Fit[Any]] | None = None
 
     @property
     def by_segment(self) -> list[Mask] | None:

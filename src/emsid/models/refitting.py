@@ -1,79 +1,75 @@
-"""`refitted`: the structure of a fit, estimated from other data.
+"""`refitted`: a model estimated from other data, as far as a budget goes.
 
-The search begins at the estimate and takes a few steps only, without intervals. Repeated with one part of the data left
-out after another, it gives the error of a structure on data that it was not fitted to, at a small part of the cost of
-full fits. `better_refit` estimates the parameters from all data, including those held back from the fit.
+In a few steps from the estimate, with one part of the data left out after another, it gives the error of a structure on
+data that it was not fitted to, at a small part of the cost of full fits. To all data, it gives the parameters that are
+handed over. With intervals, it finishes a model that was chosen on an excerpt. `usable_refit` keeps a result only where
+it can take the place of the known model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from emsid.errors import EmsidError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
-from emsid.estimation.linear.least_squares import least_squares
-from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.nonlinear.without_samples import Mask
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.models.extrapolation import Extremes, diverges, diverges_held
 from emsid.models.free_run import free_run_error
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
-from emsid.models.refit_data import Data, Linear
-from emsid.record import Record
+from emsid.models.refit_data import Budget, Data
+from emsid.record import Record, concatenate
 
 
-def refitted(
-    fit: Fit[Any],
-    records: Record | Sequence[Record],
-    *,
-    linear: Linear = least_squares,
-    control: Control = FREE,
-    left_out: Sequence[Mask] | None = None,
-) -> Model:
-    """The model of a fit with its parameters estimated from other data.
+def refitted(fit: Fit[Any], data: Data, budget: Budget = Budget.FEW) -> Fit[Any]:
+    """A fit to other data.
 
     Args:
         fit: its structure and the parameters that it estimated are kept, and its estimate begins the search.
-        records: the other data, of the same channels and sample time.
-        linear: fits a regression that was fitted one step ahead.
-        control: when to stop.
-        left_out: (N,) of every record, samples that are not fitted; a free run goes on through them.
+        data: the other data.
+        budget: how far it is fitted; `Budget.SEARCH` chooses the structure anew.
 
     Raises:
         ModelError: for a kind of model that cannot be fitted again, or data that do not suit it.
-        Stopped: if ``control`` stops it.
+        Stopped: if the control of the data stops it.
     """
-    several = (records,) if isinstance(records, Record) else tuple(records)
-    data = Data(several, linear, control, left_out)
-    control.check()
-    found = fit_or_problem(partial(capabilities_of(fit.model).refitted, fit, data))
-    if control.ending is Ending.INTERRUPTED:
+    data.control.check()
+    found: Fit[Any]
+    if budget is not Budget.SEARCH:
+        found = fit_or_problem(partial(capabilities_of(fit.model).refitted, fit, data, budget))
+    elif data.search is None:
+        raise ModelError(f"{fit.model.name}: no search for such a model is known; give one")
+    else:
+        found = fit_or_problem(partial(data.search, concatenate(data.records), data.control))
+    if data.control.ending is Ending.INTERRUPTED:
         raise Stopped(Ending.INTERRUPTED)
     return found
 
 
-def better_refit(
-    fit: Fit[Any], whole: Record, *, linear: Linear = least_squares, control: Control = FREE
-) -> Model | None:
-    """The model of a fit with its parameters from all data; None where it cannot be used or simulates them no better.
+def usable_refit(fit: Fit[Any], data: Data, budget: Budget = Budget.FEW) -> Fit[Any] | None:
+    """A fit to a record, which can take the place of the known one; else None.
+
+    It does not run away on inputs that the record lacks. After a few steps only, it also has to simulate the record
+    better.
 
     Args:
         fit: to a part of the data.
-        whole: all data.
-        linear: as in `refitted`.
-        control: likewise.
+        data: all of them, one record.
+        budget: how far it is fitted.
 
     Raises:
-        Stopped: if ``control`` stops it.
+        Stopped: if the control of the data stops it.
     """
+    (whole,) = data.records
     try:
-        again = refitted(fit, whole, linear=linear, control=control)
-        better = free_run_error(again, (whole,)) < free_run_error(fit.model, (whole,))
+        again = refitted(fit, data, budget)
+        few = budget is Budget.FEW
+        if few and not free_run_error(again.model, (whole,)) < free_run_error(fit.model, (whole,)):
+            return None
+        return again if is_safe(again.model, whole, fit.model) else None
     except EmsidError:  # the data do not suit it
         return None
-    return again if better and is_safe(again, whole, fit.model) else None
 
 
 def is_safe(model: Model, record: Record, known: Model | None = None) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, ClassVar
 
@@ -24,8 +24,7 @@ from emsid.models.capabilities import Capabilities, MapInUse, Modes
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve, banded_curve
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
-from emsid.models.refit_data import REPEATED_STEPS, SAVING, STEPS, Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.record import Record
@@ -39,6 +38,7 @@ class OfCascades(Capabilities[Cascade]):
 
     kind = "cascade"
     model = Cascade
+    same_in_every_fit = True
     estimators: ClassVar = {Cascade: fitting.fit_cascade}
 
     def stepper(self, model: Cascade, state: Any, inputs: int) -> Stepper:
@@ -121,24 +121,24 @@ class OfCascades(Capabilities[Cascade]):
     def section(self, fit: Fit[Cascade]) -> str:
         return "blocks"
 
-    def refitted(self, fit: Fit[Cascade], data: Data) -> Model:
+    def refitted(self, fit: Fit[Cascade], data: Data, budget: Budget) -> Fit[Cascade]:
+        if budget is Budget.LAST:
+            from emsid.models.blocks.search.estimation import asked, topology_of
+
+            return asked(topology_of(fit.model), data.given).continued(fit.model, data.records, data.control)
         minimum, problem = fitting.search(
             fit.model,
             data.records,
             fixed=fitting.fixed_in(fit),
-            max_iterations=STEPS,
-            least_saving=SAVING,
+            max_iterations=budget.steps,
+            least_saving=budget.saving,
             control=data.control.quietly(),
             left_out=data.by_segment,
         )
-        return problem.model(minimum.estimate)
+        return fit.at(problem.model(minimum.estimate))
 
     def specification(self, fit: Fit[Cascade]) -> tuple[Any, dict[str, Any]]:
         return fit.model, {}
-
-    def repeated(self, fit: Fit[Cascade], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-        fixed = fitting.fixed_in(fit)
-        return lambda record: fitting.fit_cascade(fit.model, record, fixed=fixed, max_iterations=REPEATED_STEPS)
 
 
 def _at_rest_after(model: Cascade, k: int, value: float) -> float:

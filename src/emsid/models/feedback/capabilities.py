@@ -21,9 +21,8 @@ from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.stepping import FeedbackStepper
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
 from emsid.models.one_channel import segments_longer_than
-from emsid.models.refit_data import SAVING, STEPS, Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.record import Record
@@ -92,16 +91,19 @@ class OfFeedbackModels(Capabilities[FeedbackModel]):
     def section(self, fit: Fit[FeedbackModel]) -> str:
         return "feedback"
 
-    def refitted(self, fit: Fit[FeedbackModel], data: Data) -> Model:
+    def refitted(self, fit: Fit[FeedbackModel], data: Data, budget: Budget) -> Fit[FeedbackModel]:
         """Among the models that do not run away, as in the search for the structure."""
-        from emsid.models.feedback.search import trials
+        from emsid.models.feedback.search import estimation, trials
 
+        if budget is Budget.LAST:
+            return estimation.continued(fit, data.records, data.control)
         segments, control = segments_longer_than(fit.model.memory, fit.model, data.records), data.control.quietly()
         refused, out = trials.runs_away, data.by_segment
         found = fitting.searched(
-            fit.model, segments, fit.model.edge, STEPS, 0.1, control, SAVING, refused=refused, left_out=out
-        )
-        return found.model
+            fit.model, segments, fit.model.edge, budget.steps, 0.1, control, budget.saving, refused=refused,
+            left_out=out,
+        )  # fmt: skip
+        return fit.at(found.model)
 
     def specification(self, fit: Fit[FeedbackModel]) -> tuple[Any, dict[str, Any]]:
         return fit.model, {}

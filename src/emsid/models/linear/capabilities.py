@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import isfinite
 from typing import Any, ClassVar, TypeVar
 
@@ -21,8 +21,7 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.stepping import LinearStepper
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
-from emsid.models.refit_data import REPEATED_STEPS, STEPS, Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.record import Record
@@ -34,6 +33,8 @@ L = TypeVar("L", StateSpaceModel, PolynomialModel, ProcessModel)
 
 class OfLinearModels(Capabilities[L]):
     """What all of them share: a response, and a state-space form that runs and is written in C."""
+
+    same_in_every_fit = True
 
     def stepper(self, model: L, state: Any, inputs: int) -> Stepper:
         return LinearStepper(model, state)
@@ -65,25 +66,20 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
     def characteristics(self, fit: Fit[StateSpaceModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model, fit.model.poles)
 
-    def refitted(self, fit: Fit[StateSpaceModel], data: Data) -> Model:
+    def refitted(self, fit: Fit[StateSpaceModel], data: Data, budget: Budget) -> Fit[StateSpaceModel]:
         """By a subspace method again: its start needs no search."""
         return fit_state_space(
             StateSpaceStructure.of(fit.model),
             data.records,
             free_run=not fit.model.k.any(),
-            max_iterations=STEPS,
+            refine=fit.method != "subspace",
+            max_iterations=budget.steps,
             control=data.control,
             left_out=data.by_segment,
-        ).model
+        )
 
     def specification(self, fit: Fit[StateSpaceModel]) -> tuple[Any, dict[str, Any]]:
         return StateSpaceStructure.of(fit.model), {"free_run": not fit.model.k.any()}
-
-    def repeated(self, fit: Fit[StateSpaceModel], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-        if fit.method == "subspace":
-            return super().repeated(fit, records)
-        structure, noise = StateSpaceStructure.of(fit.model), bool(fit.model.k.any())
-        return lambda record: fit_state_space(structure, record, free_run=not noise, max_iterations=REPEATED_STEPS)
 
 
 class OfPolynomials(OfLinearModels[PolynomialModel]):
@@ -104,22 +100,18 @@ class OfPolynomials(OfLinearModels[PolynomialModel]):
     def characteristics(self, fit: Fit[PolynomialModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model.form, _poles(fit.model))
 
-    def refitted(self, fit: Fit[PolynomialModel], data: Data) -> Model:
+    def refitted(self, fit: Fit[PolynomialModel], data: Data, budget: Budget) -> Fit[PolynomialModel]:
         return fit_polynomials(
             PolynomialStructure.of(fit),
             data.records,
             start=fit.estimate,
-            max_iterations=STEPS,
+            max_iterations=budget.steps,
             control=data.control,
             left_out=data.by_segment,
-        ).model
+        )
 
     def specification(self, fit: Fit[PolynomialModel]) -> tuple[Any, dict[str, Any]]:
         return PolynomialStructure.of(fit), {}
-
-    def repeated(self, fit: Fit[PolynomialModel], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-        structure = PolynomialStructure.of(fit)
-        return lambda record: fit_polynomials(structure, record, start=fit.estimate, max_iterations=REPEATED_STEPS)
 
 
 class OfProcesses(OfLinearModels[ProcessModel]):
@@ -132,6 +124,19 @@ class OfProcesses(OfLinearModels[ProcessModel]):
     def linear_part(self, model: ProcessModel, at: float) -> LinearSystem:
         a, b, c, d = model.continuous
         return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
+
+    def refitted(self, fit: Fit[ProcessModel], data: Data, budget: Budget) -> Fit[ProcessModel]:
+        return fit_process(
+            ProcessStructure.of(fit),
+            data.records,
+            start=fit.model,
+            max_iterations=budget.steps,
+            control=data.control,
+            left_out=data.by_segment,
+        )
+
+    def specification(self, fit: Fit[ProcessModel]) -> tuple[Any, dict[str, Any]]:
+        return ProcessStructure.of(fit), {}
 
 
 def _poles(model: PolynomialModel) -> NDArray[Any]:

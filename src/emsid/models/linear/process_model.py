@@ -33,6 +33,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.problem import Block
+from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.free_run import continued, from_rest
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.through_state_space import ThroughStateSpace
@@ -228,6 +229,11 @@ class ProcessStructure:
         if isinstance(self.poles, bool) or not isinstance(self.poles, int) or not 1 <= self.poles <= 4:
             raise ModelError(f"{self.name}: {self.poles!r} poles; give 1 to 4")
 
+    @classmethod
+    def of(cls, fit: Fit[ProcessModel]) -> ProcessStructure:
+        """What a fit has estimated."""
+        return cls(len(fit.model.time_constants), "Tz" in fit.names, "delay" in fit.names, fit.model.name)
+
 
 def process_model(poles: int = 1, zero: bool = False, delay: bool = True) -> ProcessStructure:
     """A process model to be fitted: a gain, time constants, perhaps a zero and a dead time; one input, one output.
@@ -291,14 +297,23 @@ def _start(structure: ProcessStructure, segments: Sequence[Record]) -> ProcessMo
 
 
 def fit_process(
-    structure: ProcessStructure, records: Record | Iterable[Record], *, control: Control = FREE
+    structure: ProcessStructure,
+    records: Record | Iterable[Record],
+    *,
+    start: ProcessModel | None = None,
+    max_iterations: int = 100,
+    control: Control = FREE,
+    left_out: Sequence[Mask] | None = None,
 ) -> Fit[ProcessModel]:
     """Fit a process model to the free run, see `process_model`.
 
     Args:
         structure: what to fit.
         records: a record, or several, of one input and one output at one sample time.
+        start: a model to begin with; by default the best of a grid.
+        max_iterations: the largest number of Gauss–Newton steps.
         control: when to stop, and where to report every step.
+        left_out: (N,) the samples of every segment that are not fitted.
 
     Raises:
         ModelError: for records of other channels, or too short ones.
@@ -311,7 +326,7 @@ def fit_process(
     segments = [segment for record in several for segment in record.segments if len(segment) > least]
     if not segments:
         raise ModelError(f"{structure.name}: no segment has more than {least} samples; record longer")
-    begin = _start(structure, segments)
+    begin = start or _start(structure, segments)
     names = [
         name
         for name in begin.parameter_values()
@@ -325,5 +340,7 @@ def fit_process(
     problem = _FreeRunError(begin, names, segments)
     values = begin.parameter_values()
     theta = np.clip([values[name] for name in names], lower, upper)
-    minimum = gauss_newton(problem, theta, lower=lower, upper=upper, names=names, control=control)
+    seen = without(problem, left_out)
+    how: dict[str, Any] = {"max_iterations": max_iterations, "names": names, "control": control}
+    minimum = gauss_newton(seen, theta, lower=lower, upper=upper, **how)
     return minimum.fit(problem.model(minimum.estimate), names, "gn")

@@ -20,7 +20,7 @@ from emsid.models.capabilities import Capabilities
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve, Quantity
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
+from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, elsewhere, threads_for
 from emsid.models.plants.grey_box import GreyBox
@@ -31,7 +31,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.models.plants.stepping import PlantStepper
-from emsid.models.refit_data import SAVING, STEPS, Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.plant import Motor
@@ -96,9 +96,11 @@ class OfPlants(Capabilities[GreyBox]):
     def section(self, fit: Fit[GreyBox]) -> str:
         return "plant" if isinstance(fit, GreyBoxFit) else super().section(fit)
 
-    def refitted(self, fit: Fit[GreyBox], data: Data) -> Model:
+    def refitted(self, fit: Fit[GreyBox], data: Data, budget: Budget) -> Fit[GreyBox]:
         if not isinstance(fit, GreyBoxFit):
             raise ModelError(f"{fit.model.name}: it has not been fitted, so there is nothing to fit again")
+        if budget is Budget.LAST:
+            return _finished(fit, data, budget)
         plant, signals = fit.model.plant, fit.model.signals
         segments = [each for record in data.records for each in record.segments if len(each) > fit.model.memory]
         states = [plant.first_state(signals, segment) for segment in segments]
@@ -113,17 +115,42 @@ class OfPlants(Capabilities[GreyBox]):
             np.clip(problem.start, lower, upper),
             lower=lower,
             upper=upper,
-            max_iterations=STEPS,
-            least_saving=SAVING,
+            max_iterations=budget.steps,
+            least_saving=budget.saving,
             names=problem.names,
             covariances=False,
             control=data.control.quietly(),
         )
-        return replace(fit.model, plant=problem.plant_at(found.estimate))
+        return fit.at(replace(fit.model, plant=problem.plant_at(found.estimate)))
 
     def specification(self, fit: Fit[GreyBox]) -> tuple[Any, dict[str, Any]]:
         plant = fit.model.plant
         return plant, {"free": fit.names, "signals": fit.model.signals, "hold": plant.hold, "find_start": False}
+
+
+def _finished(fit: GreyBoxFit, data: Data, budget: Budget) -> GreyBoxFit:
+    """The same plant fitted to all data, with its table, from the estimates of a part.
+
+    Raises:
+        ModelError: where records have parameters of their own.
+    """
+    if fit.by_record:
+        raise ModelError(f"{fit.model.name}: a fit with parameters by record cannot be continued")
+    plant, signals = fit.model.plant, fit.model.signals
+    segments = [each for record in data.records for each in record.segments]
+    return simulation_error(
+        plant,
+        data.records,
+        free=[row.name for row in fit.table if row.asked],
+        fixed=data.given.get("fixed"),
+        datasheet=applicable(data.given.get("datasheet") or {}, plant),
+        signals=signals,
+        weighting=elsewhere(fit.weighting, plant, segments, signals),
+        hold=plant.hold,
+        find_start=False,
+        max_iterations=budget.steps,
+        control=data.control,
+    )
 
 
 def _friction_and_zone(fit: GreyBoxFit, record: Record) -> list[BandedCurve]:

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
-from emsid.estimation.linear.least_squares import least_squares
 from emsid.models.bands import Band
 from emsid.models.c_form import CForm
 from emsid.models.capabilities import Capabilities, Modes
 from emsid.models.characteristics import Characteristic
 from emsid.models.linear.state_space import observer_form
 from emsid.models.linear.system import LinearSystem
-from emsid.models.model import Model
-from emsid.models.refit_data import REPEATED_STEPS, SAVING, STEPS, Data
+from emsid.models.refit_data import Budget, Data
 from emsid.models.regression.c_form import c_form
 from emsid.models.regression.characteristics import of_linear, of_nonlinear
 from emsid.models.regression.fitting import fit_structure
 from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.linearised import about, linearised
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.static_curves import friction, has_products, static_map
@@ -33,6 +32,9 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+CLOSE, EXACT = 0.05, 1e-3
+"""Standard errors from the minimum at which a search of all samples ends, and one that only compares."""
+
 
 class OfRegressions(Capabilities[Narx]):
     """Regressions: linear in their parameters."""
@@ -42,6 +44,7 @@ class OfRegressions(Capabilities[Narx]):
     estimators: ClassVar = {Structure: fit_structure}
     fitted_by = "its structure: model.structure"
     linear_in_parameters = True
+    same_in_every_fit = True
 
     def inputs(self, model: Narx) -> int:
         return model.structure.inputs
@@ -90,33 +93,26 @@ class OfRegressions(Capabilities[Narx]):
             return ()
         return of_linear(fit, record) or of_nonlinear(fit, record)
 
-    def refitted(self, fit: Fit[Narx], data: Data) -> Model:
+    def refitted(self, fit: Fit[Narx], data: Data, budget: Budget) -> Fit[Narx]:
         structure = fit.model.structure
         if fit.method != "gn":
-            one_step: Model = data.linear(structure, data.in_pieces).model
-            return one_step
-        return fit_free_run(
+            found: Fit[Narx] = data.linear(structure, data.in_pieces)
+            plain = budget is Budget.LAST and found.method == "ls" and not data.given.get("ridge")
+            return with_robust_intervals(found, data.records) if plain else found
+        last = budget is Budget.LAST
+        found = fit_free_run(
             structure,
             data.records,
             start=fit.model.parameters,
-            max_iterations=STEPS,
-            least_saving=SAVING,
+            max_iterations=budget.steps,
+            tolerance=CLOSE if last else EXACT,
+            least_saving=budget.saving,
             control=data.control,
-            covariances=False,
+            covariances=last,
             left_out=data.by_segment,
-        ).model
+        )
+        about_terms = (each for each in fit.findings if last and each.code == "dictionary-rank-deficient")
+        return replace(found, findings=(*found.findings, *about_terms))
 
     def specification(self, fit: Fit[Narx]) -> tuple[Any, dict[str, Any]]:
         return fit.model.structure, {"free_run": True} if fit.method == "gn" else {}
-
-    def repeated(self, fit: Fit[Narx], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
-        structure = fit.model.structure
-        if fit.model.start:
-            return lambda record: fit_free_run(
-                structure, record, start=fit.estimate, max_iterations=REPEATED_STEPS, covariances=False
-            )
-        if fit.method == "ls":
-            plain = least_squares(structure, records).estimate
-            if np.allclose(plain, fit.estimate, rtol=1e-6, atol=1e-9 * np.abs(plain).max()):  # no ridge
-                return lambda record: least_squares(structure, record)
-        return super().repeated(fit, records)

@@ -23,7 +23,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
-from emsid.estimation.threads import one_blas_thread
+from emsid.estimation.threads import cores, one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
@@ -56,6 +56,9 @@ from emsid.record import Record
 # Choices are made in one thread if they look at segments of fewer samples on average: what is computed of a segment is
 # so short then that threads wait for each other.
 SHARED_SAMPLES = 5_000
+# A fit that only compares ends where four steps together lower its cost by less than this part: at this rate all its
+# steps would save less than what makes a model better than another.
+LEAST_SAVING = 1e-4
 # The least number of changes of a two-level input that identify a map after a filter.
 CHANGES = 5
 
@@ -115,17 +118,50 @@ class CascadeStructure:
         return estimate(self.topology, records, self.orders, self.search, control)
 
     @one_blas_thread()
-    def continued(self, model: Cascade, record: Record, control: Control = FREE) -> Fit[Cascade]:
-        """Fit a cascade that was found in a part of a record to all of it, as `fit` ends.
+    def continued(self, model: Cascade, records: Sequence[Record], control: Control = FREE) -> Fit[Cascade]:
+        """Fit a cascade that was found in a part of the data to all of them, as `fit` ends.
 
         Args:
             model: of this structure.
-            record: one input and one output.
+            records: one input and one output each.
             control: as in `fit`.
         """
-        steady = steady_state([record], self.search.period)
+        steady = steady_state(records, self.search.period)
         settings = replace(self.search, period=steady.period if steady else 0)
-        return _fitted(model, steady.records if steady else [record], steady, self.orders, settings, control)
+        return _fitted(model, steady.records if steady else records, steady, self.orders, settings, control)
+
+
+def topology_of(model: Cascade) -> Topology:
+    """The topology of a cascade, by its name or else by its first and last block."""
+    named = {each.name: each for each in (WIENER_HAMMERSTEIN, HAMMERSTEIN, WIENER, HAMMERSTEIN_WIENER)}
+    first, last = (isinstance(block, Rational) for block in (model.blocks[0], model.blocks[-1]))
+    return named.get(model.name) or Topology(model.name, first, last and len(model.blocks) > 1)
+
+
+def asked(topology: Topology, given: Mapping[str, Any]) -> CascadeStructure:
+    """The cascade that options ask for, by the names of `emsid.identify`: orders, static, knots, nk, period and hold.
+
+    Raises:
+        ModelError: for another number of orders than the topology has filters.
+    """
+    settings = CascadeSearch(
+        static=given.get("static"),
+        size=given.get("knots"),
+        delay=given.get("nk"),
+        oversampling=1 if given.get("hold") == "zero" else None,  # more steps per sample are for continuous inputs
+        period=given.get("period"),
+        least_saving=LEAST_SAVING if given.get("comparing") else 0.0,
+        threads=min(cores(), CascadeSearch.threads),
+    )
+    orders, wanted = given.get("orders") or (), topology.first + topology.second
+    if orders and len(orders) != wanted:
+        raise ModelError(
+            f"{topology.name} has {wanted} filter{'s' * (wanted > 1)}; {len(orders)} orders given: give one for each",
+            arguments=("orders",),
+        )
+    each = iter(orders)
+    first = next(each, None) if topology.first else None
+    return CascadeStructure(topology, (first, next(each, None) if topology.second else None), settings)
 
 
 class CascadeOptions(TypedDict, total=False):

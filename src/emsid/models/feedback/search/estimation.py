@@ -117,20 +117,21 @@ class FeedbackStructure:
         other = Finding("other-number-of-maps", self.name, {"maps": maps, "asked": asked})
         return replace(fit, findings=(*fit.findings, other))
 
-    @one_blas_thread()
-    def continued(self, fit: Fit[FeedbackModel], record: Record, control: Control = FREE) -> Fit[FeedbackModel]:
-        """Fit a model that was found in a part of a record to all of it, in a few steps.
 
-        Args:
-            fit: of the part.
-            record: one input and one output.
-            control: when to stop.
+@one_blas_thread()
+def continued(fit: Fit[FeedbackModel], records: Sequence[Record], control: Control = FREE) -> Fit[FeedbackModel]:
+    """Fit a model that was found in a part of the data to all of them, in a few steps.
 
-        Raises:
-            Stopped: by ``control``.
-        """
-        segments = segments_longer_than(fit.model.memory, fit.model, [record])
-        return _in_few_steps(fit.model, fit.ending is not Ending.OUT_OF_BUDGET, segments, control)
+    Args:
+        fit: of the part.
+        records: one input and one output each.
+        control: when to stop.
+
+    Raises:
+        Stopped: by ``control``.
+    """
+    segments = segments_longer_than(fit.model.memory, fit.model, records)
+    return _in_few_steps(fit.model, fit.ending is not Ending.OUT_OF_BUDGET, segments, control)
 
 
 def feedback(

@@ -25,7 +25,7 @@ from starts import Problem, of_case
 
 PARTS = (3, 6, 12, 24)
 """Numbers of windows."""
-STEPS = 60
+ITERATIONS = 60
 
 
 def main(which: str, console: Console) -> None:
@@ -67,7 +67,7 @@ def in_windows(plant: DrivenPlant, record: emsid.Record, number: int, asked: dic
     edges = np.linspace(0, len(record), number + 1).astype(int)
     windows = emsid.concatenate([record[a:b] for a, b in pairwise(edges)])
     task = replace(prepare(plant, windows, **asked), hold_given=True, begins=InitialState.FREE)
-    return continuation.search(task, plant, STEPS).problem.plant
+    return continuation.search(task, plant, ITERATIONS).problem.plant
 
 
 def ratio(plant: DrivenPlant, case: Case) -> float:

@@ -13,7 +13,7 @@ from emsid.record import Record
 
 RNG = np.random.default_rng(0)
 N = 300
-STEPS = np.repeat(RNG.choice([-1.0, 1.0], N // 10), 10)
+LEVELS = np.repeat(RNG.choice([-1.0, 1.0], N // 10), 10)
 
 
 def first_order(u: np.ndarray) -> np.ndarray:
@@ -23,26 +23,26 @@ def first_order(u: np.ndarray) -> np.ndarray:
     return y
 
 
-Y = first_order(STEPS)
+Y = first_order(LEVELS)
 RECORDS = {
     "zeros": Record(np.zeros(N), np.zeros(N), 0.01),
     "zero input": Record(np.zeros(N), Y, 0.01),
-    "zero output": Record(STEPS, np.zeros(N), 0.01),
+    "zero output": Record(LEVELS, np.zeros(N), 0.01),
     "constant": Record(np.ones(N), np.full(N, 7.0), 0.01),
-    "huge": Record(1e300 * STEPS, 1e300 * Y, 0.01),
-    "tiny": Record(1e-300 * STEPS, 1e-300 * Y, 0.01),
-    "huge output": Record(STEPS, 1e300 * Y, 0.01),
-    "tiny output": Record(STEPS, 1e-300 * Y, 0.01),
-    "subnormal": Record(5e-324 * STEPS, 5e-324 * np.round(Y), 0.01),
-    "limits of integers": Record(float(2**63 - 1) * STEPS, float(2**31) * np.round(10 * Y), 0.01),
+    "huge": Record(1e300 * LEVELS, 1e300 * Y, 0.01),
+    "tiny": Record(1e-300 * LEVELS, 1e-300 * Y, 0.01),
+    "huge output": Record(LEVELS, 1e300 * Y, 0.01),
+    "tiny output": Record(LEVELS, 1e-300 * Y, 0.01),
+    "subnormal": Record(5e-324 * LEVELS, 5e-324 * np.round(Y), 0.01),
+    "limits of integers": Record(float(2**63 - 1) * LEVELS, float(2**31) * np.round(10 * Y), 0.01),
     "one pulse": Record(np.eye(1, N, 5)[0], first_order(np.eye(1, N, 5)[0]), 0.01),
-    "one outlier": Record(STEPS, Y + 1e200 * np.eye(1, N, 150)[0], 0.01),
-    "short times": Record(STEPS, Y, 1e-300),
-    "long times": Record(STEPS, Y, 1e300),
-    "many segments": Record(STEPS, Y, 0.01, breaks=tuple(range(10, N, 10))),
-    "an unstable rise": Record(STEPS, np.exp(np.linspace(0, 600, N)), 0.01),
+    "one outlier": Record(LEVELS, Y + 1e200 * np.eye(1, N, 150)[0], 0.01),
+    "short times": Record(LEVELS, Y, 1e-300),
+    "long times": Record(LEVELS, Y, 1e300),
+    "many segments": Record(LEVELS, Y, 0.01, breaks=tuple(range(10, N, 10))),
+    "an unstable rise": Record(LEVELS, np.exp(np.linspace(0, 600, N)), 0.01),
     "64 inputs": Record(RNG.choice([-1.0, 1.0], (N, 64)), Y, 0.01),
-    "equal inputs": Record(np.column_stack([STEPS, STEPS]), Y, 0.01),
+    "equal inputs": Record(np.column_stack([LEVELS, LEVELS]), Y, 0.01),
 }
 QUICK = ("arx",)
 WHOLE = (

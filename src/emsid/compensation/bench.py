@@ -34,7 +34,7 @@ WRONG = 0.2
 """The error of the parameters of a wrong model."""
 DELAYS = 5.0
 """The shortest time constant of the loop, in delays."""
-TIMES, FEWEST, MOST = 40.0, 400, 20_000
+TIMES, LEAST_SAMPLES, MOST_SAMPLES = 40.0, 400, 20_000
 """A period of the sine in time constants, and the fewest and the most samples of it."""
 COUNTS = 10.0
 """Counts of the encoder in a sample at the largest reference speed."""
@@ -143,10 +143,10 @@ def setting(
         amplitude = jump * per_volt / damping if damping > 0 else jump * per_volt / inside.mass
     if not (isfinite(amplitude) and amplitude > 0):
         raise ModelError(f"an amplitude of {amplitude!r}; give a positive speed", arguments=("amplitude",))
-    tau = min(tau, MOST * dt / TIMES)
+    tau = min(tau, MOST_SAMPLES * dt / TIMES)
     loop = max(tau, DELAYS * (delay + 1) * dt)
     proportional = inside.mass / (per_volt * (loop + delay * dt))
-    samples = int(min(max(TIMES * tau / dt, FEWEST), MOST))
+    samples = int(min(max(TIMES * tau / dt, LEAST_SAMPLES), MOST_SAMPLES))
     speed = amplitude * np.sin(2 * np.pi * np.arange(samples) / samples)
     need = float(np.max(np.abs(compensation.feedforward(speed))))
     supply = float(compensation.outer.drive[4]) / abs(float(compensation.outer.drive[0]))

@@ -29,7 +29,7 @@ STANDARD = ("multisine", "prbs", "ramp", "staircase")
 """The signals that a design is compared with, of `emsid.excitation.SIGNALS`."""
 FEWEST = 200
 """The fewest samples of a design: 25 in each of its sections."""
-MOST = 1_000_000
+MOST_SAMPLES = 1_000_000
 """The most samples: an hour at 3.6 ms."""
 GAINED = 1.05
 """A design is worth another signal if its intervals are narrower by this factor; less is below the precision of M."""
@@ -175,10 +175,10 @@ def _sampling(fit: Fit[Any], dt: float | None, duration: float) -> tuple[float, 
         raise ModelError(f"{fit.model_name} has no sample time of its own; give one", arguments=("dt",))
     if not (isfinite(step) and step > 0):
         raise DataError(f"a sample time of {step!r} s; give a positive number", arguments=("dt",))
-    if not (isfinite(duration) and FEWEST <= duration / step <= MOST):
+    if not (isfinite(duration) and FEWEST <= duration / step <= MOST_SAMPLES):
         raise DataError(
-            f"a duration of {duration:g} s at a sample time of {step:g} s; give {FEWEST} to {MOST:,} samples, "
-            f"{FEWEST * step:g} to {MOST * step:g} s",
+            f"a duration of {duration:g} s at a sample time of {step:g} s; give {FEWEST} to {MOST_SAMPLES:,} samples, "
+            f"{FEWEST * step:g} to {MOST_SAMPLES * step:g} s",
             arguments=("duration",),
         )
     return step, round(duration / step)

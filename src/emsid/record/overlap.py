@@ -24,7 +24,7 @@ COMMON = 2 * STRETCH
 
 LONG = 64
 """Samples of a stretch in a fingerprint."""
-APART, FEWEST, MOST = 1_000, 32, 256
+APART, FEWEST, MOST_STRETCHES = 1_000, 32, 256
 """A fingerprint has one stretch for about this many samples; the fewest and the most stretches."""
 
 
@@ -32,7 +32,7 @@ def fingerprint(record: Record) -> bytes:
     """The numbers of stretches spread over a record, 8 bytes each; empty for a short, constant or periodic record."""
     numbers = np.concatenate([_stretches(segment, LONG) for segment in record.segments])
     once = np.flatnonzero(_occurs_once(numbers))
-    count = min(max(len(numbers) // APART, FEWEST), MOST, len(once))
+    count = min(max(len(numbers) // APART, FEWEST), MOST_STRETCHES, len(once))
     kept = once[np.linspace(0, len(once) - 1, count).round().astype(int)]
     return bytes(numbers[kept].astype("<u8").tobytes())
 

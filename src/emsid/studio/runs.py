@@ -15,7 +15,7 @@ import msgspec
 from emsid.io import atomic_write
 from emsid.studio.session import Session
 
-MOST = 2
+AT_ONCE = 2
 """Runs at the same time; further ones wait. Each uses a core."""
 FILES = frozenset({"task.json", "result.json", "problem.json", "shown.json", "recommended.json"})
 """Files of a run that are no models of its own."""
@@ -79,7 +79,7 @@ class Runs:
 
     def _next(self) -> None:
         with self._lock:
-            while self._waiting and len(self._processes) < MOST:
+            while self._waiting and len(self._processes) < AT_ONCE:
                 number = self._waiting.pop(0)
                 self._processes[number] = None
                 Thread(target=self._follow, args=(number,), daemon=True).start()

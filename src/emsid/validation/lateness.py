@@ -19,8 +19,8 @@ from emsid.validation.agreement import NOTABLE, SAMPLES
 
 Array = NDArray[np.float64]
 
-STEPS = 8
-"""Steps of Gauss–Newton."""
+ITERATIONS = 8
+"""Of Gauss–Newton."""
 LEAST_SHIFT = 0.1
 """A smaller shift, in samples, does not matter."""
 MOST_SHIFT = 10.0
@@ -51,7 +51,7 @@ def lateness(record: Record, run: Run) -> Iterable[Finding]:
 def _best_shift(y: Array, free: Array, counted: NDArray[np.bool_], edges: list[tuple[int, int]]) -> float:
     """The shift of the free run (N,) that is closest to y (N,), in samples; later is positive."""
     shift = 0.0
-    for _ in range(STEPS):
+    for _ in range(ITERATIONS):
         moved = _shifted(free, shift, edges)
         slope = np.concatenate([np.gradient(moved[a:b]) if b > a + 1 else np.zeros(b - a) for a, b in edges])[counted]
         square = float(slope @ slope)

@@ -36,7 +36,7 @@ AGREEING = 3
 """How many searches must end in the same minimum as one that stalled, so that this counts as converged."""
 TURNS = 3
 """The most rounds of restarts around the end of a search that has not converged, as long as too few ends agree."""
-STEPS, SLOW = 25, 1e-3
+ITERATIONS, SLOW = 25, 1e-3
 """The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
 FAR = 2.0
 """How many standard deviations away a search is begun again."""
@@ -137,7 +137,9 @@ def begun_around(
             step = np.zeros(len(begin.estimate))
             step[begin.free] = drawn(begin.information.factor[:-1, :-1], begin.residuals, rng)
             with suppress(EmsidError):
-                again = search_around(begin.estimate + step, max_iterations=STEPS, least_saving=SLOW, covariances=False)
+                again = search_around(
+                    begin.estimate + step, max_iterations=ITERATIONS, least_saving=SLOW, covariances=False
+                )
                 ends.append((again.cost, again.estimate[:own]))
                 best = min(best, again, key=lambda each: each.cost)
         if control.ending is None and (best.cost < (1 - SLOW) * begin.cost or begin.ending is Ending.OUT_OF_BUDGET):

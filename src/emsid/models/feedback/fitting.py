@@ -48,7 +48,7 @@ Refusal = Callable[[FeedbackModel, Segments, Sequence[Array]], bool]
 """Whether a model is out of the question, from its runs over segments (u, y) from states (n,) of each."""
 
 # Steps in one choice of coordinates, and the number of choices.
-STEPS, ROUNDS = 25, 6
+ITERATIONS, ROUNDS = 25, 6
 # The largest number of elements of initial states that are estimated with the model; of more, each is estimated alone.
 MOST_STATES = 60
 # What hardly any sample determines, such as the slope of a dead zone on a side that is not reached, may grow with every
@@ -204,7 +204,7 @@ def fit_feedback(
     records: Record | Sequence[Record],
     *,
     transient: int | None = None,
-    max_iterations: int = STEPS * ROUNDS,
+    max_iterations: int = ITERATIONS * ROUNDS,
     tolerance: float = 0.05,
     control: Control = FREE,
 ) -> Fit[FeedbackModel]:
@@ -242,7 +242,7 @@ def searched(
     start: FeedbackModel,
     segments: Segments,
     transient: int,
-    max_iterations: int = STEPS * ROUNDS,
+    max_iterations: int = ITERATIONS * ROUNDS,
     tolerance: float = 0.05,
     control: Control = FREE,
     least_saving: float = 0.0,
@@ -272,12 +272,14 @@ def searched(
         spread = coordinates(same.model, visited(same.model, segments, states), held)
         limit = _limit(refused, same.model, segments, states)
         problem = FreeRun(same.model, spread, segments, transient, control.check, limit)
-        minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving, left_out)
+        minimum = _gauss_newton(
+            problem, states, min(ITERATIONS, left), tolerance, control, False, least_saving, left_out
+        )
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)
         states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
         converged = not minimum.ending.before_minimum
-        short = minimum.iterations < STEPS and not least_saving  # other coordinates may save more again
+        short = minimum.iterations < ITERATIONS and not least_saving  # other coordinates may save more again
         slow = minimum.cost > (1 - SAVED) * cost or short
         found = Found(model, states, minimum, converged or slow or control.ending is not None)
         cost = minimum.cost
@@ -303,7 +305,7 @@ def conclude(
     transient: int,
     tolerance: float = 0.05,
     control: Control = FREE,
-    max_iterations: int = 2 * STEPS,
+    max_iterations: int = 2 * ITERATIONS,
     refused: Refusal | None = None,
 ) -> Fit[FeedbackModel]:
     """The fit at a minimum, in the normal form, with covariances; the last steps keep to models that are not refused.

@@ -1,7 +1,7 @@
 """A plant in C, with a shaft or an inductance too: that of one mass is in `emsid.models.plants.c_form`.
 
 The state of a motor is current, speeds of rotor and load, twist and angle. emsid moves it by Taylor series of any order
-between events; the form in C by Runge–Kutta steps of order four of a fixed length, `STEPS` to the
+between events; the form in C by Runge–Kutta steps of order four of a fixed length, `PER_TIME_CONSTANT` to the
 shortest time constant. A step in which a speed passes through zero, or the torque on a body that is held exceeds
 break-away, or rotor and load touch or part, is cut there by the secant method.
 """
@@ -23,11 +23,11 @@ from emsid.models.plants.stepping import PlantStepper
 from emsid.plant.constants import Constants
 
 Array = NDArray[np.float64]
-STEPS, LEAST = 20, 4
+PER_TIME_CONSTANT, LEAST = 20, 4
 """Steps to the shortest time constant, and in a sample: the free run of motors through stops and reversals is then
 within 4·10⁻⁵ of its deviation, with half as many within 1.4·10⁻⁴, measured; with backlash, whose impacts multiply
 errors, within 10⁻³."""
-MOST = 1_000
+MOST_STEPS = 1_000
 """Steps in a sample that a board may take; a shaft that needs more is as good as rigid."""
 
 MOTION = """\
@@ -263,8 +263,8 @@ def c_form(stepper: PlantStepper) -> CForm:
     if len(outer.codes) or freewheel > 0:
         raise ModelError(f"{name} has codes among its commands or a bridge that coasts, which have no form in C here")
     dt = float(outer.timing[0])
-    steps = max(LEAST, ceil(STEPS * dt * fastest(m)))
-    if steps > MOST:
+    steps = max(LEAST, ceil(PER_TIME_CONSTANT * dt * fastest(m)))
+    if steps > MOST_STEPS:
         raise ModelError(
             f"{name} needs {steps} steps in a sample, and has no form in C; identify it with a rigid shaft or without "
             "inductance, or with a smaller sample time"

@@ -54,7 +54,7 @@ Array = NDArray[np.float64]
 # Shares of the model's own output in its past, on the way from prediction to simulation.
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 # Steps at each share before the last.
-STEPS = 15
+ITERATIONS = 15
 # Samples for each past output from which the fitted model estimates its state at the start of a run.
 SAMPLES_PER_STATE = 8
 # Effort of every search with wide differences.
@@ -270,7 +270,7 @@ def _towards_free_run(
                 found = gauss_newton(
                     FreeRunError(structure, segments, start, following),
                     theta,
-                    max_iterations=STEPS,
+                    max_iterations=ITERATIONS,
                     control=control,
                     covariances=False,
                 )

@@ -18,7 +18,7 @@ from emsid.models.regression.sensitivities import Parts, run_with_derivative
 Array = NDArray[np.float64]
 
 # Steps of the search; one is enough for a model that is linear in past outputs.
-STEPS = 10
+ITERATIONS = 10
 
 
 class StartError:
@@ -66,7 +66,7 @@ def estimated_outputs(problem: StartError) -> Array:
     """
     begin, memory = problem.memory - problem.depth, problem.memory
     try:
-        found, _ = few_unknowns(problem, problem.y[begin:memory], max_iterations=STEPS, tolerance=0.01)
+        found, _ = few_unknowns(problem, problem.y[begin:memory], max_iterations=ITERATIONS, tolerance=0.01)
     except ModelError:
         return problem.y
     return problem.run(found, np.empty((0, 0)))

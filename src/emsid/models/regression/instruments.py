@@ -36,7 +36,7 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-STEPS = 30
+ITERATIONS = 30
 """The largest number of repetitions."""
 SETTLED = 1e-4
 """The estimate has settled when its free run changes by less than this part of the output."""
@@ -51,7 +51,7 @@ def fit_instruments(
     records: Record | Iterable[Record],
     *,
     start: Sequence[float] | Array | None = None,
-    max_iterations: int = STEPS,
+    max_iterations: int = ITERATIONS,
     control: Control = FREE,
 ) -> Fit[Narx]:
     """A linear structure estimated with refined instruments, with intervals for noise of any colour.

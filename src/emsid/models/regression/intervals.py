@@ -31,7 +31,7 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-MOST = 20_000_000
+LARGEST = 20_000_000
 """The numbers of a regression that are held in memory; of a longer one only the white covariance is given."""
 EXACT = 1e-10
 """A residual below this part of the output is rounding."""
@@ -46,7 +46,7 @@ def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) ->
     """
     structure = fit.model.structure
     several = (records,) if isinstance(records, Record) else tuple(records)
-    if fit.ending is not Ending.SOLVED or fit.samples * len(structure) > MOST:
+    if fit.ending is not Ending.SOLVED or fit.samples * len(structure) > LARGEST:
         return fit
     parts = [
         np.hstack(list(structure.blocks(*chunk)))

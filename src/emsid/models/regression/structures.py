@@ -22,7 +22,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 # The largest number of coefficients of a kind; a larger one is a typing error.
-MOST = 1000
+LARGEST_COUNT = 1000
 # The largest number of regressors in a dictionary to select from.
 LARGEST_DICTIONARY = 20_000
 
@@ -211,9 +211,9 @@ def input_knots(record: Record, count: int) -> tuple[float, ...]:
     Raises:
         ModelError: for a number of hinges that no structure takes.
     """
-    if not isinstance(count, int | np.integer) or not 0 <= count <= MOST:
+    if not isinstance(count, int | np.integer) or not 0 <= count <= LARGEST_COUNT:
         raise ModelError(
-            f"knots {count}: these are hinges on each side of zero; give a whole number from 0 to {MOST}",
+            f"knots {count}: these are hinges on each side of zero; give a whole number from 0 to {LARGEST_COUNT}",
             arguments=("knots",),
         )
     low, high = float(record.input[:, 0].min()), float(record.input[:, 0].max())
@@ -244,16 +244,16 @@ def _autoregressive(na: int) -> tuple[Regressor, ...]:
 
 
 def _check_counts(name: str, **counts: int) -> None:
-    """Refuse counts, given minus their least value, that are not whole numbers from 0 to `MOST`."""
+    """Refuse counts, given minus their least value, that are not whole numbers from 0 to `LARGEST_COUNT`."""
     for what, value in counts.items():
         fault = (
             "no whole number" if not isinstance(value, (int, np.integer)) else "too small" if value < 0 else "too large"
         )
-        if not isinstance(value, (int, np.integer)) or not 0 <= value <= MOST:
-            raise ModelError(f"{name}: {what} is {fault}; it counts coefficients (or samples), at most {MOST}")
+        if not isinstance(value, (int, np.integer)) or not 0 <= value <= LARGEST_COUNT:
+            raise ModelError(f"{name}: {what} is {fault}; it counts coefficients (or samples), at most {LARGEST_COUNT}")
 
 
-def _check_size(name: str, regressors: int, most: int = MOST, **counts: int) -> None:
+def _check_size(name: str, regressors: int, most: int = LARGEST_COUNT, **counts: int) -> None:
     """Refuse more than ``most`` regressors before they are created."""
     if regressors > most:
         many = f"{regressors:,}" if regressors < 1e9 else "more than 10^9"

@@ -24,9 +24,9 @@ from emsid.record import Record
 
 ZERO = 3.0
 """A leading coefficient of fewer standard errors than this may be zero."""
-MOST = 4
+LONGEST = 4
 """The most samples of dead time that are moved to the input."""
-STEPS = 40
+ITERATIONS = 40
 """A fit without a coefficient that is zero begins near its minimum; one that needs more steps is not taken."""
 
 
@@ -39,7 +39,7 @@ def at_the_input(fit: Fit[Cascade], records: Sequence[Record], how: Search) -> F
         how: of further fits, as in `fit_cascade`.
     """
     moved = 0
-    for _ in range(MOST if fit.ending is Ending.CONVERGED and fit.model.oversampling == 1 else 0):
+    for _ in range(LONGEST if fit.ending is Ending.CONVERGED and fit.model.oversampling == 1 else 0):
         found = [again for k in _late(fit) if (again := _moved(fit, k, records, how)) is not None]
         if not found:
             break
@@ -70,7 +70,7 @@ def _moved(fit: Fit[Cascade], k: int, records: Sequence[Record], how: Search) ->
     block = blocks[k]
     assert isinstance(block, Rational)
     blocks[k] = Rational(block.numerator[1:], block.denominator, block.delay)
-    limits = Search(max_iterations=min(how.get("max_iterations", STEPS), STEPS))
+    limits = Search(max_iterations=min(how.get("max_iterations", ITERATIONS), ITERATIONS))
     try:
         again = fit_cascade(
             replace(fit.model, blocks=tuple(blocks), delay=fit.model.delay + 1), records, **(how | limits)

@@ -49,13 +49,13 @@ LEAST_SAMPLES = 1_000
 """In shorter records the variance of the error shows little."""
 SMALL = 0.02
 """Noise of a smaller part of the signal before the map does not change the map visibly."""
-STEPS, SAVING = 40, 1e-5
+ITERATIONS, SAVING = 40, 1e-5
 """Steps of a fit that chooses orders; it ends where four together lower the cost by less than this part."""
 TURNS, CLOSE = 6, 0.02
 """The most turns of model and noise; they end where the spread of the noise changes by less than this part."""
 UNSURE = 0.3
 """The relative standard error of the spread of the noise that the error shows, for what the second filter stops."""
-QUICK = Search(max_iterations=STEPS, least_saving=SAVING, covariances=False)
+QUICK = Search(max_iterations=ITERATIONS, least_saving=SAVING, covariances=False)
 """The options of a fit whose estimate alone counts."""
 ORDER_SAMPLES = 12_000
 """Samples that the orders are chosen on."""

@@ -21,7 +21,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
+from emsid.models.feedback.fitting import ITERATIONS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.moves import usual_size
@@ -42,7 +42,7 @@ LAST_STEPS, PRODUCTS = (15, 100), 4e9
 # A given delay is at most the longest segment divided by this number.
 SHARE_OF_DELAY = 10
 # Steps of the fit to all data, at most.
-ITERATIONS = 300
+FINAL_ITERATIONS = 300
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -240,11 +240,11 @@ def _in_part(trial: Trial, records: Sequence[Record], control: Control) -> Trial
     """
     model = trial.found.model
     few = segments_longer_than(model.memory, model, _part_of(records, PART))
-    return replace(trial, found=searched(model, few, model.edge, ITERATIONS, 0.05, control, LAST_SAVING))
+    return replace(trial, found=searched(model, few, model.edge, FINAL_ITERATIONS, 0.05, control, LAST_SAVING))
 
 
 def _fitted(
-    begun: Sequence[Trial], records: Sequence[Record], control: Control, iterations: int = ITERATIONS
+    begun: Sequence[Trial], records: Sequence[Record], control: Control, iterations: int = FINAL_ITERATIONS
 ) -> Fit[Any]:
     """The last trial, fitted to all data; the model of the first one if that is of no use, see `error_of_use`.
 
@@ -282,7 +282,7 @@ def _minimum(begun: Found, records: Sequence[Record], control: Control, iteratio
         return _in_few_steps(model, begun.settled, segments, control)
     refused = refusal(model)
     here = searched(model, segments, model.edge, iterations, 0.05, control, states=begun.states, refused=refused)
-    return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * STEPS), refused)
+    return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * ITERATIONS), refused)
 
 
 def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:

@@ -40,7 +40,7 @@ SENSORS = ((ABS, 0, 0), (SPLINE, 8, 0), (SPLINE, 8, 1))
 """Family and number of knots of the sensor's curve, and the order of the filter behind it."""
 ORDERS = (2, 3, 4)
 """Orders that are tried if none is given."""
-TRIED, STEPS = 3, 40
+TRIED, ITERATIONS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
 
 
@@ -110,13 +110,13 @@ def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Fou
     The first samples of a rectified output fit states of either sign, and the search leaves neither.
     """
     minimum, problem = search(
-        start, records, max_iterations=STEPS, tolerance=0.2, covariances=False, control=control.quietly()
+        start, records, max_iterations=ITERATIONS, tolerance=0.2, covariances=False, control=control.quietly()
     )
     cascade = problem.model(minimum.estimate)
     model, moved = as_feedback(cascade)
     segments = segments_longer_than(model.memory, model, records)
     states = [x + moved for x in problem.states(minimum.estimate)]
-    return searched(model, segments, 0, STEPS, 0.1, control, states=states)
+    return searched(model, segments, 0, ITERATIONS, 0.1, control, states=states)
 
 
 def as_feedback(cascade: Cascade) -> tuple[FeedbackModel, Array]:

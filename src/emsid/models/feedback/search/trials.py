@@ -53,7 +53,7 @@ MOST_MAPS = 6
 # model stand for several of the true ones; which of them can become the true ones shows when these are complete.
 BEAM = 3
 # Steps of a refinement for a choice.
-STEPS = 40
+ITERATIONS = 40
 # A short record of fewer samples for every parameter of a model is divided into parts that are left out once; steps of
 # each refit, and the relative reduction of the cost over a few of them below which it ends.
 PER_PARAMETER, REFITTED, SAVING = 10, 15, 1e-3
@@ -292,7 +292,7 @@ class SearchData:
         """
         saving = SAVING if self.compared else 0.0  # short records take little time, and a valley is less visible
         segments, refused = self.segments(model), refusal(model)
-        found = searched(model, segments, model.edge, STEPS, 0.1, self.control, saving, states, refused=refused)
+        found = searched(model, segments, model.edge, ITERATIONS, 0.1, self.control, saving, states, refused=refused)
         return self.judged(found, family, size)
 
     def judged(self, found: Found, family: Family, size: int) -> Trial:

@@ -57,8 +57,6 @@ SHORT_TIMES = ("drive.delay", "sensor.lag", "inductance", AVERAGE)
 """Parameters that look alike; each has no effect at zero."""
 LATE = 0.5
 """Of a mean over the sample, in samples."""
-STEPS = 20
-"""Steps of the fit of an alternative."""
 MANY = 12_000
 """Alternatives are fitted to an excerpt of this many samples; their differences exceed the noise of longer ones."""
 PIECES = 3
@@ -230,7 +228,7 @@ def _on_fewer(
         return task, problem, minimum
     few = replace(task, segments=excerpt(concatenate(task.segments), MANY, PIECES).segments)
     begun = few.problem(problem.plant, names)
-    minimum = continuation.search_once(begun, few, STEPS)
+    minimum = continuation.search_once(begun, few)
     return few, begun.begun_at(minimum.estimate), minimum
 
 
@@ -250,7 +248,7 @@ def _shift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Min
     handles = other.plant.handles
     limits = {**{name: (handles[name].lower, handles[name].upper) for name in other.free}, **task.limits}
     begun = task.problem(other.plant, other.free, states)
-    found = continuation.search_once(begun, replace(task, limits=limits), STEPS)
+    found = continuation.search_once(begun, replace(task, limits=limits))
     if found.cost == inf or not as_good(found.cost, minimum.cost, problem):
         return None
     shift = np.zeros(len(names))

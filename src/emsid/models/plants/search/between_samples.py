@@ -25,7 +25,7 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.continuation import LOOK, Reached, search_once
+from emsid.models.plants.search.continuation import Reached, search_once
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
 from emsid.selection.improvement import matters
@@ -129,7 +129,7 @@ def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> li
     found: list[Finding] = []
     for other in others:
         try:
-            again = search_once(task.problem(other, list(problem.free), states), task, LOOK)
+            again = search_once(task.problem(other, list(problem.free), states), task)
         except (EmsidError, Stopped):
             continue
         gained = effective_samples(again.residuals) * np.log(minimum.cost / again.cost) if again.cost > 0 else np.inf

@@ -20,7 +20,7 @@ from emsid.models.plants.search import continuation
 from emsid.models.plants.search.alternatives import alternatives, as_good, nothing
 from emsid.models.plants.search.between_samples import taken_as_constant
 from emsid.models.plants.search.conditions import conditions, unconditional
-from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
+from emsid.models.plants.search.continuation import Reached, colour_of, identified_by
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.missing import missing
@@ -111,7 +111,7 @@ def _tried_without(task: Task, problem: FreeRunError, minimum: Minimum, finding:
         with suppress(EmsidError, Stopped):
             left = [each for each in problem.free if each != name]
             begun = task.problem(problem.plant.with_values({name: 0.0}), left, problem.states(problem.start))
-            refit = continuation.search_once(begun, task, LOOK)
+            refit = continuation.search_once(begun, task)
             if as_good(refit.cost, minimum.cost, problem):
                 without.append(name)
     return replace(finding, data={**finding.data, "without": without})
@@ -151,7 +151,7 @@ def _shaft_unseen(task: Task, reached: Reached) -> bool:
     plant, left = simpler
     states = problem.states(problem.start)
     try:
-        rigid = continuation.search_once(task.problem(plant, left, states), task, LOOK)
+        rigid = continuation.search_once(task.problem(plant, left, states), task)
     except (EmsidError, Stopped):  # one mass is not even simulated, or there is no time for it
         return False
     noise = minimum.noise_variance * float(max(colour_of(minimum, len(names))))

@@ -303,8 +303,8 @@ def keep_identifiable(identifiability: Identifiability, names: Sequence[str], pr
     return kept
 
 
-def search_once(problem: FreeRunError, task: Task, max_iterations: int) -> Minimum:
-    """One round of a search, whatever is identifiable."""
+def search_once(problem: FreeRunError, task: Task, max_iterations: int = LOOK) -> Minimum:
+    """One round of a search, whatever is identifiable, by default of a start near the minimum."""
     return _search(problem, task.limits, max_iterations, task.control)
 
 

@@ -153,7 +153,7 @@ def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
     return tuple(found)
 
 
-STEPS = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
+DISTANCES = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
 """Distances from the estimate at which a profile is computed, in standard errors; beyond `REACH` only until the limit
 is passed."""
 REACH = 3.0
@@ -195,11 +195,11 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
     for side, bound in ((-1, low), (1, high)):
         plant, value = fit.model.plant, best
         states: Sequence[Array] = fit.states
-        for done, step in enumerate(STEPS):
+        for done, step in enumerate(DISTANCES):
             passed = costs[value] - min(costs.values()) > limit * unit
             if value == bound or (passed and step > REACH):
                 break
-            control.doing(f"profile of {name}", done + (side > 0) * len(STEPS), 2 * len(STEPS))
+            control.doing(f"profile of {name}", done + (side > 0) * len(DISTANCES), 2 * len(DISTANCES))
             value = float(np.clip(best + side * step * error, low, high))
             moved = plant.with_values({name: value})
             costs[value], plant, states = _others_at_their_best(fit, moved, name, states, least_saving, control)

@@ -48,8 +48,6 @@ TRIED = 3
 """The most promising moves that are fitted; a refit seldom refutes one of them."""
 NAMED = 2
 """The most moves that are named: the search that follows the advice begins with one."""
-STEPS = 20
-"""Steps of the fit of a move; it begins at the step that the score promises."""
 EXACT = 1e3
 """Noise below this many times the rounding errors of a free run is rounding: the data are exact."""
 SMALLER = (0.5, 0.25, 0.125, 0.0625)
@@ -132,7 +130,7 @@ def _given_wrong(task: Task, problem: FreeRunError, names: Sequence[str], minimu
                 other = plant.with_values({name: part * given})
                 starts = started(other, task.segments, task.signals, tuple(task.fixed))
                 begun = min((task.problem(each, free) for each in starts), key=cost_of)
-                refit = continuation.search_once(begun, within, STEPS)
+                refit = continuation.search_once(begun, within)
                 better = begun.plant_at(refit.estimate).value(name)
                 if refit.cost < (1.0 - NEGLIGIBLE) * best and not np.isclose(better, given):
                     best = refit.cost
@@ -248,7 +246,7 @@ def _tried(
     handles = start.handles
     limits = {**{name: (handles[name].lower, handles[name].upper) for name in free}, **task.limits}
     begun = task.problem(start, free, problem.states(problem.start))
-    refit = continuation.search_once(begun, replace(task, limits=limits), STEPS)
+    refit = continuation.search_once(begun, replace(task, limits=limits))
     share = 1.0 - refit.cost / minimum.cost
     if not share > NEGLIGIBLE:
         return None
@@ -274,7 +272,7 @@ def _halves(task: Task, problem: FreeRunError, minimum: Minimum, name: str) -> F
         begun = FreeRunError(
             problem.plant, task.signals, task.segments, (name,), states, fixed, task.weighting, task.threads, counted
         )
-        found = continuation.search_once(begun, replace(task, limits={name: (handle.lower, handle.upper)}), STEPS)
+        found = continuation.search_once(begun, replace(task, limits={name: (handle.lower, handle.upper)}))
         values.append(float(found.estimate[0]))
         cost += found.cost
     share = 1.0 - cost / minimum.cost

@@ -30,8 +30,6 @@ FAR = 3.0
 """The halves differ if their difference is more than this many of its standard errors."""
 LONG = 2000
 """Samples of a record whose halves are compared."""
-STEPS = 20
-"""Steps of the fit of a half."""
 
 
 def slow_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Addition:
@@ -53,7 +51,7 @@ def slow_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
         first, free = plant.first_state(task.signals, half), plant.free_states(task.signals, half)
         begun = FreeRunError(plant, task.signals, (half,), names, (first,), (free,), task.weighting, task.threads)
         try:
-            halves.append(continuation.with_colour(begun, continuation.search_once(begun, task, STEPS)))
+            halves.append(continuation.with_colour(begun, continuation.search_once(begun, task)))
         except (EmsidError, Stopped):
             return nothing(len(names))
     own = slice(len(names))

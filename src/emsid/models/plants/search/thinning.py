@@ -17,7 +17,7 @@ from emsid.record import Record, concatenate
 
 ENOUGH = 6000
 """Records with fewer samples in all are not thinned."""
-MOST = 8
+LONGEST = 8
 """The longest distance in samples between two that are kept."""
 SMOOTH = 5.0
 """The allowed mean square of interpolation errors, as a multiple of the variance of noise."""
@@ -33,7 +33,7 @@ def thinned(record: Record, straight: bool, speed: bool = False) -> Record:
         straight: whether the commands go straight from sample to sample, else they are held.
         speed: whether its output is a speed, which may change too fast.
     """
-    every = min(len(record) // ENOUGH, MOST)
+    every = min(len(record) // ENOUGH, LONGEST)
     while speed and every > 1 and not _smooth(record, every):
         every -= 1
     shortest = min(len(segment) for segment in record.segments)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
-from emsid.estimation.nonlinear.restarts import SAME, SLOW, STEPS, drawn
+from emsid.estimation.nonlinear.restarts import ITERATIONS, SAME, SLOW, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.driven import DrivenPlant
@@ -270,7 +270,7 @@ class Trials:
         try:
             with problem.under(self.control):
                 found = gauss_newton(
-                    problem, problem.start, lower=lower, upper=upper, max_iterations=STEPS, tolerance=TOLERANCE,
+                    problem, problem.start, lower=lower, upper=upper, max_iterations=ITERATIONS, tolerance=TOLERANCE,
                     least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
                 )  # fmt: skip
                 return problem.begun_at(found.estimate)

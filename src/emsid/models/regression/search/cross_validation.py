@@ -34,7 +34,7 @@ SEARCHED = 20_000
 FOLDED = 32_000
 # Steps and tolerance of a fit that is only compared with others, and the relative reduction of its cost over a few
 # steps below which it ends.
-STEPS, TOLERANCE, SAVING = 30, 0.03, 1e-4
+ITERATIONS, TOLERANCE, SAVING = 30, 0.03, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def fit_to_compare(structure: Structure, records: Record | Sequence[Record], sta
         structure,
         records,
         start=start,
-        max_iterations=STEPS,
+        max_iterations=ITERATIONS,
         tolerance=TOLERANCE,
         least_saving=SAVING,
         control=control.quietly(),

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 # The search ends after this many terms in a row that do not reduce the error on unseen data, by more than noise.
 PATIENCE = 5
 # The largest number of terms.
-MOST = 40
+MOST_TERMS = 40
 # A trial whose mean square error on the fitted data is larger by more than this factor lacks a term.
 WORSE = 1.25
 # One in this many terms is removed at a time.
@@ -68,7 +68,9 @@ class Trial(NamedTuple):
         return len(self.fit.estimate)
 
 
-def select_by_free_run(start: Fit[Narx], dictionary: Structure, validation: CrossValidation, most: int = MOST) -> Trial:
+def select_by_free_run(
+    start: Fit[Narx], dictionary: Structure, validation: CrossValidation, most: int = MOST_TERMS
+) -> Trial:
     """The simplest structure whose free run on unseen data is as good as the best that was found.
 
     Args:

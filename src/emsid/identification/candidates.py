@@ -55,6 +55,11 @@ from emsid.units import name_and_unit
 
 REFERENCE = 8_000
 """The most samples of the regression that a plant which leaves much of the output is compared with."""
+SLOW = 10
+"""An output whose linear model has a time constant of at least the record's duration over this may be a position: a
+speed is seen to settle in a record that shows its parameters."""
+FEW = 10
+"""Steps of the fits that only tell a speed from a position: an axis is found to its noise in fewer."""
 
 
 @dataclass(frozen=True)
@@ -317,8 +322,29 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     plants = [name for name, start in starts.items() if _may_be_of(start, record, known)]
     wanted = Signal.POSITION if position else Signal.SPEED
     plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
+    if len(plants) > 1 and _may_be_either(record):
+        plants = [min(plants, key=lambda name: _rough_error(starts[name], record))]
     joints = [name for name, kind in PLANTS.items() if one_each and position and _is_joint(kind.start, record, known)]
     return (*usual, *folded, *(joints or plants)[:1])
+
+
+def _may_be_either(record: Record) -> bool:
+    """Whether an output that nothing names as a speed or a position is so slow that it may be a position."""
+    if record.output_units[0] or meaning(record.output_names[0]).quantity is not ColumnQuantity.OUTPUT:
+        return False
+    linear = baseline(record, None)
+    return linear is not None and SLOW * linear.time_constant > max(map(len, record.segments))
+
+
+def _rough_error(start: Plant, record: Record) -> float:
+    """The error of a plant without additions after some steps, on a part of a record; infinite where it has none."""
+    if start.driven is None:
+        return inf
+    try:
+        plant = start.driven.for_command(record)
+        return simulation_error(neutral(plant), excerpt(record, REFERENCE), max_iterations=FEW).cost
+    except EmsidError:
+        return inf
 
 
 def _is_joint(plant: Plant, record: Record, known: Iterable[str]) -> bool:

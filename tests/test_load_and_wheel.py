@@ -14,10 +14,15 @@ from emsid.identification.candidates import usual_for
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.neutral import neutral
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Friction, Motor
 from emsid.record import Record
+from emsid.record.excerpt import excerpt
+from independent.cases import axis
 
 R, K, J, B, L, DT, N = 2.0, 0.05, 1e-4, 1e-5, 2e-3, 0.01, 200
 MASS = J + 1e-12  # with the load inertia
@@ -194,6 +199,20 @@ def test_the_radius_decides_whether_metres_per_second_are_of_a_motor():
     assert "rigid-motor" in usual_for(measured, ("sensor.radius",))
     with pytest.raises(DataError, match=r"give the radius of its wheel, sensor\.radius"):
         emsid.fit(emsid.plants.rigid_motor(), measured)
+
+
+def test_the_data_decide_whether_a_slow_output_without_a_name_is_a_position():
+    measured = axis(700, False, 700).fitted
+    assert usual_for(measured)[-1] == "linear-axis"
+    speed = np.gradient(measured.output[:, 0], measured.dt)
+    assert usual_for(replace(measured, output=speed))[-1] == "rigid-motor"
+
+
+def test_a_parameter_without_an_effect_at_the_end_of_a_search_has_no_interval():
+    """The smoothing of the search gives an effect to the level of a friction that is never overcome."""
+    measured = excerpt(axis(800, False, 2_000).fitted, 1_000)
+    motor = neutral(PLANTS["rigid-motor"].start.driven.for_command(measured))
+    assert np.isfinite(simulation_error(motor, measured, max_iterations=5, find_start=False).cost)
 
 
 def test_a_loaded_motor_runs_from_rest_and_sample_by_sample():

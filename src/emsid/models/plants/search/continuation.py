@@ -343,7 +343,11 @@ def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     for residual, jacobian in problem.exactly(minimum.estimate):
         parts = np.split(np.arange(len(residual)), channels)
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
-    covariance, whitened = coloured_covariance(pieces), whitened_robust_covariance(pieces)
+    try:
+        covariance = coloured_covariance(pieces)
+    except np.linalg.LinAlgError:  # without the smoothing of the search, one of the parameters has no effect here
+        return minimum
+    whitened = whitened_robust_covariance(pieces)
     within = np.ix_(columns, columns)
     robust, found = np.diag(minimum.covariance[within] if whitened is None else whitened), np.diag(covariance)
     ratio = np.divide(robust, found, out=np.ones(len(columns)), where=found > 0)  # zero for exact data

@@ -178,11 +178,12 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
     slow = Sensor(lag=2 * DT, average=True)
     law = PowerFriction(0.01, 0.01, 2.0, 0.1, 0.2, 0.05, 0.02)
     loaded = MotorPlant(replace(rigid, rotor_friction=law, load_friction=Friction()), gravity=Gravity())
+    by_sign = {"voltage_drop": 0.4, "viscous_backward": 1e-5}
     sticky = replace(rigid, rotor_friction=Friction(0.02, 0.01, 2.0))
     for name, plant, signals in (
         ("rigid motor", MotorPlant(rigid), speed),
         ("rigid motor, late, slow sensor", MotorPlant(sticky, Drive(delay=1.4 * DT), slow), both),
-        ("rigid motor, late by whole samples", MotorPlant(rigid, Drive(delay=3 * DT)), speed),
+        ("rigid motor, late by whole samples", MotorPlant(rigid, Drive(delay=3 * DT), **by_sign), current),
         ("rigid motor, coasting", MotorPlant(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
         ("elastic motor", MotorPlant(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),

@@ -36,6 +36,7 @@ def tracked(model, reference):
         {**FRICTION, "rotor_viscous": 1e-4, "rotor_friction.coulomb.backward": 0.03, "voltage_dead_zone.b_l": -0.9},
         {**FRICTION, "voltage_dead_zone.m_r": 1.3, "load_torque": 0.004},
         {**FRICTION, "drive.gain": 0.1, "drive.offset": 0.3},
+        {**FRICTION, "voltage_drop": 0.4, "viscous_backward": 2e-4},
     ],
 )
 def test_the_feedforward_leads_the_plant_exactly_along_a_reference_in_one_direction(values):

@@ -31,14 +31,15 @@ def simulated(model: GreyBox, levels: list[float], folder: Path) -> tuple[np.nda
     return np.column_stack(found), emsid.simulate(model, u, dt=DT).output
 
 
-def test_a_motor_moves_as_the_model(tmp_path: Path) -> None:
+@pytest.mark.parametrize("drop", [0.0, 0.5])
+def test_a_motor_moves_as_the_model(drop: float, tmp_path: Path) -> None:
     plant = motor(0.4).plant
     stribeck = Friction(0.004, 0.002, 0.5)
-    plant = replace(plant, motor=replace(plant.motor, rotor_friction=stribeck))
+    plant = replace(plant, motor=replace(plant.motor, rotor_friction=stribeck), voltage_drop=drop, steps=4)
     levels = np.random.default_rng(1).uniform(-4, 4, 12).tolist()
-    found, truth = simulated(GreyBox(plant, (Signal.SPEED,)), levels, tmp_path)
-    assert (truth == 0).sum() > 40  # it stands
-    assert np.abs(found - truth).max() < 2e-4 * truth.std()
+    found, truth = simulated(GreyBox(plant, (Signal.SPEED, Signal.CURRENT)), levels, tmp_path)
+    assert (truth[:, 0] == 0).sum() > 40  # it stands
+    assert np.abs(found - truth)[:, 0].max() < 2e-4 * truth[:, 0].std()
 
 
 def test_an_axis_moves_as_the_model(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ It shares no code and no method with `emsid.plant`, which locates where friction
     dv/dt = gain·D(u(t − delay)) − damping·c(u)·v − T(v) − quadratic·|v|·v − a·cos(2πx/P) − b·sin(2πx/P) − offset(t)
     T(v)  = tanh(v/ε)·(coulomb + stribeck·exp(−|v|/v_s)) + viscous·v,      by direction of v
 
-All forces are divided by the mass. D is a dead zone, c(u) the part of the time that a bridge conducts.
+With a drop U, T = gain·D − damping·c·v becomes T − U·sgn(T), or nothing where |T| < U. All forces are divided by the
+mass. D is a dead zone, c(u) the part of the time that a bridge conducts.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ class OneMass:
         knee, beyond: command above which the gain is another one, by this factor.
         backward_gain: factor of the gain for negative commands.
         delay: in s.
+        drop: U.
         smooth: ε, a speed.
     """
 
@@ -64,6 +66,7 @@ class OneMass:
     beyond: float = 1.0
     backward_gain: float = 1.0
     delay: float = 0.0
+    drop: float = 0.0
     smooth: float = 1e-3
 
     def run(self, u: Array, dt: float, drift: Array | float = 0.0, state: Pair = (0.0, 0.0)) -> tuple[Array, Array]:
@@ -91,29 +94,31 @@ class OneMass:
         speed[0], position[0] = state
         _integrate(
             self.gain * through, self.damping * conducting, offset, friction,
-            np.array([self.stribeck_speed, 1.0 + self.gaussian]), self.smooth, self.quadratic, np.array(self.cogging),
+            np.array([self.stribeck_speed, 1.0 + self.gaussian]), self.smooth, np.array([self.quadratic, self.drop]),
+            np.array(self.cogging),
             dt / FINE / steps, steps, speed, position,
         )  # fmt: skip
         return speed[::FINE], position[::FINE]
 
 
 @numba.njit(cache=True)
-def _acceleration(v, x, force, damping, offset, friction, fading, smooth, quadratic, cogging):  # type: ignore[no-untyped-def]
+def _acceleration(v, x, force, damping, offset, friction, fading, smooth, extra, cogging):  # type: ignore[no-untyped-def]
     side = 0 if v >= 0 else 1
     ratio = abs(v) / fading[0]
     level = friction[0, side] + friction[1, side] * np.exp(-ratio * ratio if fading[1] == 2.0 else -ratio)
     turn = 2 * np.pi * x / cogging[0]
-    force -= cogging[1] * np.cos(turn) + cogging[2] * np.sin(turn) + quadratic * abs(v) * v
-    return force - (damping + friction[2, side]) * v - np.tanh(v / smooth) * level - offset
+    force -= damping * v
+    force -= min(max(force, -extra[1]), extra[1])
+    force -= cogging[1] * np.cos(turn) + cogging[2] * np.sin(turn) + extra[0] * abs(v) * v
+    return force - friction[2, side] * v - np.tanh(v / smooth) * level - offset
 
 
 @numba.njit(cache=True)
-def _integrate(force, damping, offset, friction, fading, smooth, quadratic, cogging, h, steps, speed, position):  # type: ignore[no-untyped-def]
+def _integrate(force, damping, offset, friction, fading, smooth, q, cogging, h, steps, speed, position):  # type: ignore[no-untyped-def]
     v, x = speed[0], position[0]
     for t in range(len(force)):
         f, d, o = force[t], damping[t], offset[t]
         for _ in range(steps):
-            q = quadratic
             k1 = _acceleration(v, x, f, d, o, friction, fading, smooth, q, cogging)
             middle = x + 0.5 * h * v
             k2 = _acceleration(v + 0.5 * h * k1, middle, f, d, o, friction, fading, smooth, q, cogging)

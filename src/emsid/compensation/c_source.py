@@ -91,7 +91,7 @@ real NAME_wanted(real speed, real following, real position)
     const real r = (BRAKING + FACTOR * (VISCOUS + (middle >= K(0.0) ? FORWARD : BACKWARD))) / MASS;
     const real phi = r * DT < SMALL ? DT : -EXPM1(-r * DT) / r;
     real force = MASS * ((following - speed) / phi + r * speed) + NAME_friction(speed, following) + LOAD;
-WAVES    return force / PER_VOLT;
+WAVES    return (force + DROP * sign_of(force - BRAKING * middle)) / PER_VOLT;
 }
 
 real NAME_command(real wanted)
@@ -118,7 +118,7 @@ def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
         "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": inside.load,
         "PER_VOLT": inside.after * inside.before, "ZONE_BEGIN": zone.b_l, "ZONE_END": zone.b_r, "ZONE_LEFT": zone.m_l,
         "ZONE_RIGHT": zone.m_r, "FACTOR": found.friction_factor, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
-        "SMALL": SERIES,
+        "SMALL": SERIES, "DROP": float(friction.drop),
     }  # fmt: skip
     defines = "".join(f"#define {key} {number(value)}\n" for key, value in values.items())
     waves = "".join(

@@ -103,7 +103,7 @@ class Compensation:
         at = np.asarray(position, dtype=float) + middle * 0.5 * self.dt
         for k, cosine, sine in friction.waves.tolist():
             made = made + cosine * np.cos(k * at) + sine * np.sin(k * at)
-        return np.asarray(made)
+        return np.asarray(made + friction.drop * np.sign(made - self.inside.braking * middle))
 
     def command(self, wanted: ArrayLike) -> Array:
         """The command for a voltage (force) wanted behind the dead zone, without the limit of the drive."""

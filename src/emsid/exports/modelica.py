@@ -86,7 +86,7 @@ def _text(export: Export, plant: Any, numbers: tuple[Any, Any, Any], decay: str)
         "equation",
         *_drive(outer, inside),
         *_motion(inside, friction, decay),
-        *_sensor(outer, inside, names),
+        *_sensor(outer, inside, friction, names),
     ]
     return "\n".join([f'model {export.name} "identified by emsid"', *lines, f"end {export.name};", ""])
 
@@ -130,7 +130,7 @@ def _motion(inside: Any, friction: Any, decay: str) -> list[str]:
         for way in ("forward", "backward")
     )
     return [
-        f"  net = pull - ({inside.load!r}){waves};",
+        f"  net = pull - ({inside.load!r}){waves}{_lost(inside, friction)};",
         "  s = abs(w);",
         f"  resisting = if mode == 1 then {forward}",
         f"    else {backward};",
@@ -141,10 +141,16 @@ def _motion(inside: Any, friction: Any, decay: str) -> list[str]:
     ]
 
 
-def _sensor(outer: Any, inside: Any, names: list[str]) -> list[str]:
+def _lost(inside: Any, friction: Any) -> str:
+    """The term of the force that a voltage drop takes; empty without one."""
+    drop = float(friction.drop)
+    return f" - min(max(pull - {inside.braking!r}*w, {-drop!r}), {drop!r})" if drop else ""
+
+
+def _sensor(outer: Any, inside: Any, friction: Any, names: list[str]) -> list[str]:
     """The equations of what is measured."""
     ratio, shift = outer.sensor[:2].tolist()
-    current = f"(pull - {inside.braking!r}*w)/{inside.per_ampere!r}"
+    current = f"(pull - {inside.braking!r}*w{_lost(inside, friction)})/{inside.per_ampere!r}"
     read = {0: f"x/{ratio!r} + ({shift!r})", 3: current}
     other = f"w/{ratio!r} + ({shift!r})"
     return [f"  {name} = {read.get(what, other)};" for name, what in zip(names, outer.signals.tolist(), strict=True)]

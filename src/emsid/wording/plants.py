@@ -124,6 +124,7 @@ EFFECTS = {
     "viscous-by-direction": "viscous friction for each direction",
     "stribeck-by-direction": "a Stribeck level for each direction",
     "dead-zone-by-direction": "a dead zone that is not symmetric",
+    "voltage-drop": "a voltage drop against the current",
     "coasting": "a bridge that coasts in its off-time",
     "supply": "a voltage that ends at the supply",
     "knee": "another gain above some voltage",

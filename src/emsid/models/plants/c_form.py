@@ -66,6 +66,12 @@ static real against(real speed, int side, real made, real outside)
     return level(speed, side, made, outside) + QUADRATIC * speed * speed;
 }
 
+/* What the voltage drop takes from a force of the drive. */
+static real dropped(real made)
+{
+    return made > DROP ? DROP : (made < -DROP ? -DROP : made);
+}
+
 /* Motion over the time `whole` under a constant force: exact for constant friction, which holds the mass at rest. */
 static void move(real drive, real drag, real whole, real *speed, real *position)
 {
@@ -76,9 +82,10 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
         real left = whole / (real)STEPS;
         while (left > K(0.0)) {
             real net = drive - ripple(x, K(0.0));
-            real made = drive + LOAD;
+            real made = drive + LOAD - drag * v;
             real outside = net - drive - LOAD;
-            const int side = (v > K(0.0) || (v >= K(0.0) && net > K(0.0))) ? 0 : 1;
+            real lost = dropped(made);
+            const int side = (v > K(0.0) || (v >= K(0.0) && net > lost)) ? 0 : 1;
             const real direction = side == 0 ? K(1.0) : -K(1.0);
             const int stands = !(v > K(0.0) || v < K(0.0));
             const real r = (drag + viscous[side]) / MASS;
@@ -88,17 +95,18 @@ static void move(real drive, real drag, real whole, real *speed, real *position)
             real pull;
             real after;
             real time;
-            if (stands && FABS(net) <= level(K(0.0), side, made, outside)) {
+            if (stands && FABS(net - lost) <= level(K(0.0), side, made - lost, outside)) {
                 break;
             }
             if (varies[side]) {
                 real middle;
-                a = (net - direction * against(FABS(v), side, made - drag * v, outside)) / MASS;
+                a = (net - lost - direction * against(FABS(v), side, made - lost, outside)) / MASS;
                 middle = above(direction * (v + (a - r * v) * (left / (K(2.0) + K(0.5) * r * left))));
                 net = drive - ripple(x, direction * middle * left);
-                made -= drag * direction * middle;
+                made = drive + LOAD - drag * direction * middle;
                 outside = net - drive - LOAD;
-                a = (net - direction * against(middle, side, made, outside)) / MASS;
+                lost = dropped(made);
+                a = (net - lost - direction * against(middle, side, made - lost, outside)) / MASS;
             } else {
                 a = (drive - direction * breakaway[side]) / MASS;
             }
@@ -185,6 +193,7 @@ def c_form(stepper: PlantStepper) -> CForm:
         "MASS": inside.mass,
         "QUADRATIC": float(friction.quadratic),
         "LOAD": float(friction.load),
+        "DROP": float(friction.drop),
     }
     whole = {"STEPS": steps, "ROWS": len(rows), "WAVES": len(friction.waves)}
     numbers, level = defines(scalars, whole, inside.zone, outer), level_of(name, law, width)
@@ -327,7 +336,8 @@ def _step(outer: Outer, inside: object) -> str:
         ]
     for k, what in enumerate(outer.signals.tolist()):
         if what == 3:
-            lines.append(f"    y[{k}] = (pull - brake * s->motion[0]) / {per_ampere};")
+            made = "pull - brake * s->motion[0]"
+            lines.append(f"    y[{k}] = ({made} - dropped({made})) / {per_ampere};")
         else:
             value, mean_of = ("s->motion[1]", 0) if what == 0 else ("s->motion[0]", 1)
             lines.append(f"    y[{k}] = sense({value}, {mean_of}, s->motion[1], s->sensed + {2 * k});")

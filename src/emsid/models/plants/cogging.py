@@ -72,7 +72,10 @@ def cogging_handles(force: str, position: str) -> dict[str, Handle]:
     return found
 
 
-IDLE_AT_ZERO = ("quadratic_viscous", "shaft_backlash", "sensor.radius", "sensor.backlash", "backlash")
+IDLE_AT_ZERO = (
+    *("quadratic_viscous", "viscous_backward", "voltage_drop"),
+    *("shaft_backlash", "sensor.radius", "sensor.backlash", "backlash"),
+)
 
 
 def without_idle(parameters: Mapping[str, float]) -> dict[str, float]:

@@ -120,6 +120,8 @@ def _bodies(plant: Any, torque: Array, braking: Array) -> list[OneMass]:
         motor=replace(motor, rotor_viscous=0.0, rotor_friction=type(law)()),
         cogging=Cogging(),
         quadratic_viscous=0.0,
+        viscous_backward=0.0,
+        voltage_drop=0.0,
     )._sliding(none, none)
     load = behind._replace(mass=plant.inertia_of_all - motor.rotor_inertia, force=none - plant.load_torque)
     shift = 0.5 * plant.backlash * (1 if plant.sensor.ratio > 0 else -1)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import copysign, inf
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -28,9 +28,9 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.gravity import CONSTANTS, Gravity
 from emsid.models.plants.lost_motion import begun, check_gap, first_gap, moved_apart
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
-from emsid.models.plants.motor_handles import MADE, RADIUS, USUAL_RADIUS, ZONES, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, two_masses, without_shaft
-from emsid.models.plants.motor_start import at_motor, by_torque, hung, usual_free, with_motion
+from emsid.models.plants.motor_handles import RADIUS, USUAL_RADIUS, ZONES, feed_in, motor_channels, motor_handles
+from emsid.models.plants.motor_motion import MotorMotion, in_steady_state, two_masses, without_shaft
+from emsid.models.plants.motor_start import at_motor, by_torque, check_one_mass, hung, usual_free, with_motion
 from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import (
@@ -79,6 +79,8 @@ class MotorPlant(DrivenPlant):
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
         servo: the controller of a joint, for target positions; by default one with a gain of one.
         backlash: of a joint, the angle in rad that its motor crosses alone between the two flanks of its load.
+        viscous_backward: further viscous friction in the negative direction, in N·m·s/rad.
+        voltage_drop: constant drop of the bridge against the current, in V.
 
     Raises:
         ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has gravity.
@@ -96,17 +98,16 @@ class MotorPlant(DrivenPlant):
     gravity: Gravity | None = None
     servo: Servo | None = None
     backlash: float = 0.0
+    viscous_backward: float = 0.0
+    voltage_drop: float = 0.0
 
     def __post_init__(self) -> None:
         check_quadratic(self.name, self.quadratic_viscous)
         check_steps(self.name, self.steps)
-        if self.feed is not Feed.VOLTAGE and not self.motor.is_rigid:
-            raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
-        if self.gravity is not None and not self.motor.is_rigid:
-            raise ModelError("a joint with gravity is simulated as one mass only; give Motor.rigid()")
         if self.gravity is not None and self.servo is None:
             object.__setattr__(self, "servo", Servo())
         check_gap(self)
+        check_one_mass(self)
 
     @property
     def name(self) -> str:
@@ -118,7 +119,7 @@ class MotorPlant(DrivenPlant):
         """The handles of `Motor.parameters` by name, then load torque, drive and sensor."""
         motor = self.motor
         laws = type(motor.rotor_friction), type(motor.load_friction)
-        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None, self._reads_a_wheel)
+        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None, self.sensor.radius > 0)
 
     @property
     def default_free(self) -> tuple[str, ...]:
@@ -149,15 +150,11 @@ class MotorPlant(DrivenPlant):
     def channels(self) -> Channels:
         """Speed, position and current, for a voltage, current or torque."""
         load = self.load_unit if self.drive.loaded else ""
-        return motor_channels(self.feed, self._reads_a_wheel, self.gravity is not None, self.drive.codes, load)
-
-    @property
-    def _reads_a_wheel(self) -> bool:
-        return self.sensor.radius > 0
+        return motor_channels(self.feed, self.sensor.radius > 0, self.gravity is not None, self.drive.codes, load)
 
     def measured_by(self, known: Mapping[str, float], asked: Collection[str] = ()) -> Self:
         """The motor with the radius of a wheel that is known, or with a usual one where it is estimated."""
-        radius = known.get(RADIUS, USUAL_RADIUS if RADIUS in asked and not self._reads_a_wheel else self.sensor.radius)
+        radius = known.get(RADIUS, USUAL_RADIUS if RADIUS in asked and self.sensor.radius == 0 else self.sensor.radius)
         return self if radius == self.sensor.radius else self.with_values({RADIUS: radius})
 
     @property
@@ -237,14 +234,13 @@ class MotorPlant(DrivenPlant):
         if self.feed is Feed.VOLTAGE:
             return constants
         constant = self.feed is not Feed.CURRENT and Signal.CURRENT not in signals
-        return ("resistance", "inductance", *(("motor_constant",) if constant else ()), *constants)
+        return ("resistance", "inductance", "voltage_drop", *(("motor_constant",) if constant else ()), *constants)
 
     def for_command(self, record: Record) -> Self:
         """A rigid motor driven by a current or a torque if the command is in A or N·m; see `for_load`."""
         self = self.for_load(record)
         unit = record.input_units[0]
-        feeds = (Feed.CURRENT, Feed.TORQUE, *((Feed.POSITION,) if self.gravity is not None else ()))
-        feed = next((each for each in feeds if unit == MADE[each][0]), None)
+        feed = feed_in(unit, self.gravity is not None)
         if self.feed is not Feed.VOLTAGE or feed is None:
             return self
         if not self.motor.is_rigid:
@@ -283,14 +279,11 @@ class MotorPlant(DrivenPlant):
         """
         speed, angle = float(state[0]), float(state[1])
         commands = self.drive.standing(command, dt, samples, self.before(state, command))
-        motor, motion = self.motor, np.array([speed, angle])
+        motion = np.array([speed, angle])
         if self.backlash:
             motion = begun(self, speed, angle)
         elif not self.is_one_mass:
-            volts = commands[:1, 0]
-            across = volts[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(volts)[0])
-            current = (across - motor.motor_constant * speed) / motor.resistance
-            motion = np.array([current, speed, speed, 0.0, angle])
+            motion = in_steady_state(self.motor, commands[:1, 0], speed, angle)
         return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
@@ -340,7 +333,8 @@ class MotorPlant(DrivenPlant):
                 pull, drag = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
             else:
                 pull, drag = self._torque(*on.now)
-            return np.asarray((pull - drag * speeds) / self.motor.motor_constant)
+            made, lost = pull - drag * speeds, self._force_dropped
+            return np.asarray((made - np.clip(made, -lost, lost)) / self.motor.motor_constant)
 
         return MotorMotion(current, speeds, speeds, positions, positions), motion
 
@@ -350,15 +344,25 @@ class MotorPlant(DrivenPlant):
 
     def _sliding(self, torque: Array, braking: Array) -> OneMass:
         """Motor and load as one mass, for torques of the drive and their decrease per rad/s."""
-        motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
-        waves = self.cogging.waves
-        if self.gravity is not None:
-            waves = np.concatenate([self.gravity.wave(self.sensor.ratio), waves])
-        viscous = motor.rotor_viscous + motor.load_viscous
+        law = together(self.motor.rotor_friction, self.motor.load_friction)
+        hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
+        waves = np.concatenate([hung, self.cogging.waves])
         servo = self.servo.numbers(self.sensor.ratio) if self.servo is not None and self.follows else NO_SERVO
-        friction = Sliding.of(law, (viscous, viscous), self.quadratic_viscous, waves, self.load_torque, servo)
+        torques = self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped
+        friction = Sliding.of(law, self._viscous, *torques)
         force = torque if self.follows else torque - self.load_torque
         return OneMass(self.inertia_of_all, type(law).level, friction, force, braking)
+
+    @property
+    def _viscous(self) -> tuple[float, float]:
+        """Viscous friction (forward, backward) in N·m·s/rad."""
+        both = self.motor.rotor_viscous + self.motor.load_viscous
+        return both, both + self.viscous_backward
+
+    @property
+    def _force_dropped(self) -> float:
+        """The torque that the voltage drop takes."""
+        return self.voltage_drop * self.torque_per_unit if self.feed is Feed.VOLTAGE else 0.0
 
     def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """The same for a motor that one mass does not describe."""
@@ -411,9 +415,10 @@ class MotorPlant(DrivenPlant):
         if motor.torque_dead_zone is not None:
             torque = float(motor.torque_dead_zone.inverse(torque))
         made = torque / self.torque_per_unit + (position / self.sensor.ratio if self.follows else 0.0)
-        if self.feed is not Feed.VOLTAGE or motor.voltage_dead_zone is None:
+        if self.feed is not Feed.VOLTAGE:
             return made
-        return float(motor.voltage_dead_zone.inverse(made))
+        made += copysign(self.voltage_drop, made)
+        return made if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone.inverse(made))
 
     @property
     def turn(self) -> float:
@@ -456,10 +461,8 @@ class MotorPlant(DrivenPlant):
 
     def friction_characteristic(self) -> StaticCharacteristic:
         """All mechanical friction over speed, with the viscous part."""
-        viscous = self.motor.rotor_viscous + self.motor.load_viscous
-        return friction_over_speed(
-            tuple(self.frictions.values()), (viscous, viscous), self.quadratic_viscous, "Speed ω", "rad/s", "torque"
-        )
+        laws = tuple(self.frictions.values())
+        return friction_over_speed(laws, self._viscous, self.quadratic_viscous, "Speed ω", "rad/s", "torque")
 
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The dead zone on the voltage."""
@@ -470,7 +473,9 @@ class MotorPlant(DrivenPlant):
         weight, rigid = "" if self.gravity is None else WEIGHT, self.motor.is_rigid
         cogging = extra_terms(0.0, self.cogging, "B_q", "ω", "θ" if rigid else "θ_m")
         drag = extra_terms(self.quadratic_viscous, Cogging(), "B_q", "ω" if rigid else "ω_L", "θ")
-        return equations(self.motor, self.feed, cogging, weight + drag) + (LOST if self.backlash else "")
+        return equations(self.motor, self.feed, cogging, weight + drag, (self.viscous_backward, self.voltage_drop)) + (
+            LOST if self.backlash else ""
+        )
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""
@@ -486,7 +491,7 @@ class MotorPlant(DrivenPlant):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
-        found = quantities(self.motor, self.feed)
+        found = quantities(self.motor, self.feed, self.voltage_drop)
         if self.gravity is None:
             return found
         return (*of_joint(self.motor, self.gravity.whole, self.inertia_of_all, self.sensor.ratio), *found)

@@ -24,22 +24,24 @@ STATES = ("current", "rotor speed", "load speed", "twist", "angle")
 """All that a linear motor may have."""
 
 
-def equations(motor: Motor, feed: Feed, rotor: str, load: str) -> str:
+def equations(motor: Motor, feed: Feed, rotor: str, load: str, by_sign: tuple[float, float] = (0.0, 0.0)) -> str:
     """The equations as far as they apply, one per line.
 
     Args:
         motor: the motor.
         feed: what drives it.
         rotor, load: further terms of the torque on either.
+        by_sign: further viscous friction backward, and the voltage drop against the current.
     """
+    back, drop = (" − ΔB·min(ω, 0)" if by_sign[0] else ""), (" − V_d·sgn(i)" if by_sign[1] else "")
     slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
-    electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
+    electrical = [f"{slope}D_v(v_a){drop} − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
     if feed is not Feed.VOLTAGE:
         electrical = []
     made = "T" if feed is Feed.TORQUE else "K_m·i"
     torque = made if motor.torque_dead_zone is None else f"D_T({made})"
     if motor.is_rigid:
-        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d{load}{rotor}"]
+        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω{back} − T_f(ω) − T_d{load}{rotor}"]
     else:
         mechanical = [
             f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m){rotor}",
@@ -103,9 +105,9 @@ SLIDING = RestsOn(Needs.SLIDING)
 FORWARD, BACKWARD = (RestsOn(Needs.SLIDING, way) for way in (1, -1))
 
 
-def quantities(motor: Motor, feed: Feed) -> tuple[Quantity, ...]:
-    """Quantities that input and speed alone identify."""
-    return _of_voltage(motor) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
+def quantities(motor: Motor, feed: Feed, drop: float = 0.0) -> tuple[Quantity, ...]:
+    """Quantities that input and speed alone identify; ``drop`` is a voltage against the current."""
+    return _of_voltage(motor, drop) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
 
 
 def of_joint(m: Motor, weight: float, inertia: float, ratio: float) -> tuple[Quantity, ...]:
@@ -143,7 +145,7 @@ def _of_torque(m: Motor, feed: Feed) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def _of_voltage(m: Motor) -> tuple[Quantity, ...]:
+def _of_voltage(m: Motor, drop: float) -> tuple[Quantity, ...]:
     r, k = m.resistance, m.motor_constant
     inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
     damping = k**2 / r + viscous
@@ -159,9 +161,10 @@ def _of_voltage(m: Motor) -> tuple[Quantity, ...]:
     zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
     for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
         held = slide.breakaway[k_side]
-        symbol = "b + R·(T_c + T_s)/K" if slope == 1 else "b + R·(T_c + T_s)/(K·m)"
+        volts = "R·(T_c + T_s)/K" if slope == 1 else "R·(T_c + T_s)/(K·m)"
+        symbol = "b + " + ("" if drop == 0 else "V_d + " if slope == 1 else "V_d/m + ") + volts
         needs = RestsOn(Needs.THRESHOLD, 1 if side == "forward" else -1)
-        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + r * held / (k * slope), needs))
+        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + (r * held / k + drop) / slope, needs))
     if m.inductance > 0:
         found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
     if not m.is_rigid:

@@ -27,6 +27,12 @@ MADE = {
 ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_zone": ("torque", "N*m", Measure.FORCE)}
 
 
+def feed_in(unit: str, hangs: bool) -> Feed | None:
+    """What drives a motor, or a joint that hangs, whose command has a unit; None for a voltage."""
+    feeds = (Feed.CURRENT, Feed.TORQUE, *((Feed.POSITION,) if hangs else ()))
+    return next((each for each in feeds if unit == MADE[each][0]), None)
+
+
 def motor_channels(
     feed: Feed, wheel: bool, hangs: bool, codes: tuple[tuple[float, Bridge], ...], load: str
 ) -> Channels:
@@ -57,6 +63,11 @@ def motor_handles(
             found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
     torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
     found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
+    if rigid:
+        back = Parameter("viscous_backward", "ΔB", "N*m*s/rad", "further viscous friction in the negative direction")
+        drop = Parameter("voltage_drop", "V_d", "V", "constant voltage drop of the bridge, against the current")
+        found |= scalar(("viscous_backward",), back, Measure.DAMPING, -inf)
+        found |= scalar(("voltage_drop",), drop, Measure.COMMAND)
     square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
     found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
     found |= cogging_handles("N*m", "rad")

@@ -41,6 +41,12 @@ class MotorMotion(NamedTuple):
     positions: Array
 
 
+def in_steady_state(motor: Motor, volts: Array, speed: float, angle: float) -> Array:
+    """(5,) the state of a motor that turns at a speed with the current of a constant voltage (1,)."""
+    across = volts[0] if motor.voltage_dead_zone is None else motor.voltage_dead_zone(volts)[0]
+    return np.array([(across - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle])
+
+
 def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
     """The motion of the general motor (4.1)–(4.11), and its state after the run.
 

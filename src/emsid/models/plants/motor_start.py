@@ -4,12 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from math import isfinite
+from typing import Any
 
+from emsid.errors import ModelError
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import TINY
 from emsid.plant import Motor
+
+
+def check_one_mass(plant: Any) -> None:
+    """Refuse a motor of a kind that is simulated as one mass only and is none.
+
+    Raises:
+        ModelError: for such a motor, or for a voltage drop or a friction by direction that is not physical.
+    """
+    if not (isfinite(plant.viscous_backward) and isfinite(plant.voltage_drop) and plant.voltage_drop >= 0):
+        raise ModelError(
+            f"{plant.name} with a voltage drop of {plant.voltage_drop} V and {plant.viscous_backward} N*m*s/rad more "
+            "viscous friction backward; both must be finite, the first not negative"
+        )
+    if not plant.motor.is_rigid and (plant.feed is not Feed.VOLTAGE or plant.gravity is not None):
+        what = f"motor fed with a {plant.feed.value}" if plant.gravity is None else "joint with gravity"
+        raise ModelError(f"a {what} is simulated as one mass only; give Motor.rigid()")
+    if (plant.viscous_backward or plant.voltage_drop) and not (plant.is_one_mass or plant.backlash):
+        raise ModelError(
+            "a motor with a voltage drop or with viscous friction by direction is simulated as one mass only; give "
+            "Motor.rigid() without inductance and dead zone on the torque"
+        )
 
 
 def at_motor(motion: Motion, ratio: float) -> Motion:

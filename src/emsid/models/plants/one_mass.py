@@ -19,7 +19,9 @@ which is of second order in h; the tests compare it with `emsid.plant.simulate`.
 
 The loop is the same for every friction law: `loop_for` replaces ``level``. A law may depend on the load: on the force
 of the drive, less the braking of the armature, and on that from outside, the waves and what is constant in F. At rest
-such a law holds the mass up to its level at these forces. One call simulates several plants, each in several runs, as a
+such a law holds the mass up to its level at these forces. A constant drop in the voltage of a bridge is a force U
+against that of the drive less the braking, T: what is left of it is T − U·sgn(T), and nothing where |T| < U, as where
+diodes block. One call simulates several plants, each in several runs, as a
 derivative by differences needs them.
 
 A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
@@ -79,6 +81,7 @@ class Sliding(NamedTuple):
         quadratic: friction by the square of the speed, in N·s²/m² or N·m·s²/rad².
         waves: (n, 3) 2π over the period, cosine and sine of every harmonic of the cogging.
         load: the constant force from outside that F has, against the positive direction.
+        drop: the force that a drop in the voltage of the drive takes from it.
         servo: (4,) the controller of a servo, see `Servo.numbers`, whose targets stand for F; (0,) without one.
     """
 
@@ -89,6 +92,7 @@ class Sliding(NamedTuple):
     quadratic: Any
     waves: Array
     load: Any = 0.0
+    drop: Any = 0.0
     servo: Array = NO_SERVO
 
     @classmethod
@@ -100,20 +104,22 @@ class Sliding(NamedTuple):
         waves: Array = NO_WAVES,
         load: float = 0.0,
         servo: Array = NO_SERVO,
+        drop: float = 0.0,
     ) -> Sliding:
-        """A law, viscous friction (forward, backward), quadratic friction, cogging, a constant load and a servo."""
-        varies = law.varies | bool(quadratic > 0 or len(waves))
+        """A law, viscous friction (forward, backward), quadratic friction, cogging, a load, a servo and a drop."""
+        varies = law.varies | bool(quadratic > 0 or len(waves) or drop > 0)
         numbers = law.numbers, np.array(law.breakaway), varies, np.array(viscous)
-        return cls(*numbers, float(quadratic), waves, float(load), servo)
+        return cls(*numbers, float(quadratic), waves, float(load), float(drop), servo)
 
     @classmethod
     def of_all(cls, plants: Sequence[Sliding]) -> Sliding:
         """That of several plants; harmonics that one of them does not have are zero."""
-        numbers, breakaway, varies, viscous, quadratic, waves, load, servo = zip(*plants, strict=True)
+        numbers, breakaway, varies, viscous, quadratic, waves, load, drop, servo = zip(*plants, strict=True)
         most = max(map(len, waves))
         padded = [np.concatenate([each, np.zeros((most - len(each), 3))]) if most else each for each in waves]
         both = np.array(breakaway), np.array(varies), np.array(viscous)
-        return cls(np.array(numbers), *both, np.array(quadratic), np.array(padded), np.array(load), np.array(servo))
+        acting = map(np.array, (quadratic, padded, load, drop, servo))
+        return cls(np.array(numbers), *both, *acting)
 
 
 class OneMass(NamedTuple):
@@ -176,20 +182,19 @@ def move(
                 drive, left = _driven(force[k + part], more, friction, v, x), whole / steps
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
-                    side = 0 if v > 0.0 or (v == 0.0 and net > 0.0) else 1
-                    made, outside = drive + weight, net - drive - weight
-                    if v == 0.0 and abs(net) <= _holds(friction, side, made, outside):
+                    made, outside = drive + weight - drag * v, net - drive - weight
+                    lost = dropped(made, friction.drop)
+                    side = 0 if v > 0.0 or (v == 0.0 and net > lost) else 1
+                    if v == 0.0 and abs(net - lost) <= _holds(friction, side, made - lost, outside):
                         break
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) * per_mass
                     if friction.varies[side]:
-                        against = _resists(abs(v), friction, side, made - drag * v, outside)
-                        a = (net - direction * against) * per_mass
+                        a = (net - _against(abs(v), friction, side, made, outside)) * per_mass
                         middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
-                        made, outside = made - drag * direction * middle, net - drive - weight
-                        against = _resists(middle, friction, side, made, outside)
-                        a = (net - direction * against) * per_mass
+                        made, outside = drive + weight - drag * direction * middle, net - drive - weight
+                        a = (net - _against(middle, friction, side, made, outside)) * per_mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
@@ -259,6 +264,7 @@ def one_of(friction: Sliding, p: int, servo: Array) -> Sliding:
         friction.quadratic[p],
         friction.waves[p],
         friction.load[p],
+        friction.drop[p],
         servo,
     )
 
@@ -284,9 +290,22 @@ def _driven(force: float, more: float, friction: Sliding, v: float, x: float) ->
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
-def _resists(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
-    """All friction but the viscous one, at a speed in a direction, for forces of the drive and from outside."""
-    return float(level(speed, friction.numbers, side, made, outside) + friction.quadratic * speed * speed)
+def dropped(made: float, most: float) -> float:
+    """What a drop of ``most`` takes from a force of the drive."""
+    return float(min(max(made, -most), most))
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _against(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
+    """All friction but the viscous one, at a speed in a direction, and what a drop takes from the force of the drive.
+
+    Args:
+        speed, friction, side: how fast, and in which direction.
+        made, outside: the forces of the drive and from outside.
+    """
+    lost = dropped(made, friction.drop)
+    friction_level = level(speed, friction.numbers, side, made - lost, outside) + friction.quadratic * speed * speed
+    return float(lost + (1.0 - 2.0 * side) * friction_level)
 
 
 @njit(nogil=True, error_model="numpy", inline="always")

@@ -20,7 +20,7 @@ from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.models.plants.drive import FULL, GAUSS, PIECES, Bridge, Drive
 from emsid.models.plants.motor_motion import LONG_STEPS, is_stiff
-from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
+from emsid.models.plants.one_mass import Sliding, compiled_with_law, dropped, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD, PlantState
@@ -399,7 +399,8 @@ def one_mass_sample(
     for k in range(len(outer.signals)):
         what = outer.signals[k]
         if what == _CURRENT:
-            y[k] = (pull - brake * motion[0]) / inside.per_ampere
+            made = pull - brake * motion[0]
+            y[k] = (made - dropped(made, friction.drop)) / inside.per_ampere
         else:
             value = motion[1] if what == _POSITION else motion[0]
             y[k] = _sense(outer, value, what != _POSITION, motion[1], sensed[k])

@@ -44,7 +44,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import CLEAR
 from emsid.models.plants.search.conditions import TOLERABLE
-from emsid.models.plants.search.moves import with_usual_shape
+from emsid.models.plants.search.moves import may_have_inductance
 from emsid.models.plants.search.task import Task
 from emsid.record import concatenate
 from emsid.record.excerpt import excerpt
@@ -184,12 +184,16 @@ def _may_have(task: Task, plant: DrivenPlant, name: str) -> bool:
         return False
     if name == AVERAGE:
         return bool({Signal.SPEED, Signal.ROTOR_SPEED} & set(task.signals))
-    return plant.can_coast if name == "inductance" else set(task.signals) != {Signal.CURRENT} or name != "sensor.lag"
+    return (
+        may_have_inductance(plant)
+        if name == "inductance"
+        else set(task.signals) != {Signal.CURRENT} or name != "sensor.lag"
+    )
 
 
 def _with(plant: DrivenPlant, name: str, time: float, free: tuple[str, ...]) -> Structure:
-    """A plant with a short time in s; one with an inductance has the usual shape of friction near rest."""
-    return Structure(name, _at(with_usual_shape(plant) if name == "inductance" else plant, name, time), free)
+    """A plant with a short time in s."""
+    return Structure(name, _at(plant, name, time), free)
 
 
 def _at(plant: DrivenPlant, name: str, time: float) -> DrivenPlant:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from math import isfinite
 from typing import Any
 
@@ -30,6 +30,7 @@ from emsid.plant import Friction, FrictionLaw, GaussianStribeck, LoadFriction, P
 from emsid.record import Record
 
 INDUCTANCE, SLOPE, QUADRATIC = "inductance", "voltage_dead_zone.m_l", "quadratic_viscous"
+BACKWARD, DROP = "viscous_backward", "voltage_drop"
 VISCOUS = ("rotor_viscous", "viscous_friction")
 ZONES = ("voltage_dead_zone.half_width", "dead_zone.half_width")
 HARMONICS = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cogging.cosine_2", "cogging.sine_2"))
@@ -247,18 +248,13 @@ def coulomb_by_direction(at: Situation) -> Iterator[Addition]:
         yield Addition("coulomb-by-direction", at.plant, sides[1:], instead={at.level: sides})
 
 
-def viscous_by_direction(at: Situation) -> Iterator[Addition]:
-    """Each direction has its own viscous friction."""
-    for name in VISCOUS:
+def by_direction(at: Situation, effect: str, names: tuple[str, ...]) -> Iterator[Addition]:
+    """Each direction has its own viscous friction, or its own end of the dead zone."""
+    for name in names:
         if sides := at.both(name):
-            yield Addition("viscous-by-direction", at.plant, sides[1:], instead={name: sides})
-
-
-def dead_zone_by_direction(at: Situation) -> Iterator[Addition]:
-    """The dead zone is not symmetric."""
-    for name in ZONES:
-        if sides := at.both(name):
-            yield Addition("dead-zone-by-direction", at.plant, sides[1:], instead={name: sides})
+            yield Addition(effect, at.plant, sides[1:], instead={name: sides})
+    if names == VISCOUS and at.plant.is_one_mass:
+        yield Addition(effect, at.plant, (BACKWARD,))
 
 
 def load(at: Situation) -> Iterator[Addition]:
@@ -348,14 +344,18 @@ def average(at: Situation) -> Iterator[Addition]:
         yield Addition("average", at.plant, ("sensor.average",), kept={"sensor.average": 1.0})
 
 
+def may_have_inductance(plant: DrivenPlant) -> bool:
+    """Whether it is a motor without forces that are slow to simulate beside an inductance, or cannot be simulated."""
+    forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
+    return plant.can_coast and not any(plant.value(name) for name in forces if name in plant.handles)
+
+
 def inductance(at: Situation) -> Iterator[Addition]:
     """The current follows the voltage after some time."""
-    forces = any(at.plant.value(name) for name in (QUADRATIC, *HARMONICS[0][1:]) if name in at.plant.handles)
-    if at.plant.can_coast and not forces and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
-        plain = with_usual_shape(at.plant)
+    if may_have_inductance(at.plant) and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
         henry = at.dt * at.plant.value("resistance")
         begins = tuple({INDUCTANCE: part * henry} for part in (0.5, 1.5))
-        yield Addition("inductance", plain, (INDUCTANCE,), probe={INDUCTANCE: 0.5 * henry}, begins=begins)
+        yield Addition("inductance", at.plant, (INDUCTANCE,), probe={INDUCTANCE: 0.5 * henry}, begins=begins)
 
 
 def sensor_offset(at: Situation) -> Iterator[Addition]:
@@ -378,6 +378,12 @@ def gain_by_direction(at: Situation) -> Iterator[Addition]:
     yield Addition("gain-by-direction", at.plant, (SLOPE,))
     if sides := at.levels:
         yield Addition("gain-by-direction", at.plant, (SLOPE, sides[1]), instead={at.level: sides})
+
+
+def voltage_drop(at: Situation) -> Iterator[Addition]:
+    """The bridge, or the brushes, take a constant voltage that opposes the current."""
+    if at.plant.can_coast and at.plant.is_one_mass:
+        yield Addition("voltage-drop", at.plant, (DROP,), begins=({DROP: 0.05 * at.largest},))
 
 
 def coasting(at: Situation) -> Iterator[Addition]:
@@ -435,10 +441,11 @@ BASIC: dict[str, Moves] = {
 """What every driven plant may have."""
 MOVES: dict[str, Moves] = {
     **BASIC, "quadratic": quadratic, "stribeck-by-direction": stribeck_by_direction,
-    "viscous-by-direction": viscous_by_direction, "dead-zone-by-direction": dead_zone_by_direction,
+    "viscous-by-direction": partial(by_direction, effect="viscous-by-direction", names=VISCOUS),
+    "dead-zone-by-direction": partial(by_direction, effect="dead-zone-by-direction", names=ZONES),
     "cogging": cogging, "inductance": inductance, "sensor-offset": sensor_offset,
-    "gain-by-direction": gain_by_direction, "supply": supply_limit, "knee": knee, "switching-loss": switching_loss,
-    "current-rise": current_rise, "load-friction": loaded, "backlash": backlash,
+    "gain-by-direction": gain_by_direction, "voltage-drop": voltage_drop, "supply": supply_limit, "knee": knee,
+    "switching-loss": switching_loss, "current-rise": current_rise, "load-friction": loaded, "backlash": backlash,
 }  # fmt: skip
 """All moves by the effect that they add."""
 OF_JOINT = (*BASIC, "load-friction")
@@ -487,13 +494,3 @@ def _is_neutral(at: Situation, row: Addition) -> bool:
 def _apart(plant: DrivenPlant, name: str) -> bool:
     """Whether a parameter for both directions has an effect in one of them."""
     return any(plant.value(side) != plant.value(name) for side in parts(plant, name) if "dead_zone" not in name)
-
-
-def with_usual_shape(plant: DrivenPlant) -> DrivenPlant:
-    """The plant with the usual shape of friction near rest: beside an inductance others are slow to simulate."""
-    laws = {
-        name: Friction(**{each.name: getattr(law, each.name) for each in fields(law)})
-        for name, law in plant.frictions.items()
-        if type(law) is GaussianStribeck
-    }
-    return plant.with_frictions({**plant.frictions, **laws}) if laws else plant

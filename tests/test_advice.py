@@ -13,12 +13,12 @@ from scipy.signal import butter, lfilter, sosfilt
 import emsid
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
-from emsid.first_look.data_advice import FEEDBACK, advice, questions, response_of
+from emsid.first_look.data_advice import advice, questions, response_of
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, feedback, influence, response
-from emsid.first_look.levels import CHANCE
+from emsid.first_look.levels import CHANCE, PART
+from emsid.first_look.masks import mends
 from emsid.first_look.measurement import repeated
-from emsid.first_look.mends import mends
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
@@ -158,7 +158,7 @@ def test_an_input_that_repeats_shows_no_feedback() -> None:
     period = sum(np.cos(2 * np.pi * line * k / 512 + phase) for line, phase in tones)
     u = np.tile(np.round(10 * period / np.max(np.abs(period)), 1), 8)
     y = motor(np.sign(u) * np.maximum(np.abs(u) - 2, 0), 0.8, noise=0) + 0.3 * rng.standard_normal(len(u))
-    assert feedback(u, y, 1) > FEEDBACK
+    assert feedback(u, y, 1) > PART
     assert "feedback-likely" not in findings(u, y)
 
 

@@ -441,7 +441,7 @@ def test_a_fit_without_intervals_draws_its_estimates(linear_record):
 def test_a_fit_prints_every_parameter_with_interval_and_ending(linear_fit):
     head, names, *rows = str(linear_fit).splitlines()
     assert head.startswith("arx: solved")
-    assert names.split("  ")[0] == "parameter"
+    assert names.split("  ")[0] == "Parameter"
     for row, name, (low, high) in zip(rows, linear_fit.names, linear_fit.interval(), strict=False):
         printed, _, least, _, most, *_ = row.split()
         assert printed == name

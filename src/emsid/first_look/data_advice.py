@@ -24,7 +24,7 @@ from emsid.first_look.baseline import baseline, middle
 from emsid.first_look.dynamics import Response, acts_in_its_own_row, correlation, feedback, response
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.hanging import hangs
-from emsid.first_look.levels import CHANCE, EXPLAINS, FEWEST_SAMPLES, LAGS, MOST, SAMPLES, SUGGESTS, UNSURE
+from emsid.first_look.levels import CHANCE, EXPLAINS, FEWEST_SAMPLES, LAGS, MOST, PART, SAMPLES, UNSURE
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
@@ -38,8 +38,6 @@ TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
-FEEDBACK = 0.15
-"""An input that is correlated more than this with earlier errors of the output depends on it."""
 
 
 class Advice(list[Finding]):
@@ -147,7 +145,7 @@ def answer(data: Examined) -> Iterable[Finding]:
     at_once = response.sign if (response.delay or 0) <= 1 else None  # a part of the response may be within a sample
     open_loop = repeats([data.u]) or period_of(data.u) is not None  # a controller passes noise on, which never repeats
     back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, at_once)
-    if back > FEEDBACK:
+    if back > PART:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
     if response.delay is None:
@@ -304,12 +302,10 @@ def _as_modelled(found: Response, record: Record) -> Response:
     A model that integrates shows a position, which answers by its change.
     """
     linear = baseline(record, found.delay) if np.ptp(record.input[:, 0]) else None
-    if linear is None or linear.fit < SUGGESTS or linear.time_constant > max(map(len, record.segments)):
+    if linear is None or linear.fit < EXPLAINS or linear.time_constant > max(map(len, record.segments)):
         return found
-    sure = linear.fit >= EXPLAINS and persistent_excitation_order(record) >= 2 * LAGS
+    sure = persistent_excitation_order(record) >= 2 * LAGS
     sign = linear.sign if sure or linear.sign == found.sign else 0
-    if linear.fit < EXPLAINS and found.delay is None:
-        return found
     sign = 0 if linear.oscillates_below(record.input[:, 0]) else sign
     delay = linear.delay if found.delay is None else min(found.delay, linear.delay) if sure else found.delay
     return replace(found, delay=delay, sign=sign, correlation=max(abs(found.correlation), linear.fit))

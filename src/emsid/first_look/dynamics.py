@@ -21,27 +21,24 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import filtered
 from emsid.first_look.columns import runs
-from emsid.first_look.levels import CLEAR, LAGS, PART, SAMPLES
+from emsid.first_look.levels import CLEAR, LAGS, PART, SAME, SAMPLES
 from emsid.validation.correlation import cross_correlation
 
 Array = NDArray[np.float64]
 
 MOST_SCALE = 64
 """Means over up to this many samples are compared where single samples are too noisy."""
-HELD = 8
-"""An input that is held this many samples in the mean changes in steps."""
-LONG_PAST = 20
-"""Past inputs from which an input is predicted, to see what is new in it."""
 WHITENING, LONGEST_FILTER = 10, 100
-"""Coefficients of the filter that whitens an input, for one that changes always and for one that is held."""
-UNSETTLED = 0.25
-"""The output still moves where the means of two halves differ by more than this share of its range."""
-UNDONE = 0.5
-"""Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
-ROUNDS = 5
-"""Of a prediction without the steps of a signal; from the second on it changes little."""
+"""Coefficients of the filter that whitens an input, for one that changes always and for one that is held; one that is
+held as long as the first in the mean changes in steps."""
 LARGEST_STEP = 20.0
 """An input is held, with noise or without, where its largest step is larger than the median by this factor."""
+UNDONE = 0.5
+"""Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
+LONG_PAST = 2 * WHITENING
+"""Past inputs from which an input is predicted, to see what is new in it."""
+ROUNDS = 5
+"""Of a prediction without the steps of a signal; from the second on it changes little."""
 
 
 @dataclass(frozen=True)
@@ -225,21 +222,21 @@ def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int] | 
     the output still moves is left out.
     """
     starts, lengths = runs(u)
-    held = lengths >= HELD
-    if float(lengths.mean()) < HELD or np.count_nonzero(held) < 2:
+    held = lengths >= WHITENING
+    if float(lengths.mean()) < WHITENING or np.count_nonzero(held) < 2:
         return None
     smallest = 0.25 * float(np.max(np.abs(np.diff(u))))
     resolution = 1.01 * float(np.min(np.diff(np.unique(y))))
     delays, signs = [], []
     for k in np.flatnonzero(held[1:] & held[:-1]) + 1:
         start, stop = int(starts[k]), int(starts[k] + lengths[k])
-        before = y[max(start - max(HELD, min(int(lengths[k - 1]) // 2, 50)), 0) : start]
+        before = y[max(start - max(WHITENING, min(int(lengths[k - 1]) // 2, 50)), 0) : start]
         if abs(u[start] - u[start - 1]) < smallest or any(start - len(before) < b <= stop for b in breaks):
             continue
         early, late = np.array_split(before, 2)
-        if abs(late.mean() - early.mean()) > max(resolution, UNSETTLED * float(np.ptp(before))):
+        if abs(late.mean() - early.mean()) > max(resolution, 2 * PART * float(np.ptp(before))):
             continue
-        slack = max(resolution, 0.5 * float(np.ptp(before)), 0.02 * float(np.ptp(y)))
+        slack = max(resolution, 0.5 * float(np.ptp(before)), SAME * float(np.ptp(y)))
         after = y[start:stop]
         away = np.where(after > before.max() + slack, 1, np.where(after < before.min() - slack, -1, 0))
         lasting = np.flatnonzero((away[:-1] == away[1:]) & (away[1:] != 0))
@@ -261,7 +258,7 @@ def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, i
         np.concatenate([_filtered(filter, piece) for piece in np.split(x, list(breaks))]) for x in (u, y)
     )
     longest = max(len(piece) for piece in np.split(u, list(breaks)))
-    lags = max(min(longest // 4, 20_000), 1)
+    lags = max(min(longest // 4, SAMPLES), 1)
     shares = cross_correlation(filtered, white, breaks, lags)
     shares = shares[len(shares) // 2 :]
     peak = float(np.max(np.abs(shares), initial=0.0))

@@ -25,6 +25,10 @@ CLEAR = 6.0
 """What is this many standard errors away from what chance does is seen: of a hundred thousand lags, none by chance."""
 CHANCE = 1e-3
 """What has a lower probability by chance is no chance: a margin to 5 %, as the colour of noise is estimated."""
+JUMP = 12.0
+"""A step this many times as large as usual is no ordinary one: it is an outlier, a reset or a new level."""
+FEW = 3
+"""What is seen less often is seen by accident."""
 FEWEST_SAMPLES = 50
 """A shorter record, or a shorter stretch of it, shows nothing about dynamics."""
 SAMPLES, FEW_SAMPLES = 20_000, 4_000

@@ -27,9 +27,8 @@ from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.further import further_channels, per_change, sign_of_input
 from emsid.first_look.hanging import as_angle
-from emsid.first_look.levels import MOST, SAME, UNSURE
-from emsid.first_look.masks import mask_of, masked_outliers
-from emsid.first_look.mends import mends
+from emsid.first_look.levels import JUMP, MOST, SAME, UNSURE
+from emsid.first_look.masks import mask_of, masked_outliers, mends
 from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
@@ -61,8 +60,6 @@ USELESS = frozenset(
     }
 )
 """Findings with which there is nothing to identify."""
-JUMP = 10.0
-"""A position jumps where its change is larger than 95 % of the others by this factor."""
 
 
 _TIME = ColumnQuantity.TIME

@@ -24,16 +24,10 @@ from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response
-from emsid.first_look.levels import CHANCE, PART, SAME, SUGGESTS
+from emsid.first_look.levels import CHANCE, CLEAR, EXPLAINS, FEW, PART, SAME, SUGGESTS
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-FEWEST_PERIODS = 2
-MOST_NOISE = 0.5
-"""Distortion is not separated from more noise than this share of the amplitude."""
-STANDS_OUT = 4.0
-"""Distortion stands out from noise by so many standard deviations of the power of the noise."""
 
 
 def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
@@ -124,7 +118,7 @@ class Distortion:
             "noise": float(np.sqrt(np.sum(self.noise[self.band] ** 2) * self.periods / signal)),
             "even": level(self.even),
             "odd": level(self.odd),
-            "least": float(np.sqrt(STANDS_OUT * deviation / signal)),
+            "least": float(np.sqrt(CLEAR * deviation / signal)),
             "lines": int(np.count_nonzero(self.excited)),
         }
 
@@ -139,7 +133,7 @@ def distortion(u: Array, y: Array, period: int) -> Distortion | None:
     count = len(u) // period
     periods = np.reshape(y[len(y) - count * period :], (count, period))
     inputs = np.reshape(u[len(u) - count * period :], (count, period))
-    if count > FEWEST_PERIODS:
+    if count >= FEW:
         periods, inputs = periods[1:], inputs[1:]
     count = len(periods)
     drive = np.abs(np.fft.rfft(inputs.mean(axis=0)))[1:]
@@ -151,7 +145,7 @@ def distortion(u: Array, y: Array, period: int) -> Distortion | None:
     found = Distortion(count, np.abs(mean), np.sqrt(variance), excited, band)
     if not np.any(mean[excited]) or np.count_nonzero(band & ~excited) < 4:
         return None
-    return found if found.levels()["noise"] <= MOST_NOISE else None
+    return found if found.levels()["noise"] <= EXPLAINS else None
 
 
 def distortion_of(record: Record) -> tuple[Distortion, int] | None:

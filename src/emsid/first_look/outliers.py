@@ -7,13 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.first_look.levels import SAME
+from emsid.first_look.levels import JUMP, SAME
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-SPIKE = 12.0
-"""A single sample this many times as far from its neighbours as usual is an outlier."""
 
 
 def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
@@ -28,7 +25,7 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
         return np.zeros(0, np.intp), np.zeros(0)
     usual = max(float(np.nanpercentile(steps, 95)), 1e-9 * float(np.nanmax(y) - np.nanmin(y)))
     spread = 1.4826 * float(np.nanmedian(np.abs(y - np.nanmedian(y))))
-    found = np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
+    found = np.flatnonzero((away > JUMP * usual) & (away > 3 * spread) & (middle != y[1:-1]))
     found = found if len(found) < SAME * len(y) else found[:0]
     return found + 1, away[found]
 

@@ -9,19 +9,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.first_look.levels import SAME
+from emsid.first_look.levels import FEW, PART, SAME
 
 Array = NDArray[np.float64]
 
-CLOSE, AWAY, RETURNS = 0.05, 0.25, 3
-"""A magnitude comes back to zero at least this often: from above the second share of its largest value to below the
-first."""
 FLAT = 0.05
 """The largest standard deviation in the middle of a rest, as a share of the limit of what is close to zero."""
 NOISE = 1.5
 """The same, in standard deviations of the noise."""
-SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
-"""Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
+FEWEST_RESTS, CONTRADICTIONS = 5, 0.15
+"""Rests from which a break-away is found; the largest share of inputs that contradict it."""
 
 
 def near_zero(y: Array) -> NDArray[np.bool_]:
@@ -37,9 +34,9 @@ def returns_to_zero(y: Array) -> bool:
     """Whether an output (N,) comes back to zero several times and keeps its sign, as a magnitude does."""
     largest = float(y[np.argmax(np.abs(y))])
     height = y / largest if largest else y
-    clear = height[(height < CLOSE) | (height > AWAY)]
-    returns = np.count_nonzero((clear[:-1] > AWAY) & (clear[1:] < CLOSE))
-    return bool(np.min(height) > -CLOSE and returns >= RETURNS)
+    clear = height[(height < PART) | (height > 2 * PART)]
+    returns = np.count_nonzero((clear[:-1] > PART) & (clear[1:] < PART))
+    return bool(np.min(height) > -PART and returns >= FEW)
 
 
 def at_rest(y: Array) -> NDArray[np.bool_]:
@@ -56,7 +53,7 @@ def at_rest(y: Array) -> NDArray[np.bool_]:
     quarter = (ends - starts) // 4
     deviation = _deviation(np.where(close, y, 0.0), starts + quarter, ends - quarter)
     largest = max(FLAT * SAME * float(np.max(np.abs(y))), NOISE * _noise(y))
-    rests = (deviation <= largest) & (ends - starts >= SHORTEST_REST)
+    rests = (deviation <= largest) & (ends - starts >= FEW)
     edges = np.zeros(len(y) + 1, dtype=np.int64)
     edges[starts[rests]] += 1
     edges[ends[rests]] -= 1
@@ -97,7 +94,7 @@ def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
     below, above = [], []
     for start, end in zip(*_stretches(resting), strict=True):
         moved = end - delay
-        if end - start < delay + SHORTEST_REST or end == len(u):
+        if end - start < delay + FEW or end == len(u):
             continue
         below.append(float(np.max(np.abs(u[start:moved]))))
         above.append(float(abs(u[moved])))

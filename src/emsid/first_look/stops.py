@@ -15,13 +15,10 @@ from numpy.typing import NDArray
 from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.hanging import hanging
-from emsid.first_look.levels import PART
+from emsid.first_look.levels import FEW, PART
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-VISITS, STAYS = 2, 3
-"""An angle is at a stop at least this often, each time for at least this many samples."""
 
 
 def stops(record: Record) -> dict[str, NDArray[np.bool_]]:
@@ -31,7 +28,7 @@ def stops(record: Record) -> dict[str, NDArray[np.bool_]]:
         record: of any output; only an angle that hangs has stops.
     """
     y = record.output[:, 0] if record.output.shape[1] else np.empty(0)
-    if len(y) < 2 * STAYS or not np.ptp(y) or hanging(record) is None:
+    if len(y) < 2 * FEW or not np.ptp(y) or hanging(record) is None:
         return {}
     step = quantisation(np.unique(y)) or 0.0
     near = {"lower": y <= y.min() + 1.5 * step, "upper": y >= y.max() - 1.5 * step}
@@ -45,9 +42,9 @@ def _is_stop(y: Array, there: NDArray[np.bool_], breaks: Sequence[int]) -> bool:
     for angle, near in pieces:
         changes = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
         begins, ends = changes[::2], changes[1::2]
-        visits = begins[(ends - begins >= STAYS) & (begins >= 2)]
+        visits = begins[(ends - begins >= FEW) & (begins >= 2)]
         arrivals += np.abs(angle[visits - 1] - angle[visits - 2]).tolist()  # before the step that the stop cuts short
-    if len(arrivals) < VISITS:
+    if len(arrivals) < FEW:
         return False
     usual = np.percentile(np.abs(np.concatenate([np.diff(angle) for angle, _ in pieces])), 95)
     return bool(np.median(arrivals) > PART * usual)

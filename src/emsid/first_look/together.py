@@ -21,7 +21,7 @@ from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, opposite_signs, response_of
 from emsid.first_look.levels import FEWEST_SAMPLES, UNSURE
 from emsid.first_look.look import CONSTANT, FirstLook, describe
-from emsid.first_look.mends import joined
+from emsid.first_look.masks import joined
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.roles import find_roles
 from emsid.first_look.systems import Source, systems

@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
-from emsid.findings import Finding
 from emsid.first_look import FirstLook
 from emsid.identification import Identification
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
-from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, Table
+from emsid.report.document import Axis, Bars, Figure, Plot, Table
 from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, number
 from emsid.report.views import first_look
-from emsid.report.views.conventions import MEASURED, channel_axis, channels, output_axis
+from emsid.report.views.conventions import channel_axis
 from emsid.report.views.free_run import responses
+from emsid.report.views.grey_box import sticking
 from emsid.report.views.tables import results_table
-from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit
 from emsid.validation.comparison import Comparison
 from emsid.wording import Severity, severity
@@ -89,74 +88,6 @@ def how_it_ended(fit: Fit[Any]) -> str:
     return f"{ended}, {fit.samples:,.0f} samples, method {fit.method}"
 
 
-def remarks(fit: Fit[Any]) -> list[str]:
-    """The findings of the fit as sentences."""
-    return [worded(each) for each in fit.findings]
-
-
-# --- text ------------------------------------------------------------------------------------------------------------
-
-
-@singledispatch
-def text(thing: Any) -> str:
-    """A result as lines of text."""
-    return repr(thing)
-
-
-@text.register
-def _(fit: Fit) -> str:  # type: ignore[type-arg]
-    rows = parameter_rows(fit)
-    shown = 4 if any(row.unit for row in rows) else 3
-    header = ("parameter", "estimate", "95 % interval", "unit")[:shown]
-    table = _aligned(header, [row[:shown] for row in rows], words=(0, 2, 3))
-    return "\n".join([f"{fit.model.name}: {how_it_ended(fit)}", *table * bool(rows), *remarks(fit)])
-
-
-@text.register
-def _(comparison: Comparison) -> str:
-    cells = [
-        (r.model, r.method, number(r.simulation_rmse), _percent(r.fit_percent), number(r.one_step_mse))
-        for r in comparison.rows
-    ]
-    return "\n".join(_aligned(("model", "method", "free-run RMSE", "fit %", "one-step MSE"), cells, words=(0, 1)))
-
-
-@text.register
-def _(look: FirstLook) -> str:
-    table = first_look.column_table(look)
-    rows = _aligned(table.header, table.rows, words=(0, 1, 2, 3, 4))
-    arguments = ", ".join(f"{name}={value!r}" for name, value in look.reading.items())
-    return "\n".join([table.caption, *rows, *first_look.lines(look), f"emsid.read({look.path!r}, {arguments})"])
-
-
-@text.register
-def _(result: Identification) -> str:
-    return "\n".join(
-        [f"Free run on {result.ranked_on}:", text(result.on_unseen.by_error), *map(worded, _problems(result))]
-    )
-
-
-def _problems(result: Identification) -> list[Finding]:
-    """The findings that are problems."""
-    return [finding for finding in result.findings if severity(finding) is Severity.PROBLEM]
-
-
-def _percent(fit: float) -> str:
-    return f"{fit:.2f}" if isfinite(fit) else "–"
-
-
-def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int]) -> list[str]:
-    """Lines of a table; text is aligned at the left, numbers at the right."""
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    return [
-        "  ".join(
-            cell.ljust(width) if k in words else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in (header, *rows)
-    ]
-
-
 # --- figures ---------------------------------------------------------------------------------------------------------
 
 
@@ -189,19 +120,8 @@ def _(result: Identification) -> Figure | None:
 
 
 @figure.register
-def _(fit: GreyBoxFit) -> Figure:
-    plots = []
-    for segment, run in zip(fit.segments[:2], fit.simulated()[:2], strict=True):
-        t, samples = timeline(segment)
-        for k in channels(segment):
-            lines = (
-                Line(t, with_gaps(segment.output[:, k], samples), "measured", MEASURED),
-                Line(t, with_gaps(run[:, k], samples), f"{fit.model.name}, free run", Stroke(Ink.RED, width=0.9)),
-            )
-            plots.append(Plot(lines, TIME, output_axis(segment, k)))
-    if not plots:
-        return _interval_widths(fit)  # type: ignore[return-value]
-    return Figure("fit", f"{fit.model.name}: free run on the data it was fitted to.", tuple(plots))
+def _(fit: GreyBoxFit) -> Figure | None:
+    return sticking(fit) if fit.segments else _interval_widths(fit)
 
 
 @figure.register
@@ -246,7 +166,7 @@ def plot(thing: Any) -> Sheet:
     return sheet(drawn)
 
 
-# --- HTML ------------------------------------------------------------------------------------------------------------
+# --- text and HTML ---------------------------------------------------------------------------------------------------
 
 
 @singledispatch
@@ -269,15 +189,19 @@ def _(record: Record) -> tuple[list[str], Table | None, list[str]]:
 
 @tables.register
 def _(fit: Fit) -> tuple[list[str], Table | None, list[str]]:  # type: ignore[type-arg]
-    rows = tuple((row.name, row.unit, row.value, row.interval) for row in parameter_rows(fit))
-    table = Table(("Parameter", "Unit", "Estimate", "95 % interval"), rows, text_columns=2)
-    return [f"{fit.model.name}: {how_it_ended(fit)}"], table if rows else None, remarks(fit)
+    rows = parameter_rows(fit)
+    units = any(row.unit for row in rows)
+    header = ("Parameter", *("Unit",) * units, "Estimate", "95 % interval")
+    cells = tuple((row.name, *(row.unit,) * units, row.value, row.interval) for row in rows)
+    table = Table(header, cells, text_columns=1 + units, ends_in_text=True)
+    return [f"{fit.model.name}: {how_it_ended(fit)}"], table if rows else None, [worded(each) for each in fit.findings]
 
 
 @tables.register
 def _(look: FirstLook) -> tuple[list[str], Table | None, list[str]]:
     table = first_look.column_table(look)
-    return [table.caption], table, first_look.lines(look)
+    arguments = ", ".join(f"{name}={value!r}" for name, value in look.reading.items())
+    return [table.caption], table, [*first_look.lines(look), f"emsid.read({look.path!r}, {arguments})"]
 
 
 @tables.register
@@ -290,8 +214,27 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
 @tables.register
 def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
     _, table, notes = tables(result.on_unseen.by_error)
-    after = [*notes, *map(worded, _problems(result))]
-    return [f"Free run on {result.ranked_on}: {worded(result.recommendation[0])}"], table, after
+    problems = [worded(finding) for finding in result.findings if severity(finding) is Severity.PROBLEM]
+    return [f"Free run on {result.ranked_on}: {worded(result.recommendation[0])}"], table, [*notes, *problems]
+
+
+def text(thing: Any) -> str:
+    """A result as lines of text."""
+    before, table, after = tables(thing)
+    return "\n".join([*before, *([] if table is None else _aligned(table)), *after])
+
+
+def _aligned(table: Table) -> list[str]:
+    """Lines of a table; text is aligned at the left, numbers at the right."""
+    lines = (table.header, *table.rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if table.is_text(k) else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    ]
 
 
 def html(thing: Any) -> str:

@@ -22,6 +22,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import number, slug
+from emsid.report.views.recursion import settled_range
 from emsid.report.views.tables import regressor_column
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
@@ -124,7 +125,8 @@ def convergence(session: Session) -> Figure:
     plots = []
     for k, name in list(enumerate(fit.names))[:MOST_PLOTS]:
         value, half = estimates[:, k], halves[:, k]
-        low, high = _range(value, half)
+        wide = float(np.quantile(half[len(half) // 10 :], 0.75))
+        low, high = settled_range(value, value[-1] + wide * np.array([-1.0, 1.0]))
         marks: list[Mark] = [
             Band(time, np.maximum(value - half, low), np.minimum(value + half, high), "95 % interval", Ink.BLUE),
             Line(time, value, "estimate", Stroke(Ink.BLUE)),
@@ -139,15 +141,6 @@ def convergence(session: Session) -> Figure:
         tuple(plots),
         columns=min(2, len(plots)),
     )
-
-
-def _range(value: np.ndarray, half: np.ndarray) -> tuple[float, float]:
-    """The range of the later estimates and their intervals, with a margin."""
-    late = slice(len(value) // 10, None)
-    low, high = np.quantile(value[late], (0.01, 0.99))
-    wide = float(np.quantile(half[late], 0.75))
-    room = 0.15 * float(high - low + 2 * wide) or 0.1 * abs(float(high)) or 1.0
-    return float(low) - wide - room, float(high) + wide + room
 
 
 def last_samples(session: Session) -> Figure:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 
+CURVE = Stroke(Ink.BLUE, width=1.4)
 WIDEST = 1.0
 """Bands are drawn to this multiple of the range of their curve beyond it."""
 OF_PARAMETERS = "The band is that of the estimated parameters; noise and what the structure lacks come on top."
@@ -82,7 +83,7 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = 
     for k, output in enumerate(record.output_names):
         one = replace(band, value=band.value[:, k], standard_error=band.standard_error[:, k])
         plots.append(
-            Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
+            Plot(curve_with_band(one, fit.model.name), TIME, limited(channel_axis(output, record.output_units[k]), one))
         )
     before, after = usual_step(record.input[:, input])
     height = with_unit(f"{_three_digits(before)} to {_three_digits(after)}", record.input_units[input])
@@ -115,10 +116,10 @@ def frequency_response(
     found = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
     frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
     plots = tuple(
-        Plot(_marks(band, label), frequency, _limited(band, Axis(quantity, unit)))
-        for band, label, quantity, unit in (
-            (found.magnitude, fit.model.name, "Magnitude", "dB"),
-            (found.phase, "", "Phase", "deg"),
+        Plot(curve_with_band(band, *labels), frequency, limited(Axis(quantity, unit), band))
+        for band, labels, quantity, unit in (
+            (found.magnitude, (fit.model.name,), "Magnitude", "dB"),
+            (found.phase, ("", ""), "Phase", "deg"),
         )
     )
     several = record.input.shape[1] * record.output.shape[1] > 1
@@ -144,7 +145,7 @@ def static_map(fit: Fit[Any], record: Record, *, name: str = "static-map") -> Fi
     frictionless = hasattr(fit.model, "structure")
     without = f", without friction{',' * fit.has_bands}" if frictionless else ""
     caption = f"Output of {fit.model.name} at rest over a constant input{without}{with_band(fit)}."
-    return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
+    return Figure(name, caption, (Plot(curve_with_band(band, fit.model.name), x, limited(y, band), height=1.4),))
 
 
 def regression_friction(fit: Fit[Any], record: Record, *, name: str = "friction") -> Figure:
@@ -158,37 +159,49 @@ def regression_friction(fit: Fit[Any], record: Record, *, name: str = "friction"
     band = friction_band(fit, record)
     taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
     caption = f"Friction of {fit.model.name}{with_band(fit)}: what its terms in past outputs take of the input."
-    return Figure(
-        name, caption, (Plot(_marks(band, fit.model.name), _output(record), _limited(band, taken), height=1.4),)
-    )
+    plot = Plot(curve_with_band(band, fit.model.name), _output(record), limited(taken, band), height=1.4)
+    return Figure(name, caption, (plot,))
 
 
 def _output(record: Record) -> Axis:
     return channel_axis(record.output_names[0], record.output_units[0])
 
 
-def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
-    """The curve over its band, which is cut off where it is much wider than the curve."""
-    line = Line(band.x, band.value, label, Stroke(Ink.BLUE, width=1.4))
-    if not band.known:
+def curve_with_band(band: Computed, label: str, of_band: str = BAND, stroke: Stroke = CURVE) -> tuple[Mark, ...]:
+    """The curve over its band.
+
+    Args:
+        band: with the curve.
+        label, of_band: for the legend, of the curve and of the band.
+        stroke: of the curve.
+    """
+    value = np.where(np.isfinite(band.value), band.value, np.nan)
+    line = Line(band.x, value, label, stroke)
+    known = np.isfinite(value) & np.isfinite(band.half)
+    if not known.any():
         return (line,)
-    low, high = reach(band)
-    known = np.isfinite(band.value)
-    below, above = (np.clip(edge[known], low, high) for edge in (band.low, band.high))
-    return Band(band.x[known], below, above, BAND if label else ""), line
+    return Band(band.x[known], band.low[known], band.high[known], of_band, stroke.ink), line
 
 
-def _limited(band: Computed, axis: Axis) -> Axis:
-    """The axis with a range, where a band is cut off."""
-    if not band.known:
-        return axis
-    low, high = reach(band)
-    wide = np.nanmin(band.low) < low or np.nanmax(band.high) > high
-    return replace(axis, range=(low, high)) if wide else axis
+def limited(axis: Axis, *bands: Computed, least: float = 0.0) -> Axis:
+    """The axis with a range that shows the curves and no more of their bands than fits beside them.
+
+    Args:
+        axis: of the values; it needs no range where it shows all of every band.
+        bands: with the curves.
+        least: the range spans this at least; 0 for any.
+    """
+    lows, highs = zip(*map(_reach, bands), strict=True)
+    ends = np.concatenate([each[np.isfinite(each)] for band in bands for each in (band.value, band.low, band.high)])
+    low, high = (max(min(lows), float(ends.min())), min(max(highs), float(ends.max()))) if len(ends) else (0.0, 0.0)
+    cut = len(ends) > 0 and (low > ends.min() or high < ends.max())
+    room = 0.06 * (high - low) + max(least - (high - low), 0.0) / 2
+    return replace(axis, range=(low - room, high + room)) if cut or (room and least) else axis
 
 
-def reach(band: Computed) -> tuple[float, float]:
+def _reach(band: Computed) -> tuple[float, float]:
     """The largest range of the second axis that is drawn."""
-    low, high = float(np.nanmin(band.value)), float(np.nanmax(band.value))
+    value = band.value[np.isfinite(band.value)]
+    low, high = (float(value.min()), float(value.max())) if len(value) else (0.0, 0.0)
     room = WIDEST * (high - low or abs(high) or 1.0)
     return low - room, high + room

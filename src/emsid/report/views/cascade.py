@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.models.bands import Band as Computed
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.one_channel import check_one_channel
-from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Stroke
+from emsid.report.document import Axis, Dash, Figure, Ink, Plot, Stroke
 from emsid.report.numbers import capital, slug
-from emsid.report.views.bands import with_band
-from emsid.report.views.conventions import BAND
-from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
+from emsid.report.views.bands import curve_with_band, limited, with_band
+from emsid.report.views.map_marks import BEYOND, POINTS, map_marks
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -33,7 +31,7 @@ Array = NDArray[np.float64]
 # A response is drawn at this many frequencies, over at least this many decades.
 FREQUENCIES, DECADES = 500, 3.0
 # A response has no band if its relative error is larger than this at all frequencies.
-TOO_WIDE = 10.0
+TOO_WIDE = 5.0
 # Unit of signals between blocks, whose scale is a convention.
 CONVENTIONAL = "normalised"
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
@@ -91,73 +89,48 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, name: str = "") -> Figu
     if not filters:
         return None
     f = _frequencies(list(filters.values()), dt, inside, fit.samples * dt)
-    shown = [_filter_response(fit, k, f, inside) for k in filters]
+    magnitudes, phases, unknown = zip(*(_filter_response(fit, k, f, inside) for k in filters), strict=True)
     late = (
         f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not included."
         if model.delay
         else ""
     )
-    undetermined = [each.name for each in shown if each.undetermined]
+    names = [block_name(model, k) for k in filters]
+    undetermined = [each for each, without in zip(names, unknown, strict=True) if without]
     if undetermined:
         late += f" {' and '.join(undetermined)} without band: the data do not determine the parameters separately."
+    labels = [f"filter {each} (block {k + 1})" for each, k in zip(names, filters, strict=True)]
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
     return Figure(
         name or f"{slug(model.name)}-filters",
         f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name}"
         f"{with_band(fit)}, up to half the sampling rate.{late}",
         (
-            _response_plot(f, [each.magnitude for each in shown], frequency, Axis("Magnitude", "dB"), 20.0),
-            _response_plot(f, [each.phase for each in shown], frequency, Axis("Phase", "deg"), 45.0),
+            _response_plot(magnitudes, labels, frequency, Axis("Magnitude", "dB"), 20.0),
+            _response_plot(phases, [""] * len(labels), frequency, Axis("Phase", "deg"), 45.0),
         ),
         shared_x=True,
     )
 
 
-class _Curve(NamedTuple):
-    """A curve (m,), half the width of its band (m,), NaN where there is none, and its label in the legend."""
-
-    value: Array
-    half: Array
-    label: str
-
-
-class _FilterResponse(NamedTuple):
-    """The response of one filter: magnitude in dB and phase in degrees; its name; whether its band says nothing."""
-
-    name: str
-    magnitude: _Curve
-    phase: _Curve
-    undetermined: bool
-
-
-def _filter_response(fit: Fit[Cascade], k: int, f: Array, inside: float) -> _FilterResponse:
-    block, name = fit.model.filters[k], block_name(fit.model, k)
-    response = block.response(f, inside)
-    relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
+def _filter_response(fit: Fit[Cascade], k: int, f: Array, inside: float) -> tuple[Computed, Computed, bool]:
+    """Magnitude and phase of a filter, and whether the data do not determine it, so that it has no band."""
+    response, relative = fit.model.filters[k].response(f, inside), _relative_error(fit, k, f, inside)
     undetermined = fit.has_bands and bool(np.all(relative[0] > TOO_WIDE))  # the rest is only rounding
     if undetermined or not fit.has_bands:
         relative = np.full_like(relative, np.nan)
     with np.errstate(divide="ignore"):
         size = 20 * np.log10(np.abs(response))
-    turn = np.degrees(np.unwrap(np.angle(response)))
-    return _FilterResponse(
-        name,
-        _Curve(size, 20 / np.log(10) * relative[0], f"filter {name} (block {k + 1})"),
-        _Curve(turn, np.degrees(relative[1]), ""),
-        undetermined,
-    )
+    magnitude = Computed(f, size, 20 / np.log(10) * relative[0], 0.95)
+    phase = Computed(f, np.degrees(np.unwrap(np.angle(response))), np.degrees(relative[1]), 0.95)
+    return magnitude, phase, undetermined
 
 
-def _response_plot(f: Array, curves: Sequence[_Curve], frequency: Axis, axis: Axis, least: float) -> Plot:
+def _response_plot(bands: Sequence[Computed], labels: Sequence[str], frequency: Axis, axis: Axis, least: float) -> Plot:
     """One quantity of every filter with its band, over frequency; the axis spans ``least`` at least."""
-    marks: list[Mark] = []
-    for curve, stroke in zip(curves, cycle(_STROKES), strict=False):
-        known = np.isfinite(curve.value) & np.isfinite(curve.half)
-        if known.any():
-            below, above = ((curve.value + side * curve.half)[known] for side in (-1, 1))
-            marks.append(Band(f[known], below, above, ink=stroke.ink))
-        marks.append(Line(f, np.where(np.isfinite(curve.value), curve.value, np.nan), curve.label, stroke))
-    return Plot(tuple(marks), frequency, replace(axis, range=_reach(marks, [each.value for each in curves], least)))
+    curves = zip(bands, labels, cycle(_STROKES), strict=False)
+    marks = tuple(mark for band, label, stroke in curves for mark in curve_with_band(band, label, "", stroke))
+    return Plot(marks, frequency, limited(axis, *bands, least=least))
 
 
 def cascade_equations(model: Cascade) -> str:
@@ -213,25 +186,14 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
     corners = corners[(corners >= low) & (corners <= high)]
     x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
-    half = HALF_WIDTH * error
-    band = [Band(x, value - half, value + half, BAND)] if fit.has_bands else []
-    reach = _reach(band, [value], 0.0)
-    if reach is not None:  # a very wide band would leave the plot
-        band = [
-            replace(each, lower=np.maximum(each.lower, reach[0]), upper=np.minimum(each.upper, reach[1]))
-            for each in band
-        ]
-    curve = map_curve(x, value, f"{block_name(model, k)}: {block.kind}")
+    band = Computed(x, value, error if fit.has_bands else np.full_like(error, np.nan), 0.95)
+    label = f"{block_name(model, k)}: {block.kind}"
     into, out = _units(model, k, record)
     first, last = k == 0, k == len(model.blocks) - 1
     return Plot(
-        map_marks(block, curve, band, seen),
+        map_marks(block, band, label, seen),
         Axis(f"{capital(record.input_names[0]) if first else f'x{k}'}, into the map", into, range=(low, high)),
-        Axis(
-            f"{capital(record.output_names[0]) if last else f'x{k + 1}'}, out of the map",
-            out,
-            range=reach,
-        ),
+        limited(Axis(f"{capital(record.output_names[0]) if last else f'x{k + 1}'}, out of the map", out), band),
         f"Static map, block {k + 1}" if len(model.blocks) > 1 else "Static map",
         height=1.6,
     )
@@ -252,19 +214,6 @@ def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:
     return into, out
 
 
-def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tuple[float, float] | None:
-    """The range of an axis that shows the curves, with a limited part of their bands."""
-    known = np.concatenate([y[np.isfinite(y)] for y in curves])
-    if not len(known):
-        return None
-    low, high = float(known.min()), float(known.max())
-    span = max(high - low, least) or 1.0
-    bands = [mark for mark in marks if isinstance(mark, Band)]
-    below = min([low, *(float(band.lower.min()) for band in bands)])
-    above = max([high, *(float(band.upper.max()) for band in bands)])
-    return max(below, low - 0.4 * span) - 0.06 * span, min(above, high + 0.4 * span) + 0.06 * span
-
-
 def _frequencies(filters: Sequence[Rational], dt: float, inside: float, seconds: float) -> Array:
     """(FREQUENCIES,) to half the sampling rate, from a decade below the slowest corner, three decades at least.
 
@@ -278,7 +227,7 @@ def _frequencies(filters: Sequence[Rational], dt: float, inside: float, seconds:
     return np.asarray(np.geomspace(max(first, 1e-7 * top), top, FREQUENCIES), dtype=float)
 
 
-def _relative_deviation(fit: Fit[Cascade], k: int, f: Array, inside: float) -> Array:
+def _relative_error(fit: Fit[Cascade], k: int, f: Array, inside: float) -> Array:
     """(2, m) standard errors of log magnitude and phase (rad) of a filter, to first order.
 
     With H = B/A in z⁻¹ = exp(−j2πfΔt), δH/H = Σ z⁻ʲ δbⱼ/B − Σ z⁻ʲ δaⱼ/A.

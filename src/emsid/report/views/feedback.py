@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from emsid.models.feedback.coordinates import Visited, free_lines
 from emsid.models.feedback.curves import visited_in_free_run
 from emsid.models.feedback.map_bands import map_band
-from emsid.report.document import Axis, Band, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
-from emsid.report.views.bands import reach, with_band
-from emsid.report.views.conventions import BAND
-from emsid.report.views.map_marks import BEYOND, POINTS, map_curve, map_marks
+from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.report.views.bands import with_band
+from emsid.report.views.map_marks import BEYOND, POINTS, map_marks
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -47,9 +46,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | Non
         room = BEYOND * (high - low) or 1.0
         x = np.unique(np.concatenate([np.linspace(low - room, high + room, POINTS), each.breaks(low, high)]))
         band = map_band(fit, record, k, x)
-        below, above = (np.clip(edge, *reach(band)) for edge in (band.low, band.high))
-        bands = [Band(x, below, above, BAND)] if band.known else []
-        marks = map_marks(each, map_curve(x, band.value, each.kind), bands, seen.z[:, k])
+        marks = map_marks(each, band, each.kind, seen.z[:, k])
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
         title = f"Static map {k + 1}" if len(z) > 1 else "Static map"
         title += " (sensor)" if model.sensor is not None and k == 0 else ""

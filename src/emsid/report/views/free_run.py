@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import cycle
 from math import floor, log10
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
-from emsid.report.document import Axis, Band, Bars, Figure, Ink, Line, Plot, Points, Stroke
+from emsid.report.document import Axis, Band, Bars, Figure, Ink, Line, Mark, Plot, Points, Spans, Stroke
 from emsid.report.numbers import capital, number, percent
 from emsid.report.views.conventions import MEASURED, MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
@@ -91,21 +92,14 @@ def measured_and_simulated(assessment: Assessment, *, band: Computed | None = No
     """
     record, row = assessment.record, assessment.row
     t, samples = timeline(record)
-    plots, errors = [], []
+    plots: list[Plot] = []
+    errors = []
     for channel in channels(record):
         axis = output_axis(record, channel)
         measured = with_gaps(record.output[:, channel], samples)
         simulated = with_gaps(_free_run(assessment)[:, channel], samples)
-        lines = (
-            Line(t, measured, "measured", MEASURED),
-            Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
-        )
         around = () if band is None else _around(band, channel, t, samples)
-        residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
-        plots += [
-            Plot((*around, *lines), TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
-            Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
-        ]
+        plots += with_residual(t, measured, simulated, axis, f"{row.model}, free run", around)
         of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
         rmse = f"RMSE {with_unit(number(of.simulation_rmse), axis.unit)}"
         errors.append(f"{of_output(record, channel, '')} fit {percent(of.fit_percent)}, {rmse}".lstrip())
@@ -116,6 +110,28 @@ def measured_and_simulated(assessment: Assessment, *, band: Computed | None = No
         f"{capital(record.name)}: measured and simulated by {row.model}, {'; '.join(errors)}.{started}",
         tuple(plots),
         shared_x=True,
+    )
+
+
+def with_residual(
+    t: Array, measured: Array, simulated: Array, axis: Axis, label: str, behind: Sequence[Mark] = ()
+) -> tuple[Plot, Plot]:
+    """A measured output with a simulated one, and their difference below.
+
+    Args:
+        t: (M,) time in s.
+        measured, simulated: (M,) the output, NaN in gaps.
+        axis: of the output.
+        label: of the simulated output.
+        behind: marks behind both, of which stretches of time are behind the difference, too.
+    """
+    lines = (Line(t, measured, "measured", MEASURED), Line(t, simulated, label, Stroke(Ink.RED, width=0.9)))
+    residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
+    shaded = (replace(each, label="") for each in behind if isinstance(each, Spans))
+    known = measured[np.isfinite(measured)]
+    return (
+        Plot((*behind, *lines), TIME, _within_reach(axis, known, lines), height=1.2),
+        Plot((*shaded, residual), TIME, Axis("Residual", axis.unit), height=0.7),
     )
 
 

@@ -30,8 +30,9 @@ from emsid.report.document import (
 )
 from emsid.report.numbers import first_up, prefixed, slug
 from emsid.report.views.conventions import BAND, channel_axis
+from emsid.report.views.free_run import with_residual
 from emsid.report.views.physical_parameters import plain
-from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.report.views.timeline import timeline, with_gaps
 from emsid.units import with_unit
 from emsid.wording.plants import interval
 
@@ -140,19 +141,10 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
     standstills = _standstills(fit, record, t, samples)
     subject = fit.model.plant.body
     shaded = [Spans(standstills, f"the {subject} sticks")] if len(standstills) else []
-    plots = []
+    plots: list[Plot] = []
     for k, quantity in enumerate(record.output_names):
         measured, run = (with_gaps(values[:, k], samples) for values in (record.output, simulated))
-        lines = (
-            Line(t, measured, "measured", Stroke(Ink.BLUE, width=1.6)),
-            Line(t, run, "simulated", Stroke(Ink.RED, width=0.9)),
-        )
-        residual = Line(t, measured - run, stroke=Stroke(Ink.BLACK, width=0.7))
-        unit = record.output_units[k]
-        plots += [
-            Plot((*shaded, *lines), TIME, channel_axis(quantity, unit), height=1.2),
-            Plot((*(replace(each, label="") for each in shaded), residual), TIME, Axis("Residual", unit), height=0.7),
-        ]
+        plots += with_residual(t, measured, run, channel_axis(quantity, record.output_units[k]), "simulated", shaded)
     duration = float(np.sum(np.diff(standstills))) if len(standstills) else 0.0
     sticks = (
         f"shaded: the simulated {subject} sticks, {duration:.3g} s in all."

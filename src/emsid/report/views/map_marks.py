@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.bands import Band as Computed
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.report.document import Band, Histogram, Ink, Line, Mark, Points, Stroke
+from emsid.report.document import Histogram, Ink, Mark, Points
+from emsid.report.views.bands import curve_with_band
 
 Array = NDArray[np.float64]
 
@@ -18,13 +18,13 @@ BINS = 80
 """Of the histogram of the input."""
 
 
-def map_marks(shown: StaticMap, curve: Line, bands: Sequence[Band], entering: Array) -> tuple[Mark, ...]:
+def map_marks(shown: StaticMap, curve: Computed, label: str, entering: Array) -> tuple[Mark, ...]:
     """A histogram of the input of a map, its band, its curve, and its knots, break points or limits.
 
     Args:
         shown: the map.
-        curve: of the map, over the range of the axis.
-        bands: of the curve; none for a fit without intervals.
+        curve: of the map with its band, over the range of the axis.
+        label: of the curve.
         entering: (K,) inputs of the map in a record.
     """
     low, high = curve.x[0], curve.x[-1]
@@ -33,9 +33,4 @@ def map_marks(shown: StaticMap, curve: Line, bands: Sequence[Band], entering: Ar
     corners, what = shown.marks()
     corners = corners[(corners >= low) & (corners <= high)]
     points = [Points(corners, shown.value(corners), what, Ink.NAVY)] if len(corners) else []
-    return (Histogram(edges, counts, "signal in this record", backdrop=True), *bands, curve, *points)
-
-
-def map_curve(x: Array, value: Array, label: str) -> Line:
-    """The curve of a map."""
-    return Line(x, value, label, Stroke(Ink.BLUE, width=1.4))
+    return (Histogram(edges, counts, "signal in this record", backdrop=True), *curve_with_band(curve, label), *points)

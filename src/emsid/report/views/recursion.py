@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -50,13 +49,14 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
             marks.append(Line(shown + 1.0, fit.history[shown, k], label, Stroke(ink)))
             if batch is not None:
                 marks.append(Level(float(batch.estimate[k]), stroke=Stroke(ink, Dash.DASHED, 0.8)))
+        ends = fit.history[-1, drawn] if batch is None else np.append(fit.history[-1, drawn], batch.estimate[drawn])
         left_out = f" (and {len(members) - len(drawn)} more)" if len(members) > len(drawn) else ""
         first, last = fit.names[members[0]], fit.names[members[-1]]
         plots.append(
             Plot(
                 tuple(marks),
                 Axis("Sample", "1", log=True),
-                Axis("Estimate", "SI", range=_settled_range(fit.history[:, drawn], batch, drawn)),
+                Axis("Estimate", "SI", range=settled_range(fit.history[:, drawn], ends)),
                 first if len(members) == 1 else f"{first} … {last}{left_out}",
                 span=2 if row % 2 == 0 and row == len(groups) - 1 > 0 else 1,  # the last one, alone in its row
             )
@@ -72,12 +72,10 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
     )
 
 
-def _settled_range(history: Array, batch: Fit[Any] | None, members: Sequence[int]) -> tuple[float, float]:
-    """The range of the last nine tenths of the estimates without outliers, and of the batch values, with a margin."""
+def settled_range(history: Array, values: Array) -> tuple[float, float]:
+    """The range of the last nine tenths of estimates (N, …) without outliers, and of further values, with a margin."""
     late = history[len(history) // 10 :]
-    values = np.concatenate([np.quantile(late, (0.005, 0.995), axis=0).ravel(), history[-1]])
-    if batch is not None:
-        values = np.concatenate([values, batch.estimate[list(members)]])
-    low, high = float(values.min()), float(values.max())
+    shown = np.append(np.quantile(late, (0.005, 0.995), axis=0), values)
+    low, high = float(shown.min()), float(shown.max())
     room = 0.25 * (high - low) or 0.1 * abs(high) or 1.0
     return low - room, high + room

@@ -206,8 +206,8 @@ def in_unit(name: str, unit: str) -> str:
     >>> in_unit("torque", "N*m"), in_unit("share", "1"), in_unit("Speed (RPM)", "rad/s")
     ('torque [N·m]', 'share', 'Speed [rad/s]')
     """
-    shown = plain_unit(unit)
-    return f"{name_and_unit(name)[0]} [{shown}]" if shown else name
+    text = plain_unit(unit)
+    return f"{name_and_unit(name)[0]} [{text}]" if text else name
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -88,9 +88,9 @@ def _everything(result: Identification, steps: Sequence[Finding]) -> None:
     if result.characteristics:
         show(characteristics_table(result.characteristics))
     _details(result)
-    shown = _shown(result)
-    say(*(f"- {sentence(finding, option)}" for finding in (*shown, *steps)))
-    say(f"- in the report: {_left_out(result, shown)}")
+    findings = _warnings(result)
+    say(*(f"- {sentence(finding, option)}" for finding in (*findings, *steps)))
+    say(f"- in the report: {_left_out(result, findings)}")
 
 
 def _known(result: Identification) -> None:
@@ -139,7 +139,7 @@ def _source(model: str, given: Sequence[str]) -> str:
 def _not_known(result: Identification) -> None:
     """Print what these data do not show: values by name, and what limits the result."""
     names = not_determined(_open(result))
-    warned = [finding for finding in _shown(result) if severity(finding) is not Severity.INFO]
+    warned = [finding for finding in _warnings(result) if severity(finding) is not Severity.INFO]
     looped = any(finding.code == BEFORE for finding in result.findings)
     said = (
         *AS_NAMES,
@@ -187,8 +187,8 @@ def models_table(result: Identification, most: int | None = None) -> Table:
         of_outputs: Sequence[Row | OutputErrors] = row.outputs or (row,)
         for k, errors in enumerate(of_outputs):
             fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
-            shown = f"{errors.simulation_rmse:.4g}" if isfinite(errors.simulation_rmse) else "diverges"
-            lines.append((row.model, *names[k : k + 1], str(row.parameters), shown, fit, verdict))
+            error = f"{errors.simulation_rmse:.4g}" if isfinite(errors.simulation_rmse) else "diverges"
+            lines.append((row.model, *names[k : k + 1], str(row.parameters), error, fit, verdict))
     left = further(len(result.rows) - len(rows), option)
     return Table(
         ("model", *("output",) * several, "parameters", rmse, "fit %", "verdict"),
@@ -239,7 +239,7 @@ def _first(result: Identification) -> list[Finding]:
     return [finding for finding in result.findings if finding.code == FIRST]
 
 
-def _shown(result: Identification) -> list[Finding]:
+def _warnings(result: Identification) -> list[Finding]:
     """Findings about the data and the models in detail, warnings first."""
     less = {fit.model.name for fit in result.fits} - {fit.model.name for fit in _in_detail(result)}
     noticed = [finding for finding in result.findings if finding.code != FIRST and finding.model not in less]
@@ -248,8 +248,8 @@ def _shown(result: Identification) -> list[Finding]:
     return sorted(found, key=lambda each: severity(each) is Severity.INFO)
 
 
-def _left_out(result: Identification, shown: Sequence[Finding]) -> str:
+def _left_out(result: Identification, said: Sequence[Finding]) -> str:
     """What the report has besides."""
-    count = sum(finding not in shown for finding in result.findings) - len(_first(result))
+    count = sum(finding not in said for finding in result.findings) - len(_first(result))
     more = [f"{count} {'finding' if count == 1 else 'findings'} about other models"] if count else []
     return listed((*more, "residual tests", "errors by operating region", "accuracy against number of parameters"))

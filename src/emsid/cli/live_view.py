@@ -129,14 +129,14 @@ class Screen(Lines):
         from rich.console import Group
         from rich.text import Text
 
-        from emsid.cli.terminal import shown
+        from emsid.cli.terminal import printable
 
         if not self._last:
             waiting = heading(self._start) if self._start else "waiting for the first sample; Ctrl-C ends"
-            return Group(Text(waiting), *(Text(shown(each)) for each in self._found))
+            return Group(Text(waiting), *(Text(printable(each)) for each in self._found))
         lines = [heading(self._start), counts(self._last), signals(self._last, self._start), bars(self._outputs)]
-        found = [Text(shown(each), style="yellow") for each in self._found]
-        return Group(*(Text(shown(line)) for line in lines), *tables(self._last, self._start), *found)
+        found = [Text(printable(each), style="yellow") for each in self._found]
+        return Group(*(Text(printable(line)) for line in lines), *tables(self._last, self._start), *found)
 
     def __enter__(self) -> "Screen":
         from rich.console import Console

@@ -78,8 +78,8 @@ class Reader:
         for name in ("input", "output"):
             if not self.given.get(name) and files:
                 read_columns(files[0])  # a missing or damaged file is what to mend first
-                shown = f"`{command_line(['emsid', 'describe', file_word(str(files[0]))])}` shows the columns"
-                raise DataError(f"name the {name} column; {shown}", arguments=(name,))
+                hint = f"`{command_line(['emsid', 'describe', file_word(str(files[0]))])}` shows the columns"
+                raise DataError(f"name the {name} column; {hint}", arguments=(name,))
         names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]
         found = [file_and_column(name) for name in names]
         files = list(files) or [each[0] for each in found if each][:1]

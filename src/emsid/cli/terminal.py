@@ -65,7 +65,7 @@ def one_line(text: str) -> str:
     return harmless(" ".join(text.splitlines()))
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     """A text as this terminal shows it, to compute the width of columns."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return one_line(text).encode(encoding, SPELT_OUT).decode(encoding)
@@ -110,11 +110,11 @@ def plain_table(
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(shown(title)), title_justify="left", box=None, pad_edge=False)
-    lines = [[Text(shown(cell)) for cell in row] for row in rows]
+    table = Table(title=Text(printable(title)), title_justify="left", box=None, pad_edge=False)
+    lines = [[Text(printable(cell)) for cell in row] for row in rows]
     for k, (heading, align) in enumerate(headings.items()):
         widest = 0 if heading in folded else max((line[k].cell_len for line in lines), default=0)
-        head = Text(shown(heading))
+        head = Text(printable(heading))
         table.add_column(head, justify=align, min_width=widest, no_wrap=head.cell_len <= widest)
     for line in lines:
         table.add_row(*line)
@@ -146,7 +146,7 @@ def text_table(content: document.Table, without: Collection[str] = ()) -> Table:
     headings: dict[str, Align] = {content.header[k]: "left" if k in words else "right" for k in kept}
     folded = [content.header[k] for k in words if k > 0 or words == kept]
     table = plain_table(content.caption, headings, ([row[k] for k in kept] for row in content.rows), folded)
-    table.caption = shown(content.note)
+    table.caption = printable(content.note)
     return table
 
 

@@ -253,9 +253,9 @@ def _check_moves(of: Sensitivities, limits: Limits, standard: Mapping[str, Predi
 
 def _nothing(name: str, limits: Limits) -> DataError:
     given = {"command": limits.command, "slew rate": limits.slew, "speed": limits.speed, "travel": limits.travel}
-    shown = ", ".join(f"{what} {value:g}" for what, value in given.items() if isfinite(value))
+    named = ", ".join(f"{what} {value:g}" for what, value in given.items() if isfinite(value))
     return DataError(
-        f"no signal within these limits ({shown}) moves {name}; raise the limit that holds it",
+        f"no signal within these limits ({named}) moves {name}; raise the limit that holds it",
         arguments=("limit", *(("limit_speed",) if isfinite(limits.speed) else ())),
     )
 

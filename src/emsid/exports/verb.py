@@ -160,8 +160,8 @@ def readme(made: Export, format: str, notes: list[str], files: Files, fit: str) 
     if made.fit is not None and made.fit.parameters:
         lines += ["## Parameters", "", "| parameter | value | 95 % interval | unit | status |", "|---|---|---|---|---|"]
         for row in made.fit.parameters.values():
-            shown = "–" if row.interval is None else "{:.4g} … {:.4g}".format(*row.interval)
-            lines.append(f"| {row.name} | {row.value:.6g} | {shown} | {plain_unit(row.unit) or '–'} | {row.how} |")
+            interval = "–" if row.interval is None else "{:.4g} … {:.4g}".format(*row.interval)
+            lines.append(f"| {row.name} | {row.value:.6g} | {interval} | {plain_unit(row.unit) or '–'} | {row.how} |")
         lines.append("")
     lines += ["## What is not carried", ""]
     lines += [f"- {note}" for note in notes] or ["Nothing is left out."]

@@ -75,8 +75,8 @@ def check_limits(data: object, what: str = "the file", most: Mapping[str, int] =
 
 def _check_number(value: float, where: str, most: int | None) -> None:
     if abs(value) > LARGEST or not isfinite(value):  # a comparison with an integer of any length is exact
-        shown = f"{value:g}" if isinstance(value, float) else "an integer of very many digits"
-        raise ModelError(f"{where} is {shown}; give a finite number of at most {LARGEST:g}")
+        given = f"{value:g}" if isinstance(value, float) else "an integer of very many digits"
+        raise ModelError(f"{where} is {given}; give a finite number of at most {LARGEST:g}")
     if most is not None and value > most:
         raise ModelError(f"{where} is {value:g}; it can be at most {most:,}")
 

@@ -192,8 +192,8 @@ def _without_messages(
     for number, text, count in zip(numbers, texts, counts, strict=True):
         if count != width:
             is_sample = any(map(is_number, cells_of(text)))
-            shown = " ".join(text.replace(MARK, " ").split())
-            damaged.append(DamagedRow(len(kept), number, shown, count, width, is_sample))
+            line = " ".join(text.replace(MARK, " ").split())
+            damaged.append(DamagedRow(len(kept), number, line, count, width, is_sample))
             if not is_sample:
                 continue
             text = MARK * (width - 1)

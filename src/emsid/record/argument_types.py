@@ -117,7 +117,7 @@ def check_types(values: Mapping[str, object], kinds: Mapping[str, Kind], where: 
     for name, kind in kinds.items():
         value = values.get(name)
         if value is not None and not kind.fits(value):
-            raise DataError(f"{where}{name} is {shown(value)}; give {kind.words}", arguments=(name,))
+            raise DataError(f"{where}{name} is {brief(value)}; give {kind.words}", arguments=(name,))
 
 
 def typed(**kinds: Kind) -> Callable[[Method], Method]:
@@ -149,11 +149,11 @@ def names_of(value: object, what: str, where: str) -> tuple[str, ...]:
     except TypeError:  # an array without dimensions
         names = (None,)
     if isinstance(value, bytes | Mapping) or not all(map(_is_text, names)):
-        raise DataError(f"{where}: {what} is {shown(value)}; give {NAMES.words}")
+        raise DataError(f"{where}: {what} is {brief(value)}; give {NAMES.words}")
     return tuple(str(name) for name in names)
 
 
-def shown(value: object) -> str:
+def brief(value: object) -> str:
     """A value for a message, in at most 60 characters of one line."""
     try:
         text = " ".join(repr(value).split())

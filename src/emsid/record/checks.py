@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.record.argument_types import NUMBER_LIST, PAIRS, TEXT, TEXT_LIST, WHOLE_LIST, Kind, items_of, shown
+from emsid.record.argument_types import NUMBER_LIST, PAIRS, TEXT, TEXT_LIST, WHOLE_LIST, Kind, brief, items_of
 from emsid.record.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def segments_of(record: Any) -> dict[str, tuple[Any, ...]]:
     name, breaks = record.name, tuple(int(b) for b in record.breaks)
     edges = (0, *breaks, len(record))
     if any(b <= a for a, b in pairwise(edges)):
-        raise DataError(f"{name}: breaks {shown(breaks)} must ascend inside 1 … {len(record) - 1}")
+        raise DataError(f"{name}: breaks {brief(breaks)} must ascend inside 1 … {len(record) - 1}")
     times = tuple(float(t) for t in record.times) or tuple(edge * record.dt for edge in edges[:-1])
     if len(times) != len(edges) - 1:
         raise DataError(f"{name}: {len(times)} segment times for {len(edges) - 1} segments")

@@ -21,7 +21,7 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
-from emsid.record.argument_types import NUMBER, SLICE, TEXT, TEXTS, WHOLE, check_types, items_of, names_of, shown, typed
+from emsid.record.argument_types import NUMBER, SLICE, TEXT, TEXTS, WHOLE, brief, check_types, items_of, names_of, typed
 from emsid.record.checks import KINDS, as_channels, check_finite, real_numbers, segments_of, whole_number
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
 from emsid.record.frames import FrameMethods, numbers, seconds
@@ -94,7 +94,7 @@ class Record(Presented, FrameMethods):
         if not len(self.input):
             raise DataError(f"{self.name}: there are no samples; a record needs at least one")
         if not (NUMBER.fits(self.dt) and np.isfinite(float(self.dt)) and self.dt > 0):
-            given = "no sample time" if self.dt is nan else f"sample time {shown(self.dt)} s"
+            given = "no sample time" if self.dt is nan else f"sample time {brief(self.dt)} s"
             raise DataError(f"{self.name}: {given}; give a positive number of seconds as dt")
         self._put("dt", float(self.dt))
         self._complete_channels()
@@ -349,7 +349,7 @@ class Record(Presented, FrameMethods):
         Raises:
             DataError: for an order above `LARGEST_TREND`.
         """
-        problem = f"{self.name}: detrending of order {shown(order)}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
+        problem = f"{self.name}: detrending of order {brief(order)}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
         order = whole_number(order, 0, problem)
         if order > LARGEST_TREND:
             raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
@@ -362,7 +362,7 @@ class Record(Presented, FrameMethods):
         Raises:
             DataError: where a segment is too short for the filter (20 samples of the slow rate).
         """
-        problem = f"{self.name}: cannot decimate by {shown(factor)}; give a whole number of at least 1"
+        problem = f"{self.name}: cannot decimate by {brief(factor)}; give a whole number of at least 1"
         factor = whole_number(factor, 1, problem)
         if factor == 1:
             return self
@@ -370,7 +370,7 @@ class Record(Presented, FrameMethods):
         if shortest <= DECIMATED * factor:
             raise DataError(
                 f"{self.name}: a segment of {shortest} samples is too short to decimate by "
-                f"{shown(factor)}; it needs more than {shown(DECIMATED * factor)}"
+                f"{brief(factor)}; it needs more than {brief(DECIMATED * factor)}"
             )
         inputs = [decimated(segment.input, factor) for segment in self.segments]
         outputs = [decimated(segment.output, factor) for segment in self.segments]

@@ -25,7 +25,7 @@ from emsid.report.views import terms
 from emsid.report.views.diagrams import block_diagram, experimental_setup, identification_loop, motor_schematic
 from emsid.study.conclusions import speaks_of
 from emsid.study.models import BLOCKS, LINEAR, ONE_MASS, PAPER, TWO_MASSES
-from emsid.study.motors import SHOWN
+from emsid.study.motors import EXAMPLE
 from emsid.study.setup import EXPERIMENT
 from emsid.study.summary import SummaryRow, findings, headline, summary
 from emsid.study.survey import InputRow
@@ -95,11 +95,11 @@ def claim_sections(result: Study) -> tuple[Section, ...]:
     figures: tuple[Figure, ...] = ()
     if survey is not None and survey.motors:
         tables = [motors_table(survey.motors), largest_table(survey.largest)]
-    if result.shown:
-        unseen = [pair[1] for pair in result.shown]
+    if result.example:
+        unseen = [pair[1] for pair in result.example]
         intervals = worst_intervals(unseen)
         drawn = views.responses(unseen, intervals, name="motor-responses")
-        caption = f"A motor with {SHOWN.meaning}, on the bench. {drawn.caption} {WORST}"
+        caption = f"A motor with {EXAMPLE.meaning}, on the bench. {drawn.caption} {WORST}"
         figures = (replace(drawn, caption=caption),)
     title = "When the paper's model helps"
     return (Section(title, tables=tuple(tables), figures=figures, diagrams=(identification_loop(),)),)

@@ -116,7 +116,7 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
     write_runs(result, run)
     content = report(result, as_python)
     write_files(report_files(content), run)
-    atomic_write(run / "shown.json", msgspec.json.encode(plain(shown(result, content))))
+    atomic_write(run / "shown.json", msgspec.json.encode(plain(as_shown(result, content))))
 
 
 def write_runs(result: Identification, run: Path) -> None:
@@ -131,7 +131,7 @@ def write_runs(result: Identification, run: Path) -> None:
         (run / f".{part}.part").replace(run / f"{part}.npz")
 
 
-def shown(result: Identification, content: Report) -> dict[str, Any]:
+def as_shown(result: Identification, content: Report) -> dict[str, Any]:
     """What the page shows of a result: the sections of the report as data, and the ranking."""
     findings = [*result.recommendation, *result.next_steps, *result.findings]
     models = [fit.model.name for fit in result.fits]

@@ -38,7 +38,7 @@ class Case:
     scale: float = 1.0
 
 
-SHOWN = Case(
+EXAMPLE = Case(
     "slopes-0.5", "slopes m_l = 0.5, m_r = 1", replace(Motor(), voltage_dead_zone=DeadZoneLaw(-0.5, 0.5, m_l=0.5))
 )
 """The motor of the figures."""

@@ -31,7 +31,7 @@ from emsid.record import Record, check_same_channels
 from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input
 from emsid.study.load_friction import LoadFriction, load_friction
 from emsid.study.models import BLOCKS, chosen, of_the_paper, searches, structures
-from emsid.study.motors import SHOWN, regressions
+from emsid.study.motors import EXAMPLE, regressions
 from emsid.study.priors import PriorRow, priors
 from emsid.study.setup import (
     EXPERIMENT,
@@ -104,7 +104,7 @@ class Study:
         survey: other motors, inputs and records; recorded with the default settings.
         load_friction: what friction on the load costs.
         richer: what an input with more frequencies changes.
-        shown: regressions on one motor of the family, on identification data and on unseen data.
+        example: regressions on one motor of the family, on identification data and on unseen data.
     """
 
     settings: Settings
@@ -116,7 +116,7 @@ class Study:
     survey: Survey | None = None
     load_friction: LoadFriction | None = None
     richer: Richer | None = None
-    shown: tuple[tuple[Assessment, Assessment], ...] = ()
+    example: tuple[tuple[Assessment, Assessment], ...] = ()
 
     @property
     def rows(self) -> list[Row]:
@@ -171,8 +171,8 @@ def _beyond(done: Study, control: Control) -> Study:
     """The study with what goes beyond its two parts; as it is where it is stopped there."""
     settings, simulation = done.settings, done.part(SIMULATION)
     try:
-        control.doing(f"motor {SHOWN.name}")
-        done = replace(done, shown=tuple(regressions(SHOWN, settings)), richer=richer_input(settings))
+        control.doing(f"motor {EXAMPLE.name}")
+        done = replace(done, example=tuple(regressions(EXAMPLE, settings)), richer=richer_input(settings))
         if BLOCKS in simulation.models:
             blocks: Any = simulation.on_unseen(BLOCKS).fit.model
             done = replace(done, load_friction=load_friction(settings, blocks, control))

@@ -222,11 +222,11 @@ def _apart(f: Finding) -> str:
     apart = f.data["apart"]
     if apart is None:
         return " (these data also chose it)"
-    errors, shown = (
+    errors, errors_here = (
         listed([_rmse(one | {"rmse": rmse}) for one, rmse in zip(f.data["outputs"], which, strict=True)])
         for which in (apart, [one["rmse"] for one in f.data["outputs"]])
     )
-    return "" if errors == shown else f" ({errors} with the choice on another half)"
+    return "" if errors == errors_here else f" ({errors} with the choice on another half)"
 
 
 def _short_fit(output: Any) -> str:

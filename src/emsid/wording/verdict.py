@@ -180,9 +180,9 @@ _LEVELS = {
 
 def _first_reasons(reasons: list[Reason]) -> str:
     """The first reason against a model, and the number of the others."""
-    shown = "".join(reason_in_words(reason) for reason in reasons[:1])
+    first = "".join(reason_in_words(reason) for reason in reasons[:1])
     more = len(reasons) - 1
-    return f"{shown}, and {more} more" if more > 0 else shown
+    return f"{first}, and {more} more" if more > 0 else first
 
 
 @words("no-model-recommended", Severity.PROBLEM)

@@ -69,18 +69,18 @@ def motors(
             _check(library, name, Path(model), record)
         return
     known = actuators(library)
-    shown = {name: _values(library, name) for name in (names(compare, "--compare") or known)}
+    values = {name: _values(library, name) for name in (names(compare, "--compare") or known)}
     if json:
-        data = {name: {**_about(known[name]), "parameters": rows} for name, rows in shown.items()}
+        data = {name: {**_about(known[name]), "parameters": rows} for name, rows in values.items()}
         say_json(as_json({"schema": 1, "motors": data}))
         return
     if compare:
-        _side_by_side(shown)
+        _side_by_side(values)
         return
     for name, entry in known.items():
         say(f"{name}: {', '.join(each.file for each in entry.records)}")
         say(f"  {entry.command}")
-        for parameter, (value, low, high, unit) in shown[name].items():
+        for parameter, (value, low, high, unit) in values[name].items():
             say(f"  {parameter:<34}{_text(value, low, high)} {unit}".rstrip())
     if not known:
         say(f"{library} has no actuators")
@@ -139,15 +139,15 @@ def _text(value: float, low: float, high: float) -> str:
     return f"{value:.5g}" + (f"  [{low:.5g}, {high:.5g}]" if low == low else "")
 
 
-def _side_by_side(shown: dict[str, dict[str, tuple[float, float, float, str]]]) -> None:
+def _side_by_side(values: dict[str, dict[str, tuple[float, float, float, str]]]) -> None:
     """A row for every parameter, and whether its intervals have a value in common."""
-    every = dict.fromkeys(parameter for rows in shown.values() for parameter in rows)
-    table = [["", *shown, "intervals"]]
+    every = dict.fromkeys(parameter for rows in values.values() for parameter in rows)
+    table = [["", *values, "intervals"]]
     for parameter in every:
-        cells = [rows.get(parameter) for rows in shown.values()]
+        cells = [rows.get(parameter) for rows in values.values()]
         there = [cell for cell in cells if cell is not None and cell[1] == cell[1]]
         verdict = ""
-        if len(there) == len(shown):
+        if len(there) == len(values):
             verdict = "overlap" if max(c[1] for c in there) <= min(c[2] for c in there) else "differ"
         texts = ["" if cell is None else f"{_text(*cell[:3])} {cell[3]}".rstrip() for cell in cells]
         table.append([parameter, *texts, verdict])

@@ -16,7 +16,7 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.models.regression.search.orders import OrderRow
 
-SHOWN = 20
+MOST_ROWS = 20
 """At most this many structures are printed; the JSON has all."""
 HIGHEST = 1000
 """The largest order or delay that can be asked for."""
@@ -69,8 +69,8 @@ def orders(
     headings: dict[str, Align] = dict.fromkeys(
         ("na", "nb", "nk", "constant", "p", "free-run RMSE", "FPE", "AIC", "BIC"), "right"
     )
-    shown = ordered[:SHOWN]
-    show(plain_table(f"{len(ordered)} structures of ARX on {record.name}", headings, [_line(row) for row in shown]))
+    first = ordered[:MOST_ROWS]
+    show(plain_table(f"{len(ordered)} structures of ARX on {record.name}", headings, [_line(row) for row in first]))
     say(f"simplest within noise of the best free run: {_named(found.simplest)}")
     said = (("free run", "free_run"), ("BIC", "bic"), ("AIC", "aic"), ("FPE", "fpe"))
     say("smallest " + "; ".join(f"{title}: {_named(best[name])}" for title, name in said))

@@ -94,8 +94,8 @@ def simulate(
             document |= {"start": start.value, "findings": [finding.to_data() for finding in found]}
         say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
         return
-    shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
-    say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}", *([begun] if model is not None else []))
+    levels = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
+    say(f"{len(record):,} samples, crest factor {crest:.2f}, {levels}", *([begun] if model is not None else []))
     say(*(f"- {sentence(finding, option)}" for finding in found))
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 

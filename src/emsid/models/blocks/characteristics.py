@@ -51,8 +51,8 @@ def _edges(fit: Fit[Cascade], record: Record) -> list[Characteristic]:
         for way, (name, side) in zip((-1, 1), names, strict=True)
     )
     visited = Visited(record.input[:, 0], np.empty(0))
-    shown = [(each, visited.shows(RestsOn(Needs.THRESHOLD, way), way * each.value)) for way, each in found]
-    return [each if approached else each.unknown() for each, approached in shown]
+    judged = [(each, visited.shows(RestsOn(Needs.THRESHOLD, way), way * each.value)) for way, each in found]
+    return [each if approached else each.unknown() for each, approached in judged]
 
 
 def _edge(block: int, number: int, model: Cascade) -> float:

@@ -30,8 +30,8 @@ def linear_part(model: Cascade, at: float) -> LinearSystem:
             joined = np.zeros((n + m, n + m))
             joined[:n, :n], joined[n:, :n], joined[n:, n:] = system.a, columns @ system.c, own
             entering = np.vstack([system.b, columns @ system.d])
-            shown = np.hstack([b[0] * system.c, np.eye(1, m)])
-            system = replace(system, a=joined, b=entering, c=shown, d=b[0] * system.d)
+            output = np.hstack([b[0] * system.c, np.eye(1, m)])
+            system = replace(system, a=joined, b=entering, c=output, d=b[0] * system.d)
         else:
             slope = float(block.slope(np.array([x]))[0])  # type: ignore[attr-defined]
             system = replace(system, c=slope * system.c, d=slope * system.d)

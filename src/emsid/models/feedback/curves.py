@@ -32,7 +32,7 @@ STILL, GROWS = 1e-6, 1.5
 """An output that changes by less than the first share is at rest; an oscillation that grows faster than by the second
 from one half of these steps to the other is unstable."""
 
-SHOWN = 1e-2
+OBSERVABLE = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
 STATE_STEPS, STATE_SAMPLES = 3, 2_000
 """Steps to the initial state of a model close to another one, and samples that show it."""
@@ -118,7 +118,7 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
                 raise ModelError(str(problem)) from None
             by_theta, by_state = rows[:, at], rows[:, len(model.parameters) :]
             begin = slice(model.edge, first)
-            moved = np.linalg.pinv(by_state[begin], rcond=SHOWN) @ by_theta[begin]
+            moved = np.linalg.pinv(by_state[begin], rcond=OBSERVABLE) @ by_theta[begin]
             slopes = (by_theta - by_state @ moved)[first:]
             error[first:, 0] = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, covariance, slopes), 0.0))
         errors.append(error[len(segment) - len(begun) :])
@@ -148,11 +148,11 @@ def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[Feedbac
     """
     states, inputs = _first_states(model, record), _inputs(record)
     begun = [u[:STATE_SAMPLES] for u in inputs]
-    shown = [model.output(u, x) for u, x in zip(begun, states, strict=True)]
+    outputs = [model.output(u, x) for u, x in zip(begun, states, strict=True)]
 
     def signals(other: FeedbackModel) -> Visited:
         moved = []
-        for u, y, state in zip(begun, shown, states, strict=True):
+        for u, y, state in zip(begun, outputs, states, strict=True):
             x = state
             for _ in range(STATE_STEPS):
                 run, rows = other.with_state_gradient(u, x)

@@ -110,13 +110,13 @@ def normal_form(model: FeedbackModel, visited: Visited) -> NormalForm:
     run, transform = replace(visited, x=x, w=w * model.factor(x, visited.u)), np.eye(model.states)
     if model.sensor is not None:
         model, run = _in_units_of_sensor(model, run, conditions)
-    for part, shown in model.parts:
-        state = _state(model.matrix[part, part], model.matrix[shown, part], run.x[:, part])
+    for part, row in model.parts:
+        state = _state(model.matrix[part, part], model.matrix[row, part], run.x[:, part])
         if state is not None:
             transform[part, part], constants = state
-            model = _in_state(model, part, shown, transform[part, part], constants)
+            model = _in_state(model, part, row, transform[part, part], constants)
             conditions.fixed_matrix[part, part.start + 1 : part.stop] = True
-            conditions.fixed_matrix[shown, part] = True
+            conditions.fixed_matrix[row, part] = True
     model = _in_units(model, replace(run, x=run.x @ transform.T), conditions)
     dependent = conditions.dependent + model.states * len(model.shared)
     return NormalForm(model, transform, transform @ shift, conditions.fixed, conditions.rows, dependent)
@@ -231,12 +231,12 @@ def _without_line(model: FeedbackModel, i: int, z: Array, g: Array) -> tuple[Fee
 # --- state -----------------------------------------------------------------------------------------------------------
 
 
-def _state(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
+def _state(a: Array, row: Array, x: Array) -> tuple[Array, Array] | None:
     """(n, n) T to a state of the form (1), and (n, n − 1) the columns of A but the first.
 
     Args:
         a: (n, n) A.
-        shown: (n,) the factors of the state in the output.
+        row: (n,) the factors of the state in the output.
         x: (K, n) states.
 
     Returns:
@@ -244,7 +244,7 @@ def _state(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
     """
     if not len(a):
         return None
-    uncorrelated = _uncorrelated(a, shown, x)
+    uncorrelated = _uncorrelated(a, row, x)
     if uncorrelated is None:
         return None
     transform, step = uncorrelated
@@ -258,10 +258,10 @@ def _state(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
     return transform, step[:, 1:]
 
 
-def _uncorrelated(a: Array, shown: Array, x: Array) -> tuple[Array, Array] | None:
+def _uncorrelated(a: Array, row: Array, x: Array) -> tuple[Array, Array] | None:
     """T of uncorrelated states of the form (1), and (n, n) A of them; None if the output does not show every state."""
     n = len(a)
-    rows, step, of_x = [shown], np.eye(n, k=1), size_of(x)
+    rows, step, of_x = [row], np.eye(n, k=1), size_of(x)
     centred = x - x.mean(axis=0)
     for k in range(n - 1):
         ahead, so_far = rows[-1] @ a, np.array(rows)
@@ -315,13 +315,13 @@ def _correlation(x: Array) -> float:
     return float(np.abs(table - np.diag(np.diag(table))).max(initial=0.0))
 
 
-def _in_state(model: FeedbackModel, part: slice, shown: int, transform: Array, constants: Array) -> FeedbackModel:
+def _in_state(model: FeedbackModel, part: slice, row: int, transform: Array, constants: Array) -> FeedbackModel:
     """The model with another state, with the fixed elements of the form exactly.
 
     Args:
         model: with its state.
         part: that is changed, of n states.
-        shown: the row of M that shows it.
+        row: the row of M that shows it.
         transform: (n, n) T.
         constants: (n, n − 1) the columns of A but the first.
     """
@@ -329,7 +329,7 @@ def _in_state(model: FeedbackModel, part: slice, shown: int, transform: Array, c
     whole[part, part] = transform
     model = with_state(model, whole)
     matrix = model.matrix.copy()
-    matrix[part, part.start + 1 : part.stop], matrix[shown, part] = constants, np.eye(1, len(transform))[0]
+    matrix[part, part.start + 1 : part.stop], matrix[row, part] = constants, np.eye(1, len(transform))[0]
     return replace(model, matrix=matrix)
 
 
@@ -459,7 +459,7 @@ def squared_gains(model: FeedbackModel, run: Visited, k: int, power: Array) -> A
     turns = np.exp(1j * np.pi * np.arange(1, len(power) + 1) / len(power))
     responses = np.ones((len(turns), n + 1), dtype=complex)
     turned = turns[:, None, None] * np.eye(n) - closed[:n].T
-    shown = closed[-1 if k == 0 else model.parts[0][1]]
-    responses[:, :n] = np.linalg.solve(turned, np.tile(shown[:, None], (len(turns), 1, 1)))[..., 0]
+    row = closed[-1 if k == 0 else model.parts[0][1]]
+    responses[:, :n] = np.linalg.solve(turned, np.tile(row[:, None], (len(turns), 1, 1)))[..., 0]
     gains = np.real(responses.T @ (power[:, None] * responses.conj()))
     return np.asarray(gains / max(float(power.sum()), 1e-300), dtype=float)

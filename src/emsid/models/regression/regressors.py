@@ -90,14 +90,14 @@ def parse_regressor(text: str) -> Regressor:
     Raises:
         ModelError: for a text that is not a regressor.
     """
-    shown = text if len(text) <= 80 else f"{text[:80]}…"
+    excerpt = text if len(text) <= 80 else f"{text[:80]}…"
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
         products = list(_products(tree, 1))
     except SyntaxError as problem:
-        raise ModelError(f"regressor {shown!r} is not understood: {problem.msg}") from None
+        raise ModelError(f"regressor {excerpt!r} is not understood: {problem.msg}") from None
     except (ValueError, RecursionError, MemoryError):  # a null byte, or too deeply nested
-        raise ModelError(f"regressor {shown!r} is not understood") from None
+        raise ModelError(f"regressor {excerpt!r} is not understood") from None
     negative = False
     factors: dict[Factor, int] = {}
     for node, power in products:
@@ -107,7 +107,7 @@ def parse_regressor(text: str) -> Regressor:
             case ast.USub():
                 negative ^= power % 2 == 1
             case _:
-                factor = _factor(node, shown)
+                factor = _factor(node, excerpt)
                 factors[factor] = factors.get(factor, 0) + power
     return Regressor(
         tuple(Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()),

@@ -48,7 +48,7 @@ class Task:
 
     Attributes:
         topology: of the cascade.
-        shown: the records that choices are made from.
+        fitted: the records that choices are made from.
         rounds: their splits into fitted and unseen data.
         orders: that are given, of the filters before and after the map.
         settings: options of the search.
@@ -57,7 +57,7 @@ class Task:
     """
 
     topology: Topology
-    shown: Sequence[Record]
+    fitted: Sequence[Record]
     rounds: Sequence[Round]
     orders: Orders
     settings: CascadeSearch
@@ -67,7 +67,7 @@ class Task:
     @cached_property
     def part(self) -> list[Record]:
         """The records that models are refined on."""
-        return shortened(self.shown)
+        return shortened(self.fitted)
 
     @property
     def short(self) -> bool:
@@ -84,7 +84,7 @@ class Task:
 
     def sizes(self, family: Family) -> tuple[int, ...]:
         """The sizes of a family of maps to try."""
-        return map_sizes(family, self.topology, self.shown, self.orders, self.settings)
+        return map_sizes(family, self.topology, self.fitted, self.orders, self.settings)
 
     def typical(self, family: Family) -> int:
         """The size that compares a family with others: the first of a smooth map, or else the middle."""
@@ -103,7 +103,7 @@ class Task:
         """
         found: list[Choice] = []
         problem: ModelError | None = None
-        for starts in ordered_starts(self.topology, self.shown, self.orders, self.settings, template, self.control):
+        for starts in ordered_starts(self.topology, self.fitted, self.orders, self.settings, template, self.control):
             self.control.doing(f"refining {len(starts)} start values")
             try:
                 found += self.refined([plan(start) for start in starts])
@@ -142,7 +142,7 @@ class Task:
 def improving(task: Task) -> Iterator[Choice]:
     """Successive choices, each better than the previous: filters with a map of the first family, then the map."""
     settings = task.settings
-    first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
+    first, *higher = oversamplings(task.fitted) if settings.oversampling is None else (settings.oversampling,)
     small = best = _with_filters_exchanged(task, simplest(_from_starts(task, first)))
     for best in _of_higher_orders(task, small):
         yield best

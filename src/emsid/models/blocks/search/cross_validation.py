@@ -53,16 +53,16 @@ def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[
 
     Of several records of a period each, every k-th is unseen, so that the others stay whole.
     """
-    shown, splits = _splits(records, settings)
+    fitted, splits = _splits(records, settings)
     if len(splits) == 1:
         ((known, unseen),) = splits
-        return shown, [Round(known, unseen, [0] * len(unseen))]
+        return fitted, [Round(known, unseen, [0] * len(unseen))]
     edges = [[int(len(record) * k / FOLDS) for k in range(FOLDS + 1)] for record in records]
     rounds = []
     for k, (known, _) in enumerate(splits):
         upto = [record[: edge[k + 1]] for record, edge in zip(records, edges, strict=True)]
         rounds.append(Round(known, upto, [edge[k] for edge in edges]))
-    return shown, rounds
+    return fitted, rounds
 
 
 def _splits(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
@@ -72,8 +72,8 @@ def _splits(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Re
     if settings.unseen is not None:
         unseen = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in unseen])]
-    shown, splits = validation_splits(records, UNSEEN)
-    return shown, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in splits]
+    fitted, splits = validation_splits(records, UNSEEN)
+    return fitted, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in splits]
 
 
 def shortened(records: Sequence[Record]) -> list[Record]:

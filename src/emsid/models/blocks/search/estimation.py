@@ -291,19 +291,19 @@ def estimate(
     several = steady.records if steady else several
     if settings.rectified is None and topology.first:
         settings = replace(settings, rectified=may_be_rectified(several))
-    shown, rounds = held_back(several, settings)
+    fitted, rounds = held_back(several, settings)
     _check_unseen(topology, rounds, orders)
     delay = settings.delay
     if delay is None:
         signless, period = settings.families[0].loses_sign, settings.period
-        delay = 0 if signless else input_delay(topology, as_arrays(shown), orders, period)
-    longest = max(len(u) for u, _ in as_arrays(shown))
+        delay = 0 if signless else input_delay(topology, as_arrays(fitted), orders, period)
+    longest = max(len(u) for u, _ in as_arrays(fitted))
     if delay >= longest:
         raise ModelError(f"{topology.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
-    pieces = as_arrays(shortened(shown))
+    pieces = as_arrays(shortened(fitted))
     threads = settings.threads if sum(len(u) for u, _ in pieces) > SHARED_SAMPLES * len(pieces) else 1
     choosing = replace(settings, threads=threads)
-    task = Task(topology, shown, rounds, orders, choosing, replace(template, delay=delay), control)
+    task = Task(topology, fitted, rounds, orders, choosing, replace(template, delay=delay), control)
     best: Choice | None = None
     try:
         for choice in improving(task):

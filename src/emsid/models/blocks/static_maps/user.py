@@ -150,12 +150,12 @@ class UserMap(StaticMap):
 
     def _called(self, law: Callable[[Array, Array], Array], x: Array, shape: tuple[int, ...], what: str) -> Array:
         """The result of the user's function, checked. The function gets read-only views."""
-        shown = x.view(), self.parameters_now.view()
-        for each in shown:
+        views = x.view(), self.parameters_now.view()
+        for each in views:
             each.flags.writeable = False
         try:
             with np.errstate(all="ignore"):  # outside its domain a function returns NaN
-                array = np.asarray(law(*shown))
+                array = np.asarray(law(*views))
         except EmsidError:
             raise
         except Exception as problem:  # whatever a user's code may raise
@@ -204,10 +204,10 @@ class UserMap(StaticMap):
             step: of the differences.
             between: the inputs in words.
         """
-        shown = np.isfinite(difference) & np.isfinite(value)
-        if not shown.any():
+        known = np.isfinite(difference) & np.isfinite(value)
+        if not known.any():
             return
-        given, difference, value = given[shown], difference[shown], value[shown]
+        given, difference, value = given[known], difference[known], value[known]
         rounding = 100 * np.finfo(float).eps * np.abs(value) / step
         apart = np.abs(given - difference) > APART * np.maximum(np.abs(given), np.abs(difference)) + rounding
         wrong = apart | ~np.isfinite(given)

@@ -417,7 +417,8 @@ def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
 
 
 def test_discrete_models_are_not_compared_on_data_of_another_sample_time(monkeypatch):
-    monkeypatch.setattr("emsid.models.blocks.search.estimation.CascadeStructure.fit", lambda *_, **__: pytest.fail("fitted"))
+    fit = "emsid.models.blocks.search.estimation.CascadeStructure.fit"
+    monkeypatch.setattr(fit, lambda *_, **__: pytest.fail("fitted"))
     record = system(400, 21)
     other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")
     with pytest.raises(DataError) as refused:

@@ -46,7 +46,7 @@ from emsid.models.regression.structures import arx, wiener_hammerstein_regressio
 from emsid.plant import Bench, DeadZoneLaw, Friction, Motor
 from emsid.record import Record
 from emsid.study.models import FIXED, LINEAR, START, blocks, searches, structures, two_masses
-from emsid.study.motors import SHOWN, Case, compared, records
+from emsid.study.motors import EXAMPLE, Case, compared, records
 from emsid.study.setup import IDENTIFICATION, INPUTS, UNSEEN, Settings, measure
 from emsid.study.survey import FREE_RUN, ONE_STEP, InputRow, Largest, MotorRow, Survey, TwoMassRow
 from emsid.validation.comparison import Assessment, assess
@@ -78,7 +78,7 @@ def _family() -> tuple[Case, ...]:
         ("dead-zone-one-side", "dead zone of 0.5 V forward only", {"voltage_dead_zone": DeadZoneLaw(0, 0.5)}, 1.0),
         ("wide-dead-zone-one-side", "dead zone of 1.5 V forward only", {"voltage_dead_zone": DeadZoneLaw(0, 1.5)}, 1.0),
         ("slopes-0.8", "slopes m_l = 0.8, m_r = 1", {"voltage_dead_zone": zone(m_l=0.8)}, 1.0),
-        (SHOWN.name, SHOWN.meaning, {"voltage_dead_zone": SHOWN.motor.voltage_dead_zone}, 1.0),
+        (EXAMPLE.name, EXAMPLE.meaning, {"voltage_dead_zone": EXAMPLE.motor.voltage_dead_zone}, 1.0),
         (
             "coulomb-by-direction",
             "Coulomb level 12 mN·m forward, 4 mN·m backward",

@@ -37,27 +37,16 @@ def verdicts(best: Assessment) -> tuple[Finding, ...]:
 
 def _verdict(best: Assessment, channel: int) -> Finding:
     record = best.record
-    error = np.where(best.simulation.counted, (record.output - best.simulation.output)[:, channel], np.nan)
+    error = best.errors[:, channel]
     data: dict[str, Any] = {"model": best.row.model, "output": record.output_names[channel]}
-    share = predictable_share(error, record)
-    if share is None:
+    share = float(predictable_shares(error[:, None], record)[0])
+    if np.isnan(share):
         return Finding("residual-not-tested", best.row.model, data)
     independent = max(independent_values(error, u, record.breaks) for u in record.input.T)
     if share <= PREDICTABLE and independent < FEWEST_INDEPENDENT:
         return Finding("residual-not-tested", best.row.model, data | {"independent": independent})
     code = "residual-depends-on-input" if share > PREDICTABLE else "residual-independent-of-input"
     return Finding(code, best.row.model, data | {"share": share})
-
-
-def predictable_share(error: Array, record: Record) -> float | None:
-    """The share of the variance of one residual (N,) that its inputs predict; see `predictable_shares`.
-
-    Returns:
-        None where the residual or the input is constant, or there are too few samples.
-    """
-    known = np.isfinite(error)
-    found = _past_inputs(record, known)
-    return None if found is None or not np.ptp(error[known]) > 0 else float(_shares(error[:, None], *found)[0])
 
 
 def independent_values(error: Array, u: Array, breaks: Sequence[int]) -> float:
@@ -91,9 +80,15 @@ def predictable_shares(errors: Array, record: Record) -> Array:
     Args:
         errors: (N, m) residuals on the same samples, NaN where they do not count.
         record: of the inputs.
+
+    Returns:
+        NaN where the residual or the inputs are constant, or there are too few samples.
     """
-    found = _past_inputs(record, np.asarray(np.isfinite(errors).all(axis=1)))
-    return np.zeros(errors.shape[1]) if found is None or not errors.size else _shares(errors, *found)
+    known = np.asarray(np.isfinite(errors).all(axis=1))
+    found = _past_inputs(record, known) if known.any() and errors.size else None
+    if found is None:
+        return np.full(errors.shape[1], np.nan)
+    return np.where(np.ptp(errors[known], axis=0) > 0, _shares(errors, *found), np.nan)
 
 
 def _shares(errors: Array, phi: Array, usable: NDArray[np.bool_]) -> Array:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.identification.conclusions import RELATED
-from emsid.identification.ranking import Ranked, compared, within_noise
+from emsid.identification.ranking import Ranked, compared, deviations, within_noise
 from emsid.models.model import Model
 from emsid.record import Record
 from emsid.selection.improvement import equivalent
@@ -95,8 +95,7 @@ class Probes:
     @cached_property
     def scale(self) -> Array:
         """(ny,) the deviation of every output; one where it is constant."""
-        spread = self.record.output.std(axis=0)
-        return np.where(spread > 0, spread, 1.0)
+        return deviations(self.record.output)
 
     def outputs(self, model: Model) -> Array | None:
         """(3, `SAMPLES`, ny) the outputs of a model over the probes, over their deviations; None where it diverges."""

@@ -97,10 +97,6 @@ def _answer(future: Future[Fit[Any]] | None, control: Control) -> Fit[Any] | Non
     return None
 
 
-SLOWEST = ("wiener-hammerstein", "feedback")
-"""They often take as long as all others together, so one place begins with them."""
-
-
 @dataclass(frozen=True)
 class Fits:
     """The models that were fitted, those that could not be, whether this was stopped early, and what was not begun.
@@ -184,8 +180,11 @@ class Searches:
         return [name for name in self.names if not (self.by_need and _for_what_is_left(name))]
 
     def order(self, names: Sequence[str]) -> Sequence[str]:
-        """Some of the models in the order in which they are taken here; the other place takes the last one first."""
-        return sorted(names, key=SLOWEST.__contains__) if self.elsewhere else names
+        """Some of the models in the order in which they are taken here; the other place takes the last one first.
+
+        The slow ones come last: they often take as long as all others together, so one place begins with them.
+        """
+        return sorted(names, key=_for_what_is_left) if self.elsewhere else names
 
     def all(self) -> Fits:
         """The fits of all models.

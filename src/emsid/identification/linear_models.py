@@ -14,13 +14,11 @@ from typing import Any, ClassVar
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification.options import Options
-from emsid.identification.regressions import OutputError
+from emsid.identification.regressions import LINEAR, OutputError
 from emsid.models.linear.prediction_error import armax_orders, box_jenkins, fit_polynomials, noise_orders
 from emsid.models.linear.subspace_fit import fit_state_space, state_space
 from emsid.record import Record
 
-ORDERS = (1, 2, 3, 4)
-DELAYS = (0, 1, 2, 3)
 NOISE_ORDERS = 3
 """The largest number of coefficients of a noise polynomial."""
 
@@ -39,8 +37,8 @@ class Armax:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders that are not given, then minimise the prediction error over the whole record."""
         control.doing("choosing orders")
-        grid = (_among(options.nk, DELAYS), _among(options.na, ORDERS), _among(options.nb, ORDERS))
-        structure = armax_orders(record, *grid, range(NOISE_ORDERS + 1))
+        nk, na, nb = (_among(getattr(options, name), LINEAR[name]) for name in ("nk", "na", "nb"))
+        structure = armax_orders(record, nk, na, nb, range(NOISE_ORDERS + 1))
         control.doing("fitting")
         return fit_polynomials(structure, record, control=control)
 

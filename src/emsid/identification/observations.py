@@ -12,6 +12,7 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.map_ranges import BEYOND, about_the_maps
 from emsid.identification.plausibility import Plausibility
+from emsid.identification.ranking import deviations
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.plants.search.diagnostics import Profile
@@ -19,6 +20,7 @@ from emsid.record import Record
 from emsid.record.overlap import has_common_samples
 from emsid.selection.improvement import NEGLIGIBLE
 from emsid.validation.comparison import Assessment, Comparison, models_noise
+from emsid.validation.metrics import FEWEST
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
 
@@ -92,13 +94,11 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: 
 
 def _about_few_samples(samples: int, unseen: Record) -> list[Finding]:
     """Unseen data that are too few to rank models on."""
-    if samples >= FEWEST_UNSEEN:
+    if samples >= FEWEST:
         return []
-    return [Finding("few-unseen-samples", unseen.name, {"samples": samples, "needed": FEWEST_UNSEEN})]
+    return [Finding("few-unseen-samples", unseen.name, {"samples": samples, "needed": FEWEST})]
 
 
-FEWEST_UNSEEN = 50
-"""Errors from fewer samples say little about a model."""
 ENOUGH = 200
 """Samples of a half on which a model is chosen, or judged."""
 
@@ -131,12 +131,10 @@ def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
     halves = np.array_split(counted, 2)
     if len(halves[1]) < ENOUGH:
         return None
-    spread = np.std(record.output[counted], axis=0)
-    spread[spread == 0] = 1.0
-    squares = [
-        np.stack([np.mean((record.output[half] - each.simulation.output[half]) ** 2, axis=0) for half in halves])
-        for each in comparison.assessments
-    ]  # of every model (2, ny)
+    spread = deviations(record.output[counted])
+    squares = [  # of every model (2, ny)
+        np.stack([np.mean(each.errors[half] ** 2, axis=0) for half in halves]) for each in comparison.assessments
+    ]
     judged = []
     for choice in (0, 1):
         costs = [float(np.mean(each[choice] / spread**2)) for each in squares]

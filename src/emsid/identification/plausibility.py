@@ -10,7 +10,6 @@ range, or while the largest or the smallest input is held, is another.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -21,8 +20,10 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import response
+from emsid.identification.delay import LONGEST_SEARCHED
+from emsid.identification.determined import Probes
 from emsid.models.capabilities import MapInUse
-from emsid.models.extrapolation import LARGER, Extremes, diverges
+from emsid.models.extrapolation import LARGER, Extremes, diverges, diverges_held
 from emsid.models.free_run import free_run
 from emsid.models.kinds import capabilities_of
 from emsid.record import Record
@@ -37,23 +38,13 @@ GRID = 200
 """Points at which a map is looked at, besides its knots."""
 TURNS = 0.05
 """A map turns if it goes back by more than this share of its range over the data."""
-BEYOND = 1.0
-"""A map leaves the range of the output by more than this multiple of that range."""
 FASTEST, IMMEDIATE = float(np.exp(-1.0)), 1e-3
 """A real pole below the first has a time constant shorter than the sample time; below the second it is a delay."""
 CANCELS = 0.02
 """A zero this close to a pole, as a share of the distance of the pole to the unit circle, cancels it."""
-SLOW = 5
-"""Delays of up to this many samples are never too long."""
 RISE = 2.2
 """Rise time (10 to 90 %) over time constant of a first-order response."""
 
-LOOKED_AT = 20_000
-"""Samples of the records with a larger input and with steps."""
-HELD = 50
-"""The largest number of samples for which a step is held."""
-LEAD = 200
-"""Samples of the record before the steps, or a quarter of it; they give the initial state."""
 DIVERGES, DIVERGES_HELD = "diverges-beyond-range", "diverges-on-constant-input"
 EXCLUDING = frozenset({DIVERGES, DIVERGES_HELD})
 """The findings that keep a model from being chosen; see `excluded_models` for the exception."""
@@ -85,23 +76,14 @@ class Plausibility:
         self._rise: float | None = None
 
     @cached_property
-    def beyond(self) -> Record:
-        """The beginning of the record with a larger input."""
-        return Extremes(self.record[:LOOKED_AT]).larger
-
-    @cached_property
-    def held(self) -> Record:
-        """The beginning of the record with its largest and its smallest input, each for long."""
-        return Extremes(self.record).held
+    def extremes(self) -> Extremes:
+        """A larger input, and the largest and the smallest input, each for long."""
+        return Extremes(self.record)
 
     @cached_property
     def steps(self) -> Record:
-        """The beginning of the longest segment, whose input soon steps between values that it takes."""
-        record, rng = max(self.record.segments, key=len)[:LOOKED_AT], np.random.default_rng(1)
-        samples, lead = len(record), min(LEAD, len(record) // 4)
-        levels = record.input[rng.integers(samples, size=samples)]
-        held = np.repeat(levels, rng.integers(1, HELD + 1, size=samples), axis=0)
-        return replace(record, input=np.concatenate([record.input[:lead], held])[:samples], before=())
+        """The beginning of the longest segment, whose input then steps between levels within its range."""
+        return Probes(self.record).records[0]
 
     def findings(self, fit: Fit[Any]) -> list[Finding]:
         """Why a model is implausible, without what the fit itself has found."""
@@ -119,9 +101,9 @@ class Plausibility:
 
     def _running_away(self, model: Any) -> Iterator[Finding]:
         """A free run that diverges where the record does not."""
-        if diverges(model, self.beyond):
+        if diverges(model, self.extremes.larger):
             yield Finding(DIVERGES, model.name, {"factor": LARGER})
-        if free_run(model, self.held).diverged_at is not None:
+        if diverges_held(model, self.extremes):
             yield Finding(DIVERGES_HELD, model.name)
         if free_run(model, self.steps).diverged_at is not None:
             yield Finding("diverges-on-steps", model.name)
@@ -142,13 +124,13 @@ class Plausibility:
         outputs = np.array([used.output_at_rest(float(value)) for value in values])
         beyond = np.where(sparse, np.maximum(outputs - y.max(), y.min() - outputs), -np.inf)
         worst = int(np.argmax(beyond))
-        if beyond[worst] > BEYOND * np.ptp(y):
+        if beyond[worst] > np.ptp(y):
             data = {"block": used.number, "at": float(grid[worst]), "value": float(outputs[worst])}
             yield Finding("map-leaves-range", name, data | {"low": float(y.min()), "high": float(y.max())})
 
     def _too_late(self, delay: int) -> Iterator[Finding]:
         """A delay longer than the rise time of the record, and longer than the delay that the record shows."""
-        if delay <= SLOW or self.rise is None:
+        if delay <= LONGEST_SEARCHED or self.rise is None:
             return
         if delay > self.rise:
             dt = self.record.dt

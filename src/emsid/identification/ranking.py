@@ -151,7 +151,7 @@ def ranked(
         outside: the data outside the excerpt that the models were fitted to, if they were.
         whole: the fitted and the held-back data in one record; by default they are joined, with a gap between them.
     """
-    scale = _scale(choice.best.record if fitted is None else concatenate([fitted, choice.best.record]))
+    scale = deviations((choice.best.record if fitted is None else concatenate([fitted, choice.best.record])).output)
     alone = [
         Ranked(each.fit, (stretch_errors(each.simulation, each.record, scale, STRETCHES),))
         for each in choice.assessments
@@ -184,7 +184,7 @@ def ranked_ahead(choice: Comparison, horizon: int) -> tuple[Ranked, ...]:
         choice: the models on the part of the data that was held back from their fits.
         horizon: the samples that are predicted ahead.
     """
-    scale = _scale(choice.best.record)
+    scale = deviations(choice.best.record.output)
 
     def errors(each: Assessment) -> StretchErrors:
         run = predict(each.fit.model, each.record, horizon, each.transient)
@@ -208,7 +208,7 @@ def in_turn(fits: Sequence[Fit[Any]], whole: Record, start: int, options: Option
     Raises:
         Stopped: if ``control`` stops it.
     """
-    folds = _Folds(start, _scale(whole), options, control)
+    folds = _Folds(start, deviations(whole.output), options, control)
     return [folds.in_turn(fit, whole, whole) for fit in fits]
 
 
@@ -402,7 +402,7 @@ def _squares(run: Run, record: Record, scale: Array) -> Array:
     return np.where(run.counted, squares, np.nan)
 
 
-def _scale(record: Record) -> Array:
-    """(ny,) the standard deviation of every output; one where it is constant."""
-    spread = record.output.std(axis=0)
+def deviations(outputs: Array) -> Array:
+    """(ny,) the standard deviations of outputs (N, ny); one where an output is constant."""
+    spread = outputs.std(axis=0)
     return np.where(spread > 0, spread, 1.0)

@@ -315,7 +315,7 @@ def stribeck_speeds(record: Record) -> tuple[float, float]:
     return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # short numbers for the printed structure
 
 
-_LINEAR: Choices = {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4), "constant": (0, 1)}
+LINEAR: Choices = {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4), "constant": (0, 1)}
 _FRICTION = Regression(
     "ARX with dead-zone hinges, Coulomb and Stribeck friction",
     friction,
@@ -333,10 +333,10 @@ _EXPANDED = Regression(
         "constant": (0, 1),
     },
 )
-OUTPUT_ERROR = OutputError("linear, fitted to the free run", _LINEAR)
+OUTPUT_ERROR = OutputError("linear, fitted to the free run", LINEAR)
 
 REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | PolynomialNarx] = {
-    "arx": Regression("linear: past outputs and inputs", linear, _LINEAR),
+    "arx": Regression("linear: past outputs and inputs", linear, LINEAR),
     "output-error": OUTPUT_ERROR,
     "wiener-hammerstein-regression": _EXPANDED,
     "wiener-hammerstein-regression-free-run": FreeRunRegression(

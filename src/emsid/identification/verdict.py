@@ -13,6 +13,7 @@ limits a model only if the inputs predict more than `PREDICTABLE` of its varianc
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -21,27 +22,20 @@ from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
-from emsid.identification.ranking import stretch_errors
+from emsid.identification.ranking import deviations, stretch_errors
 from emsid.identification.unstable import horizon_of
 from emsid.models.extrapolation import MUCH_BETTER
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, models_noise
-from emsid.validation.correlation import input_test
+from emsid.validation.correlation import LAGS, input_test
+from emsid.validation.metrics import SMALL
 from emsid.validation.residual_test import residual_tests
 
-LAGS = 50
-"""Lags of the tests against inputs, in samples."""
 LARGER = 1.5
 """An error, as a share of the output's deviation, is larger on unseen data from this ratio on."""
-EXPLAINED = 0.5
-"""A model whose error is below this share of the deviation of the output in all data explains something."""
-SMALL = 0.02
-"""An error below this share of the output's deviation is small on any data."""
-LEFT = 1 / DIFFERENT
-"""A model lacks something if another one leaves less than this share of its squared error on unseen data."""
-CONCENTRATED = 0.5
-"""The share of the squared error in one of the stretches above which the error is in this stretch."""
+MOST = sqrt(1 / DIFFERENT)
+"""An error above this share of the output's deviation leaves most of its variance."""
 
 Reason = dict[str, Any]
 UNTESTED: Reason = {"code": "residual-untested"}
@@ -158,7 +152,7 @@ def is_weak(unseen: Assessment, left_open: Mapping[str, list[Reason]]) -> bool:
     """
     codes = {each["code"] for each in left_open.get(unseen.row.model, [])}
     agree = codes.isdisjoint({"parts-differ", "response-uncertain"})
-    return bool(unseen.row.fit_percent < 100 * (1 - np.sqrt(1 / DIFFERENT))) and not agree
+    return bool(unseen.row.fit_percent < 100 * (1 - MOST)) and not agree
 
 
 def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
@@ -166,22 +160,21 @@ def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 
     While no input changes, as after a step, the output is at rest but for noise, and a good model is no better than its
     mean. It can be used if its error is small beside the deviation of the output over fitted and unseen data
-    (`EXPLAINED`).
+    (`MOST`).
     """
     row = unseen.row
     if row.diverged_at is not None:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
-    if row.fit_percent <= 0 and (unseen.input_moves or _share_of_deviation(unseen, fitted) > EXPLAINED):
+    if row.fit_percent <= 0 and (unseen.input_moves or _share_of_deviation(unseen, fitted) > MOST):
         return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
     return []
 
 
 def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:
     """The RMSE on unseen data over the deviation of the output in fitted and unseen data; the mean over the outputs."""
-    errors = (unseen.record.output - unseen.simulation.output)[unseen.simulation.counted]
     spread = np.concatenate([fitted.record.output, unseen.record.output]).std(axis=0)
-    moves = spread > 0
-    return float(np.mean(np.sqrt(np.mean(errors[:, moves] ** 2, axis=0)) / spread[moves])) if moves.any() else np.inf
+    moves, errors = spread > 0, np.sqrt(np.nanmean(unseen.errors**2, axis=0))
+    return float(np.mean(errors[moves] / spread[moves])) if moves.any() else np.inf
 
 
 def _poor(unseen: Assessment, fitted: Assessment) -> list[Reason]:
@@ -196,10 +189,8 @@ def _poor(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 
 def residual_table(assessment: Assessment) -> list[Reason]:
     """All residual tests of one model with their 99 % limits; ``passed`` where a residual stays within its limit."""
-    record, counted = assessment.record, assessment.simulation.counted
-    errors = np.where(counted[:, None], record.output - assessment.simulation.output, np.nan)
-    found: list[Reason] = []
-    for channel, (output, error) in enumerate(zip(record.output_names, errors.T, strict=True)):
+    record, found = assessment.record, list[Reason]()
+    for channel, (output, error) in enumerate(zip(record.output_names, assessment.errors.T, strict=True)):
         for name, u in zip(record.input_names, record.input.T, strict=True):
             past = input_test(error, u, record.breaks, LAGS)
             if past is not None:
@@ -248,7 +239,7 @@ def _from_tests(tests: Sequence[Reason], unseen: Assessment, shares: Sequence[fl
 
 
 def _other_is_better(assessments: Sequence[Assessment]) -> dict[str, list[Reason]]:
-    """For each model that lacks something: that the best model leaves less than `LEFT` of its squared error.
+    """For each model that lacks something: that the best model leaves less than half of its squared error.
 
     A free run is computed from the input alone, so what the best one explains can be predicted, whatever tests of the
     residual against a few functions of the input see.
@@ -261,15 +252,14 @@ def _other_is_better(assessments: Sequence[Assessment]) -> dict[str, list[Reason
     return {
         name: [{"code": "another-is-better", "other": best, "left": least.mean / own.mean}]
         for name, own in errors.items()
-        if least.mean < LEFT * own.mean < np.inf and better_by_ratio(least, own)
+        if DIFFERENT * least.mean < own.mean < np.inf and better_by_ratio(least, own)
     }
 
 
 def _stretches(assessment: Assessment) -> StretchErrors:
     """The squared errors of all outputs, each over its variance, by stretch; infinite where the run diverged."""
     record, run = assessment.record, assessment.simulation
-    spread = record.output[run.counted].std(axis=0)
-    return stretch_errors(run, record, np.where(spread > 0, spread, 1.0), STRETCHES)
+    return stretch_errors(run, record, deviations(record.output[run.counted]), STRETCHES)
 
 
 def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
@@ -307,33 +297,22 @@ def larger_on_unseen(unseen: Assessment, fitted: Assessment) -> float | None:
 
 def _concentrated(unseen: Assessment) -> list[Reason]:
     """The stretch that has most of the squared error, if one has."""
-    record, counted = unseen.record, np.flatnonzero(unseen.simulation.counted)
-    spread = record.output[counted].std(axis=0)
-    if not np.all(spread > 0):
+    errors, time = _stretches(unseen), unseen.record.time
+    sums = errors.means * errors.samples
+    worst, total = int(np.argmax(sums)), float(sums.sum())
+    if errors.samples.sum() < 10 * STRETCHES or not 0 < total < np.inf or 2 * sums[worst] < total:
         return []
-    squares = np.mean(((record.output - unseen.simulation.output)[counted] / spread) ** 2, axis=1)
-    stretches = np.array_split(np.arange(len(counted)), STRETCHES)
-    if len(counted) < 10 * STRETCHES or not squares.sum() > 0:
-        return []
-    sums = np.array([float(squares[each].sum()) for each in stretches])
-    worst = int(np.argmax(sums))
-    share = float(sums[worst] / sums.sum())
-    if share < CONCENTRATED:
-        return []
-    first, last = counted[stretches[worst][[0, -1]]]
-    place = {"first": int(first), "last": int(last), "from": float(record.time[first]), "to": float(record.time[last])}
-    return [{"code": "error-in-one-stretch", "share": share, **place}]
+    first, last = np.array_split(np.arange(len(time)), STRETCHES)[worst][[0, -1]].tolist()
+    place = {"first": first, "last": last, "from": float(time[first]), "to": float(time[last])}
+    return [{"code": "error-in-one-stretch", "share": float(sums[worst]) / total, **place}]
 
 
 def _shares(assessments: Sequence[Assessment]) -> list[list[float]]:
-    """The predictable share of the residual variance of every model and output; zero where it is not known."""
+    """The predictable share of the residual variance of every model and output; NaN where it is not known."""
     record, counted = assessments[0].record, assessments[0].simulation.counted
-    errors = np.stack([record.output - each.simulation.output for each in assessments])  # (models, N, ny)
-    usable = [
-        each.row.diverged_at is None and bool(np.isfinite(error[counted]).all())
-        for each, error in zip(assessments, errors, strict=True)
-    ]
-    columns = errors[usable].transpose(1, 0, 2).reshape(len(record), -1)
-    found = predictable_shares(np.where(counted[:, None], columns, np.nan), record)
-    known = iter(found.reshape(-1, record.output.shape[1]).tolist())
-    return [next(known) if good else [0.0] * record.output.shape[1] for good in usable]
+    usable = [bool(np.isfinite(each.errors[counted]).all()) for each in assessments]
+    runs = [each.errors for each, good in zip(assessments, usable, strict=True) if good]
+    unknown = [np.nan] * record.output.shape[1]
+    found = predictable_shares(np.hstack(runs), record).reshape(len(runs), -1).tolist() if runs else []
+    known = iter(found)
+    return [next(known) if good else unknown for good in usable]

@@ -24,17 +24,14 @@ from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.models.model import Model, Run
 from emsid.record import Record
+from emsid.validation.metrics import FEWEST, SMALL
 
 Array = NDArray[np.float64]
 
 NOTABLE = 0.25
 """A difference between records is reported if it explains at least this share of the squared error."""
-SAMPLES = 50
-"""Records with fewer samples are left out."""
 PIECES = 4
 """Pieces of the data that a model was fitted to, and of those that it was not, which are compared."""
-SMALL = 0.03
-"""Differences between pieces of less than this share of the output's standard deviation do not matter."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ def disagreement(model: Model, records: Sequence[Record]) -> Disagreement | None
             run = model.simulate(record)
         except ModelError:
             continue
-        if run.diverged_at is None and np.count_nonzero(run.counted) >= SAMPLES:
+        if run.diverged_at is None and np.count_nonzero(run.counted) >= FEWEST:
             runs.append((record, run))
     if len(runs) < 2:
         return None
@@ -115,7 +112,7 @@ def difference_of_pieces(runs: Sequence[tuple[Record, Run]], name: str) -> Disag
         name: of the model.
     """
     pieces = [piece for record, run in runs for piece in _cut(record, run)]
-    pieces = [(record, run) for record, run in pieces if np.count_nonzero(run.counted) >= SAMPLES]
+    pieces = [(record, run) for record, run in pieces if np.count_nonzero(run.counted) >= FEWEST]
     if len(pieces) < 2 or any(run.diverged_at is not None for _, run in runs):
         return None
     found = _in_every_output(name, pieces)

@@ -132,6 +132,11 @@ class Assessment:
     transient: int
 
     @cached_property
+    def errors(self) -> Array:
+        """(N, ny) what the free run leaves of the measured outputs; NaN for samples that do not count."""
+        return np.where(self.simulation.counted[:, None], self.record.output - self.simulation.output, np.nan)
+
+    @cached_property
     def nonlinear_tests(self) -> tuple[tuple[NonlinearTest, ...], ...]:
         """The residual of every output against nonlinear functions of the inputs, see `free_run_tests`."""
         return free_run_tests(self.record, self.simulation)

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 SIGNIFICANCE = 0.01
-"""Chance that a test rejects a residual that is independent of the input."""
+"""Chance that a test rejects a residual that is what it tests for: white, or independent of an input."""
+LAGS = 50
+"""Lags of the tests against functions of the inputs, in samples."""
 EXCITED = 1e-2
 """Directions of lagged inputs with less than this part of the largest variance are not tested together."""
 # The length of every segment of a signal, and its Fourier transform.

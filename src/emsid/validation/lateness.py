@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from emsid.findings import Finding
 from emsid.models.model import Run
 from emsid.record import Record
-from emsid.validation.agreement import NOTABLE, SAMPLES
+from emsid.validation.agreement import NOTABLE
+from emsid.validation.metrics import FEWEST
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def lateness(record: Record, run: Run) -> Iterable[Finding]:
         run: the free run of a model over them.
     """
     resampled = any(each.code == "data-resampled" for each in record.findings)  # by up to a sample
-    if run.diverged_at is not None or np.count_nonzero(run.counted) < SAMPLES:
+    if run.diverged_at is not None or np.count_nonzero(run.counted) < FEWEST:
         return
     edges = list(pairwise((0, *record.breaks, len(record))))
     for channel, (name, unit) in enumerate(zip(record.output_names, record.output_units, strict=True)):

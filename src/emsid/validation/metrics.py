@@ -9,6 +9,11 @@ from emsid.models.free_run import mean_squared_error as mean_squared_error
 
 Array = NDArray[np.float64]
 
+FEWEST = 50
+"""Errors from fewer samples say little about a model."""
+SMALL = 0.02
+"""An error, or a difference of errors, below this share of the output's deviation is small on any data."""
+
 
 def fit_percent(measured: Array, modelled: Array) -> float:
     """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse.

@@ -20,14 +20,10 @@ from numpy.typing import NDArray
 
 from emsid.models.model import Run
 from emsid.record import Record
-from emsid.validation.correlation import cross_correlation
+from emsid.validation.correlation import LAGS, SIGNIFICANCE, cross_correlation
 
 Array = NDArray[np.float64]
 
-LAGS = 50
-"""Lags of the tests, in samples."""
-CHANCE = 0.01
-"""Chance that an independent residual exceeds the limit of any of its tests at any lag."""
 NOTHING = 1e-6
 """A function with a smaller deviation, of signals whose largest value is one, is what the others have in common."""
 
@@ -110,7 +106,7 @@ def nonlinear_tests(
     for term in terms:
         correlation = cross_correlation(error, term.signal, breaks, lags)
         past = correlation[len(correlation) // 2 :]
-        limit = float(-ndtri(CHANCE / 2 / len(past) / len(terms)))
+        limit = float(-ndtri(SIGNIFICANCE / 2 / len(past) / len(terms)))
         lag = int(np.argmax(np.abs(past)))
         tests.append(NonlinearTest(term.name, term.kind, past, limit, _share(error, term.signal, breaks, lag)))
     return tuple(tests)

@@ -27,6 +27,7 @@ from emsid.findings import Finding
 from emsid.models.free_run import from_rest
 from emsid.record import Record
 from emsid.validation.comparison import Assessment, Comparison
+from emsid.validation.metrics import FEWEST, SMALL
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,6 @@ WORSE = 2.0
 """The error in a region is much larger from this ratio to the error in all other regions on."""
 POSITIONS = frozenset({"m", "cm", "mm", "um", "µm", "rad", "mrad", "deg", "°", "turn", "rev", "count"})
 """Units of outputs without regions."""
-SMALL = 0.01
-"""An error below this share of the output's deviation is small anywhere."""
-LEAST = 50
-"""Samples of a region whose error is judged."""
 
 
 @dataclass(frozen=True)
@@ -169,9 +166,9 @@ def worst_region(assessment: Assessment) -> Finding | None:
     for channel, output in enumerate(assessment.record.output_names):
         small = SMALL * float(np.std(assessment.record.output[:, channel]))
         own = [each for each in errors if each.output == output]
-        large = max((each for each in own if each.samples >= LEAST), key=lambda each: each.rmse, default=None)
+        large = max((each for each in own if each.samples >= FEWEST), key=lambda each: each.rmse, default=None)
         others = [each for each in own if each is not large]
-        if large is None or sum(each.samples for each in others) < LEAST:
+        if large is None or sum(each.samples for each in others) < FEWEST:
             continue
         rest = float(np.sqrt(np.average([e.rmse**2 for e in others], weights=[e.samples for e in others])))
         if large.rmse > max(WORSE * rest, small):

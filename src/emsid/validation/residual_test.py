@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from emsid.models.model import Run
 from emsid.record import Record
-from emsid.validation.correlation import autocorrelation
+from emsid.validation.correlation import SIGNIFICANCE, autocorrelation
 
 Array = NDArray[np.float64]
 
 LAGS = 25
 """Lags that are tested, in samples."""
-SIGNIFICANCE = 0.01
-"""Chance of rejecting a model whose errors are white."""
 NOTABLE = 0.1
 """Smaller autocorrelations are accepted, even if they are significant in a long record."""
 

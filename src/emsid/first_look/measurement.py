@@ -65,14 +65,11 @@ def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
 
 
 def _stops_at_once(y: Array, there: NDArray[np.bool_]) -> bool:
-    """Whether a noisy output has exactly the same value at a limit, and comes to it from a distance.
-
-    One that settles comes closer and closer; one that repeats its value elsewhere too is rounded.
-    """
+    """Whether a noisy output comes to a limit from afar, as one that settles does not; one that is rounded repeats."""
     steps, elsewhere = np.diff(y), (y[1:] > y.min()) & (y[1:] < y.max())
     arrivals = np.abs(steps[there[1:] & ~there[:-1]])
     repeats = np.mean(steps[elsewhere] == 0) if elsewhere.any() else 1.0
-    return bool(repeats < SAME and len(arrivals) and np.median(arrivals) > 1e-4 * np.ptp(y))
+    return bool(repeats < SAME and len(arrivals) and np.median(arrivals) > PART * np.median(np.abs(steps[elsewhere])))
 
 
 def outliers(data: Examined) -> Iterable[Finding]:

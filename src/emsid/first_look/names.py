@@ -67,14 +67,15 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
     (
         ColumnQuantity.OTHER,
         0.8,
-        "temp temperature temperatur index idx row seq id state status mode fault flag crc checksum battery",
+        "temp temperature temperatur index idx row seq id state status statusword controlword mode fault flag crc "
+        "checksum battery sysload awake",
     ),
     (ColumnQuantity.ACCELERATION, 0.9, "acc accel acceleration qdd beschleunigung"),
     (
         ColumnQuantity.SPEED,
         0.95,
-        "speed vel velocity rpm omega geschwindigkeit drehzahl winkelgeschwindigkeit vitesse velocidad velocità gyro "
-        "spd qdot dq qd rate tacho tachometer tachogenerator",
+        "speed vel velocity rpm erpm omega geschwindigkeit drehzahl winkelgeschwindigkeit vitesse velocidad velocità "
+        "gyro spd qdot dq qd rate tacho tachometer tachogenerator",
     ),
     (ColumnQuantity.DUTY, 0.95, "pwm duty dutycycle throttle"),
     (

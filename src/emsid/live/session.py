@@ -194,7 +194,7 @@ class _Work:
         self.session, self.parser, self.settings, self.log = session, parser, settings, log
         self.timeline, self.away = Timeline(settings.dt), 0.0
         self.state, self.begun = state, time.monotonic()
-        self.reported = self.done = self.begun
+        self.estimated = self.done = self.begun
         self.quiet = self.behind = False
         self.rates: deque[tuple[float, int]] = deque([(self.begun, 0)])
         self.reported = 0
@@ -298,8 +298,8 @@ class _Work:
             if self.behind:
                 data = {"reason": self.log.problem, "bytes": self.log.pending}
                 yield self.found(Finding("log-not-written", str(self.log.path), data))
-        if now - self.reported >= self.settings.every and session.tracking is not None:
-            self.reported = now
+        if now - self.estimated >= self.settings.every and session.tracking is not None:
+            self.estimated = now
             yield from self.report_unused()
             yield self.estimate()
 

@@ -16,7 +16,7 @@ from emsid.models.plants.one_mass import Sliding
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD
-from emsid.plant import Friction, LoadFriction, Motor, PowerFriction, SquaredLoadFriction
+from emsid.plant import Friction, LoadFriction, Motor, PowerFriction
 from emsid.plants import Gravity, MotorPlant
 
 DT = 5e-3
@@ -136,7 +136,7 @@ LAWS = {
         lambda v, m, e: 0.4 + abs(0.1 * m - 0.3 * e) + np.exp(-2 * v) * (0.05 + abs(0.05 * m - 0.02 * e)),
     ),
     "M6": (
-        SquaredLoadFriction(0.4, 0.05, 2.0, 0.1, 0.3, 0.05, 0.02, 0.01, 0.03),
+        PowerFriction(0.4, 0.05, 2.0, 0.1, 0.3, 0.05, 0.02, 0.01, 0.03),
         lambda v, m, e: (
             0.4
             + abs(0.1 * m - 0.3 * e)
@@ -199,7 +199,7 @@ def test_without_load_they_are_the_law_of_the_paper() -> None:
     u = torque(300, 4)[:, None]
     runs = [
         joint().with_frictions({"rotor_friction": law}).simulate(u, DT, np.array([0.0, 0.3]), POSITION)
-        for law in (plain, loaded, PowerFriction(0.4, 0.05, 2.0), SquaredLoadFriction(0.4, 0.05, 2.0))
+        for law in (plain, loaded, PowerFriction(0.4, 0.05, 2.0))
     ]
     for run in runs[1:]:
         np.testing.assert_allclose(run, runs[0], rtol=1e-10, atol=1e-10)

@@ -32,10 +32,8 @@ from emsid.models.plants.state import PlantState
 from emsid.models.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
-from emsid.plant.load_friction import LoadFriction
+from emsid.plant.load_friction import LoadFriction, PowerFriction
 from emsid.plant.parameter import Measure, Parameter
-from emsid.plant.power_friction import PowerFriction
-from emsid.plant.squared_load_friction import SquaredLoadFriction
 
 __all__ = [
     "Acting",
@@ -83,7 +81,6 @@ __all__ = [
     "Servo",
     "Signal",
     "Sizes",
-    "SquaredLoadFriction",
     "StaticCharacteristic",
     "Status",
     "by_direction",

@@ -5,12 +5,10 @@ from emsid.plant.constants import Extra
 from emsid.plant.dead_zone import DeadZoneLaw
 from emsid.plant.friction import FRICTION_LAWS, Friction, FrictionLaw, LawParameter, OneDirection, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
-from emsid.plant.load_friction import LoadFriction
+from emsid.plant.load_friction import LoadFriction, PowerFriction
 from emsid.plant.motor import Motor, StateSpace
 from emsid.plant.parameter import Measure, Parameter
-from emsid.plant.power_friction import PowerFriction
 from emsid.plant.simulation import Energy, Events, State, Taylor, Trajectory, simulate
-from emsid.plant.squared_load_friction import SquaredLoadFriction
 
 __all__ = [
     "FRICTION_LAWS",
@@ -31,7 +29,6 @@ __all__ = [
     "Parameter",
     "PowerFriction",
     "SpeedSensor",
-    "SquaredLoadFriction",
     "State",
     "StateSpace",
     "Tachometer",

@@ -1,4 +1,4 @@
-r"""Friction that grows with the load of a gear, and near rest.
+r"""Friction of a gear that grows with its load, and near rest.
 
 With the torque τ_m of the motor and τ_e from outside (gravity, a constant load), both in the direction of positive
 motion, a gear transmits a load in proportion to τ_m − τ_e, and
@@ -10,9 +10,17 @@ their exponent α = 1 and their speed θ̇_s = 1/α₂, where K_c is the Coulomb
 (4.7). Their viscous friction K_v is that of the plant. At rest friction balances any net torque τ_m + τ_e up to the
 level at ω = 0: where |τ_m − τ_e| grows with the load faster than the net torque does, a gear locks itself.
 
+Worm gears and harmonic drives drive in another way than they are driven: both torques have factors of their own,
+
+    T_f(ω) = {K_c + |K_m·τ_m − K_e·τ_e| + exp(−α₂·|ω|)·[K_cs + |K_ms·τ_m − K_es·τ_e| + Q]}·sgn(ω),
+    Q = K_eq·τ_e² where |τ_m| > |τ_e|,   K_mq·τ_m² else,   and 0 where both torques turn the same way.
+
+With Q = 0 this is the model M5, and with it M6; that Q is 0 where both torques turn the same way is how the authors'
+program has it. With K_m = K_e, K_ms = K_es and Q = 0 it is the law above.
+
 References:
     Duclusaud, Passault, Padois, Ly, *Extended friction models for the physics simulation of servo actuators*,
-    arXiv 2410.08650 (2024), models M1 to M4.
+    arXiv 2410.08650 (2024), models M1 to M6.
 """
 
 from __future__ import annotations
@@ -25,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compiled import njit
-from emsid.plant.friction import Friction, FrictionLaw, LawParameter, Level, friction_law
+from emsid.plant.friction import FRICTION_LAWS, Friction, FrictionLaw, LawParameter, Level, friction_law
 from emsid.plant.parameter import Measure
 
 Array = NDArray[np.float64]
@@ -38,6 +46,17 @@ def with_load(speed: float, numbers: Array, side: int, motor: float, outside: fl
     load = abs(motor - outside)
     near = np.exp(-numbers[side, 2] * speed)
     return float(numbers[side, 0] + numbers[side, 3] * load + near * (numbers[side, 1] + numbers[side, 4] * load))
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def either_torque(speed: float, numbers: Array, side: int, motor: float, outside: float) -> float:
+    """The same with factors for either torque."""
+    near = abs(numbers[side, 5] * motor - numbers[side, 6] * outside)
+    if motor * outside < 0.0:
+        driving = abs(motor) > abs(outside)
+        near += numbers[side, 8] * outside * outside if driving else numbers[side, 7] * motor * motor
+    level = numbers[side, 0] + abs(numbers[side, 3] * motor - numbers[side, 4] * outside)
+    return float(level + np.exp(-numbers[side, 2] * speed) * (numbers[side, 1] + near))
 
 
 @dataclass(frozen=True)
@@ -87,3 +106,44 @@ class LoadFriction(ByLoad):
         LawParameter("load_stribeck", "K_ls", Measure.FACTOR, "Stribeck excess at standstill per load of the gear"),
     )
     level: ClassVar[Level] = with_load
+
+
+@friction_law("load-by-power")
+@dataclass(frozen=True)
+class PowerFriction(ByLoad):
+    """Friction by load that differs where the motor drives the load and where the load drives the motor.
+
+    >>> PowerFriction(0.02, motor=0.1, outside=0.3).breakaway
+    (0.02, 0.02)
+
+    Args:
+        coulomb, stribeck, stribeck_rate: without load, as in `LoadFriction`.
+        motor, outside: K_m and K_e, the level per torque of the motor and from outside.
+        motor_stribeck, outside_stribeck: K_ms and K_es, the excess at standstill likewise.
+        motor_squared, outside_squared: K_mq and K_eq, the excess by the square of the torque, in 1/(N·m).
+
+    Raises:
+        ModelError: for a value that is negative or not finite.
+    """
+
+    motor: Pair = 0.0
+    outside: Pair = 0.0
+    motor_stribeck: Pair = 0.0
+    outside_stribeck: Pair = 0.0
+    motor_squared: Pair = 0.0
+    outside_squared: Pair = 0.0
+
+    parameters: ClassVar[tuple[LawParameter, ...]] = (
+        *Friction.parameters,
+        LawParameter("motor", "K_m", Measure.FACTOR, "Coulomb level per torque of the motor"),
+        LawParameter("outside", "K_e", Measure.FACTOR, "Coulomb level per torque from outside"),
+        LawParameter("motor_stribeck", "K_ms", Measure.FACTOR, "Stribeck excess per torque of the motor"),
+        LawParameter("outside_stribeck", "K_es", Measure.FACTOR, "Stribeck excess per torque from outside"),
+        LawParameter("motor_squared", "K_mq", Measure.PER_FORCE, "excess by the square of the torque of the motor"),
+        LawParameter("outside_squared", "K_eq", Measure.PER_FORCE, "excess by the square of the torque from outside"),
+    )
+    level: ClassVar[Level] = either_torque
+
+
+FRICTION_LAWS["load-squared"] = PowerFriction
+"""Files call it so that were written when it was a law of its own."""

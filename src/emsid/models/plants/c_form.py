@@ -15,19 +15,16 @@ from emsid.models.plants.sampling import OneMassSampler, Outer
 from emsid.models.plants.stepping import PlantStepper
 from emsid.plant.friction import Level, coulomb_stribeck
 from emsid.plant.gaussian_stribeck import gaussian_excess
-from emsid.plant.load_friction import with_load
-from emsid.plant.power_friction import by_power
-from emsid.plant.squared_load_friction import by_power_squared
+from emsid.plant.load_friction import either_torque, with_load
 
 Array = NDArray[np.float64]
 
-_POWER = "n[0] + FABS(n[3] * made - n[4] * outside) + EXP(-n[2] * speed) * (n[1] + FABS(n[5] * made - n[6] * outside)"
 LEVELS = {
     coulomb_stribeck: "n[0] + n[1] * EXP(-n[2] * speed)",
     gaussian_excess: "n[0] + n[1] * EXP(-(n[2] * speed) * (n[2] * speed))",
     with_load: "n[0] + n[3] * FABS(made - outside) + EXP(-n[2] * speed) * (n[1] + n[4] * FABS(made - outside))",
-    by_power: f"{_POWER})",
-    by_power_squared: f"{_POWER} + (made * outside < K(0.0) ? (FABS(made) > FABS(outside) ? n[8] * outside * outside "
+    either_torque: "n[0] + FABS(n[3] * made - n[4] * outside) + EXP(-n[2] * speed) * (n[1] + FABS(n[5] * made - n[6] "
+    "* outside) + (made * outside < K(0.0) ? (FABS(made) > FABS(outside) ? n[8] * outside * outside "
     ": n[7] * made * made) : K(0.0)))",
 }
 """The friction laws in C, for the numbers ``n`` of a direction and the forces of the drive and from outside."""

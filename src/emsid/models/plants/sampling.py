@@ -117,25 +117,37 @@ class Inside(NamedTuple):
         return np.array([known.b_l, known.b_r, known.m_l, known.m_r])
 
 
-class OneMassSampler:
+class _DrivenSampler:
+    """A plant with a drive and a sensor between two samples, in arrays that its kernel changes."""
+
+    __slots__ = ("_count", "_kernel", "_motion", "_outer", "_rows", "_sensed")
+    _kernel: Callable[..., None]
+
+    def __init__(self, outer: Outer, state: PlantState) -> None:
+        self._outer, self._rows, self._count = outer, _rows(state), np.array([_begun(state)])
+        self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Integers]:
+        """The state: delayed rows, motion, the state of the sensor, whether a sample was simulated."""
+        return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        kept = self._rows[1:].copy()
+        if self._outer.straight and not self._count[0]:
+            kept = np.concatenate([kept, np.full((1, 2), np.nan)])
+        return PlantState(float(self._outer.timing[0]), self._motion.copy(), kept, self._sensed.copy())
+
+
+class OneMassSampler(_DrivenSampler):
     """One mass between two samples."""
 
     of_one_mass: ClassVar[bool] = True
     """Whether its numbers are those of a friction law on one mass, which can be inverted and written elsewhere."""
 
-    __slots__ = (
-        "_arrays",
-        "_count",
-        "_inside",
-        "_kernel",
-        "_law",
-        "_level",
-        "_motion",
-        "_outer",
-        "_rows",
-        "_sensed",
-        "_steps",
-    )
+    __slots__ = ("_arrays", "_inside", "_law", "_level", "_steps")
 
     def __init__(
         self, outer: Outer, inside: Inside, law: Level, friction: Sliding, steps: int, state: PlantState
@@ -149,12 +161,10 @@ class OneMassSampler:
             steps: steps per sample for a law that varies.
             state: where it begins.
         """
-        self._kernel: Callable[..., None] = compiled_with_law(law, one_mass_sample)
-        self._level, varies = law, friction.varies
-        self._outer, self._inside, self._law = outer, inside, friction
-        self._steps = steps if varies[0] or varies[1] else 1
-        self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
-        self._rows, self._count = _rows(state), np.array([_begun(state)])
+        super().__init__(outer, state)
+        self._kernel = compiled_with_law(law, one_mass_sample)
+        self._level, self._inside, self._law = law, inside, friction
+        self._steps = steps if friction.varies.any() else 1
         self._arrays = np.empty((6, 2))
 
     def advance(self, u: Array, y: Array) -> None:
@@ -178,21 +188,11 @@ class OneMassSampler:
         """Drive and sensor, what is between them, the friction, steps per sample, and the friction law."""
         return self._outer, self._inside, self._law, self._steps, self._level
 
-    @property
-    def arrays(self) -> tuple[Array, Array, Array, Integers]:
-        """The state: delayed rows, speed and position, the state of the sensor, whether a sample was simulated."""
-        return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
 
-    @property
-    def state(self) -> PlantState:
-        """The present state."""
-        return _state(self._outer, self._rows, self._motion, self._sensed, self._count)
-
-
-class MotorSampler:
+class MotorSampler(_DrivenSampler):
     """A motor with a shaft or an inductance between two samples."""
 
-    __slots__ = ("_constants", "_count", "_kernel", "_laws", "_motion", "_motor", "_outer", "_rows", "_sensed")
+    __slots__ = ("_constants", "_laws", "_motor")
 
     def __init__(
         self,
@@ -216,11 +216,10 @@ class MotorSampler:
         budget = float(SPARE_STEPS + how.most_steps * pieces)
         method = [load, float(how.order), how.tolerance, how.longest_step, budget, float(stiff)]
         zone = Inside.numbers_of(motor.voltage_dead_zone)
-        self._outer, self._motor, self._laws = outer, constants(motor, extra), acting_laws(motor)
+        super().__init__(outer, state)
+        self._motor, self._laws = constants(motor, extra), acting_laws(motor)
         self._constants = np.concatenate([zone, method, flattened(self._motor)])
-        self._kernel: Callable[..., None] = with_laws(motor_sample, motor)
-        self._motion, self._sensed = state.motion.copy(), state.sensed.reshape(-1, 2).copy()
-        self._rows, self._count = _rows(state), np.array([_begun(state)])
+        self._kernel = with_laws(motor_sample, motor)
 
     def advance(self, u: Array, y: Array) -> None:
         """Write the outputs (ny,) for inputs (nu,), and change the state.
@@ -249,16 +248,6 @@ class MotorSampler:
         """Drive and sensor, the motor, what `_move_motor` takes beside it, and the friction laws of rotor and load."""
         return self._outer, self._motor, self._constants[:10], [type(law).level for law in self._laws]
 
-    @property
-    def arrays(self) -> tuple[Array, Array, Array, Integers]:
-        """The state: delayed rows, motion, the state of the sensor, whether a sample was simulated."""
-        return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
-
-    @property
-    def state(self) -> PlantState:
-        """The present state."""
-        return _state(self._outer, self._rows, self._motion, self._sensed, self._count)
-
 
 def _begun(state: PlantState) -> int:
     """Whether a sample has been simulated: of a straight command, a row of NaN says that none has."""
@@ -269,13 +258,6 @@ def _rows(state: PlantState) -> Array:
     """The delayed rows behind a first one that the next step drops."""
     kept = state.commands if _begun(state) else state.commands[:-1]
     return np.concatenate([kept[:1], kept])
-
-
-def _state(outer: Outer, rows: Array, motion: Array, sensed: Array, count: Integers) -> PlantState:
-    kept = rows[1:].copy()
-    if outer.straight and not count[0]:
-        kept = np.concatenate([kept, np.full((1, 2), np.nan)])
-    return PlantState(float(outer.timing[0]), motion.copy(), kept, sensed.copy())
 
 
 @_kernel

@@ -26,7 +26,7 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.search.cogging import wave
 from emsid.models.plants.search.speeds import top_speed
-from emsid.plant import Friction, FrictionLaw, GaussianStribeck, LoadFriction, PowerFriction, SquaredLoadFriction
+from emsid.plant import Friction, FrictionLaw, GaussianStribeck, LoadFriction, PowerFriction
 from emsid.record import Record
 
 INDUCTANCE, SLOPE, QUADRATIC = "inductance", "voltage_dead_zone.m_l", "quadratic_viscous"
@@ -319,7 +319,7 @@ def loaded(at: Situation) -> Iterator[Addition]:
         yield Addition("load-friction", begun, outside, instead=split, law=LoadFriction)
     elif type(at.law) is PowerFriction and rate in at.free:
         squares = tuple(at.of_friction(name) for name in ("motor_squared", "outside_squared"))
-        yield Addition("load-friction", with_law(at.plant, SquaredLoadFriction), squares, law=PowerFriction)
+        yield Addition("load-friction", at.plant, squares)
 
 
 # --- how a sample is taken --------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 import sys
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Self
 
 from emsid.cli.interruption import print_notice
 from emsid.cli.terminal import plain_table, say, say_json
@@ -23,19 +23,21 @@ WIDTH = 60
 """The number of outputs in the line of bars."""
 
 
-class View(Protocol):
-    """Shows messages."""
+class View:
+    """Shows messages; alone it shows the answer to Ctrl-C only."""
 
     def show(self, message: Message) -> None:
         """Show one."""
-        ...
 
     def notify(self, answer: str) -> None:
         """Show the answer to Ctrl-C; safe in a handler of a signal."""
-        ...
+        print_notice(answer)
 
-    def __enter__(self) -> "View": ...
-    def __exit__(self, *problem: object) -> None: ...
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        pass
 
 
 def view_of(json: bool, option: Callable[[str], str]) -> View:
@@ -45,7 +47,7 @@ def view_of(json: bool, option: Callable[[str], str]) -> View:
     return Screen(option) if sys.stdout.isatty() else Lines(option)
 
 
-class JsonLines:
+class JsonLines(View):
     """Every message as one line of JSON."""
 
     def show(self, message: Message) -> None:
@@ -54,18 +56,8 @@ class JsonLines:
 
         say_json(msgspec.json.encode(message) + b"\n")
 
-    def notify(self, answer: str) -> None:
-        """See `View.notify`."""
-        print_notice(answer)
 
-    def __enter__(self) -> "JsonLines":
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        pass
-
-
-class Lines:
+class Lines(View):
     """Findings as they come, and the last estimate as a table."""
 
     def __init__(self, option: Callable[[str], str]) -> None:
@@ -88,16 +80,6 @@ class Lines:
             say(counts(self._last))
             for table in tables(self._last, self._start):
                 show(table)
-
-    def notify(self, answer: str) -> None:
-        """See `View.notify`."""
-        print_notice(answer)
-
-    def __enter__(self) -> "Lines":
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        pass
 
 
 class Screen(Lines):
@@ -138,7 +120,7 @@ class Screen(Lines):
         found = [Text(printable(each), style="yellow") for each in self._found]
         return Group(*(Text(printable(line)) for line in lines), *tables(self._last, self._start), *found)
 
-    def __enter__(self) -> "Screen":
+    def __enter__(self) -> Self:
         from rich.console import Console
         from rich.live import Live
 

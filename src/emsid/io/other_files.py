@@ -71,7 +71,7 @@ def with_other_files(
             others = columns if file.resolve() == path.resolve() else read_columns(file)
             column = _column(others, wanted, file)
             times = _other_times(others, file, columns, path, time)
-            own = _own_name(others, column, file)
+            own = file.stem if column == f"c{list(others.series).index(column) + 1}" else column  # only numbered
             if own in own_names.values() or (own in series and others is not columns):
                 own = name
             own_names[name], series[own] = own, others.series[column].alias(own)
@@ -158,11 +158,6 @@ def about_clocks(columns: Columns, names: Sequence[str], record: str) -> list[Fi
     begins, ends = ([float(time[k]) for time in times] for k in (0, -1))
     share = (min(ends) - max(begins)) / (max(ends) - min(begins))
     return [Finding("clocks-of-files", record, {"columns": channels, "share": share})]
-
-
-def _own_name(columns: Columns, column: str, file: Path) -> str:
-    """The name of a column, or of its file if the column is only numbered."""
-    return file.stem if column == f"c{list(columns.series).index(column) + 1}" else column
 
 
 def _column(columns: Columns, wanted: str, file: Path) -> str:

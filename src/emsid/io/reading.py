@@ -38,7 +38,6 @@ from emsid.io.npz import read_npz
 from emsid.io.options_by_column import check_options, surplus_units
 from emsid.io.other_files import about_files, with_other_files
 from emsid.io.parquet import read_parquet
-from emsid.io.reading_types import KINDS, check_types
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
 from emsid.io.selection import check_column, select
@@ -48,7 +47,7 @@ from emsid.io.table import read_table
 from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
-from emsid.record import Record, concatenate
+from emsid.record import Record, argument_types, concatenate
 from emsid.units import SI, column_of
 
 Array = NDArray[np.float64]
@@ -79,6 +78,22 @@ MOST_EXACT = 2**53
 """Whole numbers up to this one are floats without rounding; NumPy refuses larger ones than 2⁶³."""
 _BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
 """The arguments of `read` that are given by column."""
+
+_KINDS = {
+    **dict.fromkeys(("input", "output"), argument_types.NAMES),
+    "time": argument_types.NAME,
+    "time_unit": argument_types.TEXT,
+    "mask": argument_types.CONDITION,
+    **dict.fromkeys(
+        ("dt", "counts_per_revolution", "supply_voltage", "pwm_full_scale", "filter"), argument_types.NUMBER
+    ),
+    **dict.fromkeys(("resample", "skip_bad_rows"), argument_types.SWITCH),
+    **dict.fromkeys(("derivative_window", "decimate", "detrend"), argument_types.WHOLE),
+    **dict.fromkeys(("wrap", "shift", "scale", "offset"), argument_types.NUMBERS),
+    **dict.fromkeys(("direction", "units"), argument_types.TEXTS),
+    "rows": argument_types.SLICE,
+}
+"""The types of the arguments of `read`."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +245,7 @@ def read(
     parsed = parsed_file(path)
     file = parsed.path
     with errors_of(file):
-        check_types(given, KINDS)
+        argument_types.check_types(given, _KINDS)
         named = with_names_of(parsed.columns, {name: given[name] for name in ("input", "output", "time", *_BY_COLUMN)})
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
         named["units"] = dict(named["units"])
@@ -260,11 +275,6 @@ def read(
         )
         found = (*about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
         return _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
-
-
-def _exact(dt: float | None) -> float | None:
-    """A sample time that NumPy takes."""
-    return dt if dt is None or abs(dt) < MOST_EXACT else float(dt)
 
 
 def with_names_of(columns: Columns, reading: Mapping[str, Any]) -> dict[str, Any]:

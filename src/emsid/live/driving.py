@@ -146,7 +146,7 @@ class _Run:
                     self.check(voltages)
                 if voltages is not None and drive.dt is not None:
                     k = round((self.time - first) / drive.dt)
-                    control.report(_activity(k, len(voltages)))
+                    control.report(Activity("driving the motor", max(k, 0), len(voltages)))
                     if k < -1:
                         drive.reason = "restarted"
                         return
@@ -230,7 +230,3 @@ class _Run:
                     drive.at_zero = abs(self.voltage) <= 1e-9
             except DataError:
                 return
-
-
-def _activity(done: int, total: int) -> Activity:
-    return Activity("driving the motor", max(done, 0), total)

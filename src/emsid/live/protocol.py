@@ -286,7 +286,8 @@ class LineParser:
             self._refuse(line)
             return None
         if not all(-LARGEST < value < LARGEST for value in row):
-            self._overflow()
+            self.not_finite += 1
+            self._broken = True
             return None
         return row
 
@@ -351,10 +352,6 @@ class LineParser:
         self.malformed += 1
         self._broken = True
         self.example = line[:24].decode("ascii", "replace")
-
-    def _overflow(self) -> None:
-        self.not_finite += 1
-        self._broken = True
 
     def _made(self, rows: Array, broken: NDArray[np.bool_]) -> Rows:
         columns = self.columns

@@ -106,7 +106,8 @@ class Server:
                 if self.pace:
                     due = first + int((time.monotonic() - begun) * self.pace / self.board.dt)
                     due = due if last is None else min(due, last)
-                    self._watch()
+                    if self._driver is not None and self.voltage and time.monotonic() - self._commanded > WATCHDOG:
+                        self._driver, self.voltages = None, []
                     if due > self.state.samples:
                         self._sample(min(due - self.state.samples, MOST_VALUES))
                 if last is not None and self.state.samples >= last:
@@ -211,10 +212,6 @@ class Server:
         self._driver, self._commanded, self.voltages = client.number, time.monotonic(), values
         if not self.pace:
             self._sample(len(values))
-
-    def _watch(self) -> None:
-        if self._driver is not None and self.voltage and time.monotonic() - self._commanded > WATCHDOG:
-            self._driver, self.voltages = None, []
 
     def _sample(self, count: int) -> None:
         """Compute samples and put them into the queue of every client."""

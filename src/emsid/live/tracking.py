@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
-from emsid.estimation.linear.change_detection import Alarm, ChangeDetector
+from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.linear.recursive import RecursiveLeastSquares
 from emsid.estimation.linear.recursive_state import RecursiveState
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
@@ -146,7 +146,8 @@ class Tracker:
                 begin = len(piece) - len(errors)
                 piece, errors = piece[: begin + alarm.index + 1], errors[: alarm.index + 1]
                 state = self._reacted(self.recursion.update(tracking.state, piece, residuals=[]))
-                changes.append(self._change(piece, alarm))
+                now = float(piece.time[-1])
+                changes.append(Change(now, now - alarm.since * piece.dt, alarm.kind))
             stop = first + len(piece)
             predictions[stop - len(errors) : stop] = record.output[stop - len(errors) : stop, 0] - errors[:, 0]
             tracking = self._counted(replace(tracking, state=state, detection=detection), piece, errors[:, 0])
@@ -191,10 +192,6 @@ class Tracker:
         if not self.adapts or state.samples <= kept:
             return state
         return self.recursion.forget(state, kept / state.samples)
-
-    def _change(self, piece: Record, alarm: Alarm) -> Change:
-        now = float(piece.time[-1])
-        return Change(now, now - alarm.since * piece.dt, alarm.kind)
 
     def _counted(self, tracking: Tracking, piece: Record, errors: Array) -> Tracking:
         """The state with the counts and sums of a piece."""

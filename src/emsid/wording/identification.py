@@ -214,7 +214,6 @@ def free_run_error(f: Finding, argument: Spelling) -> str:
 
 def _apart(f: Finding) -> str:
     """What the choice among several models did to the error."""
-    """What the choice among several models did to the error."""
     if f.data.get("chosen_among", 1) < 2:
         return ""
     if "chosen_on" in f.data:

@@ -18,7 +18,7 @@ from emsid.cli.writing import as_json, check_folder, draw, say_where
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
-    from emsid.estimation import Control, Rule
+    from emsid.estimation import Rule
     from emsid.live.log import Log
     from emsid.live.receiver import Receiver
     from emsid.live.session import Session, Settings
@@ -193,18 +193,13 @@ def _received(
     source = session.name
     again = partial(connect, source, baud) if is_connection(source) else None
     opened = open_source(source) if again is None else None
-    if opened is not None and opened.lasting and Path(source).resolve().parent == out.resolve():
-        _refuse_own(Path(source).name, out)
+    name, is_own = Path(source).name, Path(source).resolve().parent == out.resolve()
+    if opened is not None and opened.lasting and is_own and re.fullmatch(r"record(-\d+)?\.csv", name):
+        raise DataError(f"{out / name}: the record of this tracking would replace its source", arguments=("out",))
     prepare()
     opened = opened or awaited(partial(connect, source, baud), patience, warn)
     session.name = opened.name
     return Receiver(opened, None if opened.lasting else Log(out / "log.txt"), again, away=away)
-
-
-def _refuse_own(name: str, out: Path) -> None:
-    """Refuse a source that the tracking would write over."""
-    if re.fullmatch(r"record(-\d+)?\.csv", name):
-        raise DataError(f"{out / name}: the record of this tracking would replace its source", arguments=("out",))
 
 
 def _followed(
@@ -217,6 +212,7 @@ def _followed(
     json: bool,
 ) -> list[str]:
     """Track until the end, show it, and write everything but the report; the names of the files."""
+    from emsid.estimation import Control
     from emsid.live.protocol import LineParser
     from emsid.live.recorded import read_log
     from emsid.live.session import messages
@@ -225,10 +221,10 @@ def _followed(
     implies = not is_connection(session.name)
     receiver = received(session, out, partial(_compile, session, settings, max(len(reading["inputs"]), 1)))
     log, parser = receiver.log, LineParser(**reading)
-    parser.implies = implies
+    parser.implies, control = implies, Control(cancelled=lambda: INTERRUPTION.pressed)
     try:
         with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.notify, by_sigterm=True):
-            for message in messages(session, receiver, parser, settings, log, _control(), begun):
+            for message in messages(session, receiver, parser, settings, log, control, begun):
                 view.show(message)
     finally:
         INTERRUPTION.pressed = False
@@ -256,13 +252,6 @@ def _drawn(session: "Session", out: Path, pdf: bool) -> bool:
 
     INTERRUPTION.words = "drawing the report was interrupted; everything else is written"
     return draw(out, lambda: tracking_report(session), pdf)
-
-
-def _control() -> "Control":
-    """Ctrl-C ends the session."""
-    from emsid.estimation import Control
-
-    return Control(cancelled=lambda: INTERRUPTION.pressed)
 
 
 def _rule(name: str, forgetting: float | None, rate: float | None) -> "Rule":

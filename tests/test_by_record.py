@@ -85,9 +85,10 @@ def test_a_load_adds_to_a_rotor_that_is_known():
         assert fit.by_record[name]["load_inertia"].value == pytest.approx(inertia - 1e-4, rel=0.02)
 
 
-def test_intervals_hold_their_values_in_the_share_of_records_that_they_claim():
+@pytest.mark.parametrize("count", [3, pytest.param(6, marks=pytest.mark.long)])
+def test_intervals_hold_their_values_in_the_share_of_records_that_they_claim(count):
     inside = []
-    for seed in range(6):
+    for seed in range(count):
         fit = by_record(experiments(seed, samples=250), hold="zero", find_start=False)
         truth = [TRUTH.get(name, LOADS.get(name[name.find("[") + 1 : -1])) for name in fit.names]
         low, high = fit.interval().T
@@ -199,8 +200,8 @@ def test_a_record_of_several_experiments_remembers_them(records):
     assert emsid.concatenate([records[0], records[0]]).sources == ()
 
 
-def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys, monkeypatch):
-    monkeypatch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
+@pytest.mark.usefixtures("figures_undrawn", "no_refinements")
+def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys):
     files = []
     for name in ("bare", "wheel"):
         record = experiment(name, LOADS[name], samples=300)

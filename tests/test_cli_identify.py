@@ -260,7 +260,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, no_refinements):
 def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path, no_refinements):
     path, out = tmp_path / "axis.csv", tmp_path / "out"
     rng = np.random.default_rng(4)
-    force = np.repeat(rng.uniform(-60, 60, 40), 25)
+    force = np.repeat(rng.uniform(-60, 60, 20), 25)
     axis = emsid.LinearAxis().with_values(
         {"mass": 20.0, "viscous_friction": 30.0, "friction.coulomb": 8.0, "offset": 2.0}
     )

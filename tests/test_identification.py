@@ -45,12 +45,12 @@ def with_code(result, code):
 
 def test_ranks_by_free_run_on_unseen_data():
     blocks = Options(orders=(1,), static="dead-zone", nk=2)
-    result = identify(system(1000, 1), system(500, 2), models=QUICK, options=blocks)
+    result = identify(system(500, 1), system(250, 2), models=QUICK, options=blocks)
     errors = [row.simulation_mse for row in result.on_unseen.rows]
     assert errors == sorted(errors)
     assert result.chosen.model.name in ("friction-narx", "friction-narx-free-run")
     assert result.on_unseen.best.row.fit_percent > 97
-    assert {row.samples for row in result.on_unseen.rows} == {500 - max(f.model.memory for f in result.on_unseen.fits)}
+    assert {row.samples for row in result.on_unseen.rows} == {250 - max(f.model.memory for f in result.on_unseen.fits)}
 
 
 def test_orders_are_searched_once_for_the_fits_one_step_ahead_and_to_the_free_run(monkeypatch):
@@ -73,9 +73,9 @@ def test_without_validation_the_end_of_the_record_is_kept_unseen():
 
 
 def test_validation_data_have_no_influence_on_the_models():
-    record, blocks = system(400, 4), Options(orders=(1,), static="dead-zone", nk=2)  # the rest is chosen
+    record, blocks = system(200, 4), Options(orders=(1,), static="dead-zone", nk=2)  # the rest is chosen
     models = ("arx", "friction-narx", "hammerstein")
-    fits = [identify(record, system(300, seed), models=models, options=blocks).fits for seed in (5, 6)]
+    fits = [identify(record, system(150, seed), models=models, options=blocks).fits for seed in (5, 6)]
     assert len(fits[0]) == 3
     for fit in fits[0]:
         twin = next(other for other in fits[1] if other.model.name == fit.model.name)

@@ -213,7 +213,7 @@ def test_a_self_locking_gear_holds_its_arm_at_any_angle() -> None:
     assert np.all(driven == 0.0)  # a factor above one holds what the motor does, too
 
 
-@pytest.mark.parametrize("name", ["M4", "M5", "M6"])
+@pytest.mark.parametrize("name", ["M4", "M5", pytest.param("M6", marks=pytest.mark.long)])  # as M5, compiled anew
 def test_sample_by_sample_and_in_files_they_are_the_same(name: str, tmp_path) -> None:
     law, _ = LAWS[name]
     plant = joint(Feed.VOLTAGE).with_frictions({"rotor_friction": law}).with_drive(delay=0.4 * DT)

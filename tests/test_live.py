@@ -37,7 +37,7 @@ def test_the_estimate_over_time_has_many_points_also_where_a_file_comes_at_once(
 def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     absent = {"change-detected", "source-gap", "samples-not-tracked", "source-disconnected", "source-silent"}
     absent |= {"lines-not-used", "log-not-written", "tracking-errors-coloured"}
-    session, found = tracked(lines(6000), folder=tmp_path, settings=Settings(0.1, patience=1, false_alarm=3600))
+    session, found = tracked(lines(3000), folder=tmp_path, settings=Settings(0.1, patience=1, false_alarm=3600))
     assert not absent & set(findings(found))
     assert [each["kind"] for each in found if each["kind"] != "estimate"] == ["start", "end"]
     assert all(json.loads(json.dumps(each)) == each for each in found)
@@ -48,9 +48,9 @@ def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     physical = {each["name"]: each for each in last["physical"]}
     constant = physical["time constant"]
     assert constant["value"] == pytest.approx(-DT / np.log(0.9), abs=3 * constant["half_width"])
-    assert (session.counts["samples"], session.counts["lost"], session.reason) == (6000, 0, "ended")
+    assert (session.counts["samples"], session.counts["lost"], session.reason) == (3000, 0, "ended")
     record = read_log(tmp_path / "log.txt")
-    assert (len(record), record.breaks, record.input_units, record.dt) == (6000, (), ("V",), pytest.approx(DT))
+    assert (len(record), record.breaks, record.input_units, record.dt) == (3000, (), ("V",), pytest.approx(DT))
 
 
 def test_errors_that_follow_each_other_are_said(tmp_path: Path) -> None:

@@ -67,10 +67,10 @@ def test_with_white_noise_it_is_the_usual_covariance() -> None:
 
 
 def test_a_curved_truth_gives_the_computed_covariance() -> None:
-    """No noise at all: 400 data sets of a square root with a step, fitted by a power."""
+    """No noise at all: 200 data sets of a square root with a step, fitted by a power."""
     rng = np.random.default_rng(2)
     estimates, errors, first_order = [], [], []
-    for _ in range(400):
+    for _ in range(200):
         x = rng.uniform(0.1, 2.0, 1000)
         problem = Power(x, np.sqrt(x) + 1.5 * (x > 1.8))
         minimum = gauss_newton(problem, np.array([0.5]), tolerance=1e-8)

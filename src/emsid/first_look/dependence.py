@@ -34,12 +34,10 @@ from scipy.special import fdtrc
 from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES, autoregression
 from emsid.first_look.baseline import Baseline
-from emsid.first_look.levels import SAME, SAMPLES
+from emsid.first_look.levels import FEW, SAME, SAMPLES
 
 Array = NDArray[np.float64]
 
-ROWS = 3
-"""Fewer samples for each function than this are too few for the test."""
 DELAYS = (-32, -16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16, 32)
 """The delays of the straight functions, in samples from the delay of the linear model."""
 FARTHEST = 0.01
@@ -77,7 +75,7 @@ def dependence(linear: Baseline, u: Array, breaks: Sequence[int]) -> Dependence:
     every, few = len(straight) + len(curved), len(straight)
     table = np.column_stack([*straight, *curved, linear.residual[here]])
     pieces = [piece for piece in np.split(table, edges) if len(piece) > 2 * MOST_POLES]
-    if sum(map(len, pieces)) < ROWS * every or not np.any(linear.residual[here]):
+    if sum(map(len, pieces)) < FEW * every or not np.any(linear.residual[here]):
         return Dependence(0.0, 1.0)
     kept = _independent(pieces)
     few, every = int(np.count_nonzero(kept < few)), len(kept)

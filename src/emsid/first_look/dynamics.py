@@ -26,19 +26,17 @@ from emsid.validation.correlation import cross_correlation
 
 Array = NDArray[np.float64]
 
-MOST_SCALE = 64
-"""Means over up to this many samples are compared where single samples are too noisy."""
 WHITENING, LONGEST_FILTER = 10, 100
 """Coefficients of the filter that whitens an input, for one that changes always and for one that is held; one that is
 held as long as the first in the mean changes in steps."""
 LARGEST_STEP = 20.0
 """An input is held, with noise or without, where its largest step is larger than the median by this factor."""
+ROUNDS = 5
+"""Of a prediction without the steps of a signal; from the second on it changes little."""
 UNDONE = 0.5
 """Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
 LONG_PAST = 2 * WHITENING
 """Past inputs from which an input is predicted, to see what is new in it."""
-ROUNDS = 5
-"""Of a prediction without the steps of a signal; from the second on it changes little."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
         return max((correlation(u, x, breaks, delay) for x in (measured, change)), key=abs)
 
     scale = 1
-    while scale <= MOST_SCALE and len(u) >= 8 * WHITENING * scale:
+    while len(u) >= 8 * WHITENING * scale:
         found = _from_correlation(*_means(u, y, breaks, scale))
         if scale == 1:
             found = found or _from_steps(u, y, breaks)

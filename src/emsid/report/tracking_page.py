@@ -107,7 +107,8 @@ def _physical(session: Session) -> Table | None:
         )
         for each in session.physical
     )
-    return Table(("Quantity", "Value", "95 % interval", "Unit"), rows, "Physical values at the end.") if rows else None
+    head = ("Quantity", "Value", "95 % interval", "Unit")
+    return Table(head, rows, "Physical values at the end.", ends_in_text=True) if rows else None
 
 
 def _counts(session: Session) -> Table:

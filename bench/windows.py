@@ -15,8 +15,8 @@ import numpy as np
 from rich.console import Console
 
 import emsid
-from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.free_run_error import all_alike
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.estimation import prepare, searched
 from emsid.plants import DrivenPlant, choose

@@ -276,7 +276,7 @@ def test_the_initial_state_behind_a_lost_sign_has_the_right_sign() -> None:
     y = model.output(u, model.resting(float(u[0])))
     wrong = 0
     for first in range(5, 800, 10):
-        states = model.starting(u[first:], y[first : first + model.memory])
+        states = model.initial_state(u[first:], y[first : first + model.memory])
         wrong += np.max(np.abs(model.output(u[first:], states) - y[first:])) > 1e-3
     assert wrong <= 2
 
@@ -290,7 +290,7 @@ def test_the_initial_state_behind_a_lost_sign_survives_noise() -> None:
     clean = model.output(u, np.zeros(3))
     y = clean + noise * rng.standard_normal(len(u))
     for first in range(10, 330, 8):
-        states = model.starting(u[first:], y[first : first + model.memory])
+        states = model.initial_state(u[first:], y[first : first + model.memory])
         error = (model.output(u[first:], states) - clean[first:])[model.memory :][:30]
         assert np.sqrt(np.mean(error**2)) < noise / 4
 

@@ -167,7 +167,7 @@ def test_what_the_records_do_not_determine_is_reported_once() -> None:
     (finding,) = fit.findings
     assert finding.code == "parameters-undetermined"
     assert finding.data["without_effect"] == ["f.b_r", "f.m_r"]
-    assert {name for group in finding.data["inseparable"] for name in group} <= {*fit.names, "starting states"}
+    assert {name for group in finding.data["inseparable"] for name in group} <= {*fit.names, "initial states"}
     lost = {name for name, error in zip(fit.names, fit.standard_error, strict=True) if not np.isfinite(error)}
     assert lost >= {"f.b_r", "f.m_r"}
     assert [(f.code, f.data["block"], f.data["side"]) for f in advice(fit, record)] == [

@@ -24,8 +24,8 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import estimation
 from emsid.models.feedback.search.trials import Trial
 from emsid.models.free_run import squared_errors
+from emsid.models.initial_states import initial_state
 from emsid.models.one_channel import segments_longer_than
-from emsid.models.start_states import starting
 from feedback_models import Array, U, X, begun_trial, loop, sticking
 from model_examples import DT, MAPS
 
@@ -154,14 +154,14 @@ def test_a_state_of_unknown_sign_is_found() -> None:
         u, x = np.repeat(rng.normal(size=30), 10), rng.normal(size=2)
         y = model.output(u, x)
         noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
-        errors.append(float(np.abs(model.output(u, starting(model, u, noisy)) - y).max()))
+        errors.append(float(np.abs(model.output(u, initial_state(model, u, noisy)) - y).max()))
     assert max(errors) < 0.3
 
 
 def test_a_start_is_found_however_far_the_first_searches_get(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two tanks that overflow; the prior is weighted by the variance of the residual at the estimate."""
     for effort in ("LOOSE", "FIRST_LOOK"):
-        monkeypatch.setattr(f"emsid.models.start_states.{effort}", {"max_iterations": 0, "tolerance": 0.5})
+        monkeypatch.setattr(f"emsid.models.initial_states.{effort}", {"max_iterations": 0, "tolerance": 0.5})
     height = np.linspace(0, 15, 31)
     level = np.minimum(height, 10)
     falls = PiecewiseLinear(height, 0.2 * np.sqrt(level))
@@ -177,7 +177,7 @@ def test_a_start_is_found_however_far_the_first_searches_get(monkeypatch: pytest
         )
         y = model.output(u, x)
         noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
-        errors.append(float(np.sqrt(np.mean((model.output(u, starting(model, u, noisy)) - y)[:100] ** 2))))
+        errors.append(float(np.sqrt(np.mean((model.output(u, initial_state(model, u, noisy)) - y)[:100] ** 2))))
     assert np.mean(np.array(errors) < 0.1) > 0.9
 
 
@@ -191,7 +191,7 @@ def test_a_state_that_the_input_never_leads_to_again_is_found(start: float) -> N
     u = rng.uniform(1.5, 3.0, 300)
     y = model.output(u, np.array([start]))
     noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
-    assert starting(model, u, noisy)[0] == pytest.approx(start, abs=0.03)
+    assert initial_state(model, u, noisy)[0] == pytest.approx(start, abs=0.03)
 
 
 def test_a_state_far_from_the_usual_ones_is_not_taken_for_noise() -> None:
@@ -203,7 +203,7 @@ def test_a_state_far_from_the_usual_ones_is_not_taken_for_noise() -> None:
         x = model.trajectory(u, np.zeros(2)).x[k]
         y = model.output(u[k:], x)[: model.memory] + 0.5 * rng.normal(size=model.memory)
         usual = model.reachable(u[k : k + 10_000])[:, 1]
-        assert abs(starting(model, u[k:], y)[1] - usual.mean()) < 3 * usual.std()
+        assert abs(initial_state(model, u[k:], y)[1] - usual.mean()) < 3 * usual.std()
 
 
 # --- long records ----------------------------------------------------------------------------------------------------

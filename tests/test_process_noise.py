@@ -38,7 +38,7 @@ def noisy() -> Circuit:
 def pieces_of(made: Circuit) -> list[ErrorPiece]:
     segments = [(r.input[:, 0], r.output[:, 0]) for r in made.fitted]
     mean = replace(TRUTH, blocks=(TRUTH.blocks[0], ExpectedMap(Saturation(1.0, -1.0, 1.0), made.process), BEHIND))
-    return error_pieces(mean, segments, [mean.starting(u, y[: mean.memory]) for u, y in segments], 200)
+    return error_pieces(mean, segments, [mean.initial_state(u, y[: mean.memory]) for u, y in segments], 200)
 
 
 def test_the_test_holds_its_level_in_coloured_and_heavy_tailed_noise() -> None:

@@ -26,7 +26,7 @@ def test_a_static_map_is_drawn_where_its_signal_was_and_little_further(kind):
     assert len(figure.plots) == len(maps)
     for k, plot in zip(maps, figure.plots, strict=True):
         u, start = record.input[:, 0], slice(model.memory)
-        signal = model.signals(u, model.starting(u[start], record.output[start, 0]))[k]
+        signal = model.signals(u, model.initial_state(u[start], record.output[start, 0]))[k]
         signal = signal[model.memory * model.oversampling :]
         backdrop, band, line = plot.marks[:3]
         assert backdrop.backdrop

@@ -20,10 +20,10 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState, agree, beginning
 from emsid.models.plants.drifting_load import PIECES, DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import FreeRunError, Recent, all_alike
+from emsid.models.plants.initial_state import InitialState, agree, initial_motion
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
@@ -111,7 +111,7 @@ def test_the_first_samples_of_a_position_show_where_it_starts():
     t = 1e-3 * np.arange(300)
     exact = 0.2 + 0.3 * t - 0.5 * t**2
     noise = 1e-4 * np.random.default_rng(0).standard_normal(300)
-    seen = beginning(exact + noise, 1e-3)
+    seen = initial_motion(exact + noise, 1e-3)
     assert abs(seen.speed[0] - 0.3) < 4 * seen.speed[1] < 0.02
     assert abs(seen.position[0] - 0.2) < 4 * seen.position[1] < 4e-4
     record = Record(t, exact + noise, 1e-3)
@@ -123,7 +123,7 @@ def test_the_first_samples_of_a_position_show_where_it_starts():
 
 def test_a_start_that_bends_is_taken_from_fewer_samples():
     t = 1e-3 * np.arange(300)
-    seen = beginning(np.cos(20 * t) + 1e-6 * np.random.default_rng(0).standard_normal(300), 1e-3)
+    seen = initial_motion(np.cos(20 * t) + 1e-6 * np.random.default_rng(0).standard_normal(300), 1e-3)
     assert abs(seen.position[0] - 1.0) < 1e-4
     assert abs(seen.speed[0]) < 0.05  # of 20 at most
 

@@ -5,7 +5,6 @@
 ('resistance', 'rotor_viscous', 'motor_constant')
 """
 
-from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
@@ -14,6 +13,7 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox, PlantModel
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Motion

@@ -48,11 +48,11 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.initial_states import initial_state
 from emsid.models.input_path import InputPath
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
-from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -280,9 +280,9 @@ class Cascade(OneChannelMethods):
             states.append(state)
         return np.concatenate(states)
 
-    def starting(self, u: Array, y: Array, quick: bool = False) -> Array:
-        """(s,) initial states for an input (N,), from the first outputs (m ≤ N,); see `emsid.models.start_states`."""
-        return starting(self, u, y, quick)
+    def initial_state(self, u: Array, y: Array, quick: bool = False) -> Array:
+        """(s,) initial states for an input (N,), from the first outputs (m ≤ N,); see `emsid.models.initial_states`."""
+        return initial_state(self, u, y, quick)
 
     def with_state_gradient(self, u: Array, states: Array) -> tuple[Array, Array]:
         """(N,) the free run, and (N, s) its derivative with respect to the initial states."""
@@ -306,9 +306,9 @@ class Cascade(OneChannelMethods):
         return CascadeState(np.full(self._input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> CascadeState:
-        """The state after the first ``samples`` samples of a segment, estimated by `starting`."""
+        """The state after the first ``samples`` samples of a segment, estimated by `initial_state`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
-        states = self.starting(u, y)
+        states = self.initial_state(u, y)
         entering, past = self._input_path.until(u, samples)
         x, first = entering - self.input_offset, 0
         after = []

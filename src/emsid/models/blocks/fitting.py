@@ -165,7 +165,7 @@ class FreeRun(SparseProblem):
 
     def starting_states(self) -> tuple[Array, ...]:
         """(s,) the initial states of a free run of the cascade, for every segment."""
-        return tuple(self.cascade.starting(u, y[: self.cascade.memory], quick=True) for u, y in self.segments)
+        return tuple(self.cascade.initial_state(u, y[: self.cascade.memory], quick=True) for u, y in self.segments)
 
     @cached_property
     def penalties(self) -> tuple[Penalty, ...]:
@@ -389,8 +389,8 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
 
 
 def _with_states_as_one(minimum: Minimum, names: Sequence[str]) -> tuple[Finding, ...]:
-    """The findings of a minimum; parameters that are not in ``names`` are called starting states."""
-    labels = [names[k] if k < len(names) else "starting states" for k in np.flatnonzero(minimum.free)]
+    """The findings of a minimum; parameters that are not in ``names`` are called initial states."""
+    labels = [names[k] if k < len(names) else "initial states" for k in np.flatnonzero(minimum.free)]
     open_ = undetermined(minimum.information.solve(), labels)
     return tuple(open_ if finding.code == open_.code else finding for finding in minimum.findings)
 

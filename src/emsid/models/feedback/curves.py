@@ -20,7 +20,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import from_rest
-from emsid.models.start_states import starting
+from emsid.models.initial_states import initial_state
 from emsid.models.steady_state import settled
 from emsid.record import Record
 
@@ -113,7 +113,7 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
         if len(segment) > first:
             u, y = np.ascontiguousarray(segment.input[:, 0]), segment.output[:first, 0]
             try:
-                rows = model.gradient(u, model.trajectory(u, starting(model, u, y)))
+                rows = model.gradient(u, model.trajectory(u, initial_state(model, u, y)))
             except Infeasible as problem:
                 raise ModelError(str(problem)) from None
             by_theta, by_state = rows[:, at], rows[:, len(model.parameters) :]
@@ -166,7 +166,7 @@ def visited_alongside(model: FeedbackModel, record: Record) -> Callable[[Feedbac
 def _first_states(model: FeedbackModel, record: Record) -> list[Array]:
     """The states (n,) that the first samples of every segment show; those of rest if it is too short."""
     several = zip(_inputs(record), [each.output[: model.memory, 0] for each in record.segments], strict=True)
-    return [starting(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
+    return [initial_state(model, u, y if len(u) > model.memory else y[:0]) for u, y in several]
 
 
 def _inputs(record: Record) -> list[Array]:

@@ -38,8 +38,8 @@ from emsid.models.feedback.coordinates import (
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
 from emsid.models.feedback.normal_form import normal_form
+from emsid.models.initial_states import initial_state
 from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -263,7 +263,7 @@ def searched(
     """
     model, cost, left = start, np.inf, max_iterations
     if states is None or len(states) != len(segments):
-        states = [starting(model, u, y[: model.memory]) for u, y in segments]
+        states = [initial_state(model, u, y[: model.memory]) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
         same = whitened(model, visited(model, segments, states))
@@ -463,7 +463,7 @@ def _search(problem: FreeRun, theta: Array, *, left_out: Sequence[Mask] | None =
         upper=high,
         names=(
             *(f"coordinate {k + 1}" for k in range(free)),
-            *("starting states" for _ in range(len(theta) - free)),
+            *("initial states" for _ in range(len(theta) - free)),
         ),
         interruptible=max(len(y) for _, y in problem.segments) > BLOCK,
         smoothing=Smoothing(problem.penalties),

@@ -58,10 +58,10 @@ from emsid.models.feedback.kernels import (
 from emsid.models.feedback.sensor import absent, check_sensor
 from emsid.models.feedback.sharing import entries, shared_signals
 from emsid.models.feedback.steady_state import resting
+from emsid.models.initial_states import initial_state
 from emsid.models.input_path import InputPath
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
-from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -380,9 +380,9 @@ class FeedbackModel(OneChannelMethods):
         return FeedbackState(np.full(self._input_path.kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> FeedbackState:
-        """The state after the first ``samples`` samples of a segment, see `emsid.models.start_states`."""
+        """The state after the first ``samples`` samples of a segment, see `emsid.models.initial_states`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
-        x = starting(self, u, y)
+        x = initial_state(self, u, y)
         entering, past = self._input_path.until(u, samples)
         _, after = self.stepped(np.ascontiguousarray(entering), x)
         return FeedbackState(past, after)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.plants.beginning import beginning, starts_at_rest
 from emsid.models.plants.drive import Acting, Bridge, Drive, Hold
+from emsid.models.plants.initial_state import initial_motion, starts_at_rest
 from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import BEGINNING, Limits, Plant, parameters_of
@@ -216,7 +216,7 @@ class DrivenPlant(Plant):
             if signal in (Signal.SPEED, Signal.ROTOR_SPEED):
                 state[0] = (y[0] - sensor.offset) * sensor.scale
             elif signal is Signal.POSITION:
-                seen = beginning(y, segment.dt)
+                seen = initial_motion(y, segment.dt)
                 state[1] = (seen.position[0] - sensor.offset) * sensor.scale
                 if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals):
                     state[0] = 0.0 if starts_at_rest(y) else seen.speed[0] * sensor.scale

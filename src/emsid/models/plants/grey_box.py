@@ -21,11 +21,11 @@ from emsid.excitation.duty import full_duty
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
-from emsid.models.plants.beginning import at_rest
 from emsid.models.plants.cogging import without_idle
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.initial_state import at_rest
 from emsid.models.plants.motor_handles import RADIUS
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
@@ -99,9 +99,9 @@ class PlantModel(RunMethods):
         return self.plant.start(np.zeros(self.plant.states), u, dt, self.signals)
 
     def initial(self, segment: Record, samples: int) -> PlantState:
-        """The state after the first ``samples`` samples of a segment, estimated by `beginning`."""
+        """The state after the first ``samples`` samples of a segment, estimated by `initial_state`."""
         plant = self.plant.for_segment(segment)  # the state keeps the record and the hold of its input
-        start = plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
+        start = plant.start(self.initial_state(segment, samples), segment.input[0], segment.dt, self.signals)
         with np.errstate(over="ignore", invalid="ignore"):
             return self.run(start, segment.input[:samples])[1]
 
@@ -142,7 +142,7 @@ class PlantModel(RunMethods):
             *part[:4], name=self.name, states=list(part.states), outputs=[signal.value for signal in self.signals]
         )
 
-    def beginning(self, segment: Record, samples: int) -> Array:
+    def initial_state(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment, estimated from its first ``samples`` samples.
 
         Several samples also show whether a plant at speed zero passes through zero, and whether a plant that seems to

@@ -168,7 +168,7 @@ def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
     long = [segment for segment in record.segments if len(segment) > model.memory]
     for segment in long or record.segments:
         u, y = segment.input[:, 0], segment.output[:, 0]
-        start = model.starting(u[: model.memory], y[: model.memory]) if long else model.resting(float(u[0]))
+        start = model.initial_state(u[: model.memory], y[: model.memory]) if long else model.resting(float(u[0]))
         signals = model.signals(u, start)
         for pieces, k in zip(seen, at, strict=True):
             pieces.append(signals[k][model.memory * model.oversampling if long else 0 :])

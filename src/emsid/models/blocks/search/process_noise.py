@@ -202,7 +202,7 @@ def _from_the_start(model: Cascade, records: Sequence[Record], how: Search) -> l
     transient = how.get("transient")
     needed = model.memory if transient is None else transient
     segments = segments_longer_than(needed, model, records)
-    states = [model.starting(u, y[: model.memory], quick=True) for u, y in segments]
+    states = [model.initial_state(u, y[: model.memory], quick=True) for u, y in segments]
     return error_pieces(model, segments, states, max(transient or 0, model.edge))
 
 

@@ -49,7 +49,7 @@ class CascadeSearch:
         delay: from the input to its first effect, in samples.
         oversampling: steps of the blocks per sample; None tries 1 and 2.
         unseen: records for the comparison of choices, instead of the last quarter of the fitted records.
-        transient: samples left out at the start of every segment; None estimates the starting states.
+        transient: samples left out at the start of every segment; None estimates the initial states.
         period: of a periodic input in steady state, in samples: outputs are averaged over periods, and no starting
             state is estimated. None detects inputs that repeat exactly, 0 takes none for periodic.
         loss: the loss of the final fit.

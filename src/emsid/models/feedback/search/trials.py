@@ -28,8 +28,8 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.directions import KEPT, Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import RUNAWAY, squared_errors
+from emsid.models.initial_states import initial_state
 from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
@@ -398,7 +398,7 @@ def error_of_use(model: FeedbackModel, segments: Segments) -> float:
     A fit knows the initial states, but a user does not. A model with slow states that hardly show in the output may fit
     all data from the former, and miss them from the latter.
     """
-    states = [starting(model, u, y[: model.memory]) for u, y in segments]
+    states = [initial_state(model, u, y[: model.memory]) for u, y in segments]
     try:
         if runs_away(model, segments, states):
             return inf

@@ -14,9 +14,9 @@ from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.by_name import by_full_name, full_names
 from emsid.models.plants.by_record import PlantByRecord, in_record, names_of
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import full_name, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation

@@ -10,7 +10,7 @@ channels. Only the last fit, with its intervals, is done in SI units.
 
 **Drift.** The effect of a slow disturbance on the free run of a position never decays. The drift of the load is
 estimated before and after the search (`load_drift`); if it changes, the search goes on under the new one. An initial
-state that agrees with the first samples (`beginning`) is estimated, as an inexact one looks like drift.
+state that agrees with the first samples (`initial_state`) is estimated, as an inexact one looks like drift.
 
 **Another system.** If the error of a plant with one addition is several times that of a linear model or of a
 nonlinear regression, the record is of another kind of system, and nothing is added any more (`reference`).
@@ -34,13 +34,13 @@ from emsid.estimation.nonlinear.restarts import AGREEING
 from emsid.estimation.threads import in_threads, one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant

@@ -15,9 +15,9 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
-from emsid.models.plants.beginning import begun
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, threads_for
+from emsid.models.plants.initial_state import begun
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.result import GreyBoxFit
 

@@ -27,11 +27,11 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, TURNS, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import BEGINNING, Plant
@@ -263,7 +263,7 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
 
 
 def held_as_seen(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search of a speed, or a better one with other initial states; see `GreyBox.beginning`.
+    """A search of a speed, or a better one with other initial states; see `GreyBox.initial_state`.
 
     A noisy first speed does not show whether the first command acts before the record. If it does not, the search has
     biased the initial speed and the delay. So further samples decide, with the plant that was found.
@@ -273,7 +273,7 @@ def held_as_seen(task: Task, reached: Reached, max_iterations: int) -> Reached:
         return reached
     model, states = GreyBox(plant, task.signals), reached.states
     with suppress(EmsidError, Stopped):
-        others = [model.beginning(segment, BEGINNING) for segment in task.segments]
+        others = [model.initial_state(segment, BEGINNING) for segment in task.segments]
         here, there = (_squares(task.problem(plant, (), each)) for each in (states, others))
         if np.sum(np.maximum(here - there, 0.0)) > 2 * SLOW * reached.cost:
             begin = [other if less else state for state, other, less in zip(states, others, there < here, strict=True)]

@@ -35,10 +35,10 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting
+from emsid.models.plants.initial_state import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.moves import level_name

@@ -18,12 +18,12 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
-from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.gravity import STRENGTH
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.registry import PLANTS

@@ -20,8 +20,8 @@ from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
-from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.initial_state import starts_from_samples
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.task import Task

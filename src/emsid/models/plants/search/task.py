@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Infeasible
-from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.initial_state import InitialState, begun
 from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
@@ -49,7 +49,7 @@ class Task:
         threads: the number of threads.
         control: when to stop.
         hold_given: whether the user gave the hold of the input.
-        begins: how the initial states are found; see `beginning`.
+        begins: how the initial states are found; see `initial_state`.
     """
 
     given: Plant

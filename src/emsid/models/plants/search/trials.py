@@ -31,9 +31,9 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import each_step, gauss_newton
 from emsid.estimation.nonlinear.restarts import ITERATIONS, SAME, SLOW, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
+from emsid.models.plants.initial_state import InitialState, begun
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
 from emsid.models.plants.search.moves import Addition, level_name
@@ -118,7 +118,7 @@ class Trials:
         control: when to stop.
         complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it gives
             the initial states. None if the segments themselves do.
-        begins: how the initial states are found; see `beginning`.
+        begins: how the initial states are found; see `initial_state`.
     """
 
     segments: tuple[Record, ...]

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
-from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import starts_from_samples
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
 

@@ -45,7 +45,7 @@ class InitialState(Enum):
     REST = "at rest at position zero"
 
 
-class Beginning(NamedTuple):
+class InitialMotion(NamedTuple):
     """What the first samples of a position show, as (value, standard deviation)."""
 
     speed: tuple[float, float]
@@ -143,7 +143,7 @@ def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
 
     Only a few samples are used: over many, a polynomial differs from the position by more than the noise.
     """
-    seen = [beginning(segment.output[: SAMPLES[0], 0], segment.dt) for segment in segments]
+    seen = [initial_motion(segment.output[: SAMPLES[0], 0], segment.dt) for segment in segments]
     return all(
         abs(found - value) <= AGREES * deviation
         for state, each in zip(states, seen, strict=True)
@@ -179,13 +179,13 @@ def starts_at_rest(y: Array, signal: Signal = Signal.POSITION) -> bool:
     return int(changes[0]) > max(longest, 1)
 
 
-def beginning(y: Array, dt: float) -> Beginning:
+def initial_motion(y: Array, dt: float) -> InitialMotion:
     """Speed and position at the first sample of a measured position (N,).
 
     The first samples of a counter that stands still until a step are equal, and no polynomial goes through the step. So
     where a polynomial leaves more than the counts explain, it is at rest for as long as they are equal.
     """
-    found = Beginning((0.0, np.inf), (float(y[0]), 0.0))
+    found = InitialMotion((0.0, np.inf), (float(y[0]), 0.0))
     least = np.inf
     for samples in sorted({min(count, len(y)) for count in SAMPLES}):
         if samples < 4:
@@ -197,11 +197,11 @@ def beginning(y: Array, dt: float) -> Beginning:
             break
         least = min(least, variance)
         position, speed = np.sqrt(variance * np.diag(np.linalg.inv(powers.T @ powers)))[:2]
-        found = Beginning((float(coefficients[1]), float(speed)), (float(coefficients[0]), float(position)))
+        found = InitialMotion((float(coefficients[1]), float(speed)), (float(coefficients[0]), float(position)))
     changes = np.abs(np.diff(y[: SAMPLES[0]]))
     if starts_at_rest(y) and changes.any():
         deviation = float(np.min(changes[changes > 0])) / sqrt(12.0)  # of counts, as if they were spread evenly
         if least > WORSE * deviation**2:
             equal = 1 + int(np.argmax(changes > 0))
-            return Beginning((0.0, deviation / (equal * dt)), (float(y[0]), deviation))
+            return InitialMotion((0.0, deviation / (equal * dt)), (float(y[0]), deviation))
     return found

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from emsid import Record
-from emsid.models.plants.beginning import Beginning, beginning, starts_at_rest
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import InitialMotion, initial_motion, starts_at_rest
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
@@ -144,12 +144,12 @@ def test_a_counter_at_rest_until_a_step_shows_no_speed():
     t = np.arange(100) * DT
     late = np.maximum(t - 6 * DT, 0.0)
     step = 0.02
-    found = beginning(counted(200.0 * late**2, step), DT)
+    found = initial_motion(counted(200.0 * late**2, step), DT)
     assert (found.speed[0], found.position[0]) == (0.0, 0.0)
     assert found.position[1] == pytest.approx(step / np.sqrt(12.0))
-    slow = beginning(counted(1.0 * t, step), DT)  # four samples for a count
+    slow = initial_motion(counted(1.0 * t, step), DT)  # four samples for a count
     assert abs(slow.speed[0] - 1.0) < 3 * slow.speed[1]
-    assert isinstance(slow, Beginning)
+    assert isinstance(slow, InitialMotion)
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.45])

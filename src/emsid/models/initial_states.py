@@ -115,7 +115,7 @@ Found = tuple[Array, list[Array]]
 """States, and their residuals: of the samples and of the prior."""
 
 
-def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array:
+def initial_state(model: Startable, u: Array, y: Array, quick: bool = False) -> Array:
     """(n,) the states at the first sample of a segment.
 
     Args:

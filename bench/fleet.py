@@ -62,7 +62,7 @@ def motors(count: int, seed: int) -> None:
     with TemporaryDirectory() as folder, Memory() as memory:
         made = simulated_fleet(folder, count, worn=8, loaded=1, poisoned=3, seed=seed)
         result, seconds = timed(lambda: emsid.fleet(folder, "rigid-motor", options=options, **reading))
-        named = {each.motor for each in result.outliers}
+        named = {outlier.motor for outlier in result.outliers}
         faults = set(made.worn + made.loaded)
         processor = sum(row.seconds for row in result.rows)
         print(f"{count} motors by a pool: {seconds:.0f} s, {processor / count:.2f} s of processor each")

@@ -176,7 +176,7 @@ class Proxy:
         while True:
             self.connection, _ = self.listener.accept()
             # What was passed to a tracker that was killed meanwhile has reached nobody.
-            self.lines[:] = [each for each in self.lines if each[0] <= self.killed]
+            self.lines[:] = [line for line in self.lines if line[0] <= self.killed]
             self.killed = float("inf")
             try:
                 with self.connection, socket.create_connection(("127.0.0.1", self.target)) as server:

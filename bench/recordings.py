@@ -107,6 +107,6 @@ def part_left_out(trial: Trial) -> emsid.Record:
 def errors(models: Sequence[emsid.Model], record: emsid.Record) -> list[float]:
     """The RMSE of the free run of every model, all on the same samples; infinite where it diverges."""
     start = max(model.memory for model in models)
-    rows = [emsid.compare(each, record, transient=start).rows[0] for each in models]
+    rows = [emsid.compare(model, record, transient=start).rows[0] for model in models]
     found = [float(np.sqrt(row.ranked_by)) for row in rows]
     return [each if np.isfinite(each) else float("inf") for each in found]

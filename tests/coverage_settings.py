@@ -130,7 +130,7 @@ def main() -> int:
     """Print the coverages; the status is 1 if an unconditional one is below 92 %."""
     records = int(sys.argv[1]) if len(sys.argv) > 1 else 300
     groups = {"motor": SETTINGS, "small": MISFITS, "regression": EQUATIONS}
-    every = {f"{group}, {name}": each for group, settings in groups.items() for name, each in settings.items()}
+    every = {f"{group}, {name}": setting for group, settings in groups.items() for name, setting in settings.items()}
     status = 0
     for name, setting in every.items():
         if sys.argv[2:] and name not in sys.argv[2:] and name.partition(",")[0] not in sys.argv[2:]:

@@ -48,7 +48,7 @@ def mutated(model, rng):
     """The data of a model with one to three entries replaced, taken out, doubled or moved."""
     model = deepcopy(model)
     for _ in range(rng.randint(1, 3)):
-        path = rng.choice([each for each in places(model) if each])
+        path = rng.choice([place for place in places(model) if place])
         parent = model
         for key in path[:-1]:
             parent = parent[key]
@@ -89,9 +89,9 @@ def main(mutations, seed):
         for unit, out in (("V", "rad/s"), ("N", "m"))
     ]
     path = Path(tempfile.mkdtemp()) / "model.json"
-    for each in files:  # compiles what is compiled before time and memory count
-        path.write_text(json.dumps(each))
-        load(path).simulate(records["axis" in json.dumps(each)])
+    for file in files:  # compiles what is compiled before time and memory count
+        path.write_text(json.dumps(file))
+        load(path).simulate(records["axis" in json.dumps(file)])
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     begin, tried = perf_counter(), 0

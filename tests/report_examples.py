@@ -112,7 +112,7 @@ class Later:
 
 
 COMPARISONS = Later(lambda: {"whole": comparison(drive()), "with gaps": comparison(with_gaps())})
-RECURSIVE = Later(lambda: [emsid.recursive_least_squares(each, drive(), history=True) for each in STRUCTURES])
+RECURSIVE = Later(lambda: [emsid.recursive_least_squares(structure, drive(), history=True) for structure in STRUCTURES])
 MOTORS = {
     "default": Motor(),
     "two dead zones": Motor(torque_dead_zone=DeadZoneLaw(-1e-3, 2e-3, 0.5, 2.0)),
@@ -265,7 +265,7 @@ def every_figure():
     two, runs = two_outputs()
     yield "two outputs, responses", views.responses(runs, views.critical_intervals(two, 0.5, error_of(runs[1])))
     yield "two outputs, residuals", views.residuals(runs)
-    yield "two outputs, ranking", views.ranking(compare([each.fit for each in runs], two))
+    yield "two outputs, ranking", views.ranking(compare([run.fit for run in runs], two))
     yield "two outputs, free run", views.measured_and_simulated(runs[0])
     two_inputs = replace(drive(), input=np.column_stack([drive().input, drive(seed=5).input]),
                          input_names=("u1", "u2"), input_units=("V", "A"))  # fmt: skip

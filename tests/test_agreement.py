@@ -116,13 +116,13 @@ def test_identify_says_which_records_differ() -> None:
         return Record(u, y + 0.01 * rng.standard_normal(len(u)), DT, name=name)
 
     records = [logged("one.csv", 1.0), logged("two.csv", 0.8), logged("three.csv", 1.0)]
-    (found,) = [each for each in identify(records, models=["arx"]).findings if each.code == "records-differ"]
+    (found,) = [finding for finding in identify(records, models=["arx"]).findings if finding.code == "records-differ"]
     assert (found.subject, found.model, found.data["kind"]) == ("y1", "arx", "gain")
     values = {each["name"]: each["value"] for each in found.data["records"]}
     assert min(values, key=lambda name: values[name]) == "two.csv"
     assert values["two.csv"] < 0
     same = [logged(record.name, 1.0) for record in records]
-    assert not [each for each in identify(same, models=["arx"]).findings if each.code == "records-differ"]
+    assert not [finding for finding in identify(same, models=["arx"]).findings if finding.code == "records-differ"]
     model = least_squares(arx(na=1, nb=1), records[0]).model
     found_alone = disagreement(model, [records[0], records[1]])
     assert found_alone is not None

@@ -53,7 +53,7 @@ def test_the_linear_part_is_the_response_to_a_small_step(name: str) -> None:
 
 def test_of_the_paper_motor_the_pole_is_its_time_constant() -> None:
     plant = emsid.plants.rigid_motor()
-    known = {each.name: each.value for each in plant.quantities()}
+    known = {quantity.name: quantity.value for quantity in plant.quantities()}
     slowest = emsid.poles(plant)
     assert 1 / known["mechanical time constant"] == pytest.approx(float(np.abs(slowest).max()))
     discrete = emsid.to_discrete(plant, 0.005)

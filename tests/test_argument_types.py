@@ -55,7 +55,7 @@ def text(value: object) -> str:
         return "a very long integer"
 
 
-@pytest.mark.parametrize("name", [each for each in inspect.signature(read).parameters if each != "path"])
+@pytest.mark.parametrize("name", [parameter for parameter in inspect.signature(read).parameters if parameter != "path"])
 def test_every_argument_of_read(log: Path, name: str) -> None:
     found = {text(value): answer(lambda value=value: read(log, **(GOOD | {name: value}))) for value in VALUES}
     assert {value: problem for value, problem in found.items() if problem} == {}

@@ -35,7 +35,7 @@ ONE = Options(na=1, nb=1, nk=1)
 
 
 def codes(result: emsid.Identification) -> set[str]:
-    return {each.code for each in (*result.findings, *result.recommendation)}
+    return {finding.code for finding in (*result.findings, *result.recommendation)}
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_short_part_begins_with_the_samples_before_it() -> None:
 
 def test_few_unseen_samples_are_named() -> None:
     few = emsid.identify(record(40), models="arx", options=ONE)
-    (found,) = (each for each in few.findings if each.code == "few-unseen-samples")
+    (found,) = (finding for finding in few.findings if finding.code == "few-unseen-samples")
     assert found.data == {"samples": 12, "needed": 50}
     assert few.recommendation[1].data["kind"] == "longer"
     assert "few-unseen-samples" not in codes(emsid.identify(record(200), models="arx", options=ONE))

@@ -133,7 +133,7 @@ def of_feedback(seed):
     levels, step = static_map_band(fit, known), step_response_band(fit, known, size=3.0, start=0.0)
     yield covered(levels, np.where(np.abs(levels.x) < 1.5, levels.x / 1.5, levels.x - 0.5 * np.sign(levels.x)))
     yield covered(step, run(np.full(len(step.x) + 1, 3.0))[:-1, None])
-    inner = next(each for each in curves(fit, known) if each.kind == "map in feedback")
+    inner = next(curve for curve in curves(fit, known) if curve.kind == "map in feedback")
     assert np.all(inner.high - inner.low > 0)
 
 
@@ -299,7 +299,7 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
     assert 10 ** (outer.value[0] / 20) == pytest.approx(1.0, rel=1e-3)
     assert np.all(inner.standard_error > 0)
     assert np.all(step_response_band(fit, known).standard_error[2:] > 0)
-    (inner,) = (each for each in curves(fit, known) if each.kind == "map in feedback")
+    (inner,) = (curve for curve in curves(fit, known) if curve.kind == "map in feedback")
     assert inner.value == pytest.approx(np.clip(inner.x, -1, 1))
     assert np.isnan(inner.low).all()  # no parameter of the map is estimated
     run = free_run_band(fit, known)
@@ -375,7 +375,7 @@ def test_every_static_map_of_a_cascade_is_among_its_curves():
     blocks = (DeadZone(-0.2, 0.2, 1, 1), Rational([0.2], [-0.8], 1), emsid.blocks.Saturation(-0.5, 0.5, 1))
     model = emsid.Cascade(blocks, dt=DT)
     known = record(9)
-    found = [each for each in curves(as_fit(model), known) if each.kind == "static map"]
+    found = [curve for curve in curves(as_fit(model), known) if curve.kind == "static map"]
     assert [(each.x_name, each.name) for each in found] == [(f"input of map {k}", f"output of map {k}") for k in (1, 2)]
     for each, map_ in zip(found, (blocks[0], blocks[2]), strict=True):
         np.testing.assert_allclose(each.value, map_.value(each.x))

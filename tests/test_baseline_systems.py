@@ -45,7 +45,7 @@ def test_the_truth_of_a_difference_equation_leaves_its_noise():
 
 def test_realisations_are_together_and_judged_without_the_noise_inside():
     pair = Realisations(3, 512).pair(1)
-    assert [len(each) for each in pair.fitted.segments] == [512] * 3
+    assert [len(segment) for segment in pair.fitted.segments] == [512] * 3
     assert len(pair.unseen) == 2 * 512
     assert pair.noise == pytest.approx(0.01 * np.std(pair.fitted.output), rel=0.1)
 

@@ -106,7 +106,7 @@ def test_what_cannot_be_drawn_is_refused(known: emsid.Fit) -> None:
 def test_it_can_be_watched_and_stopped(known: emsid.Fit) -> None:
     seen: list[Activity] = []
     emsid.bootstrap(known, record(), 10, rng=np.random.default_rng(0), control=Control(report=seen.append))
-    assert [(each.done, each.total) for each in seen] == [(k, 10) for k in range(10)]
+    assert [(activity.done, activity.total) for activity in seen] == [(k, 10) for k in range(10)]
     end = threading.Event()
     end.set()
     with pytest.raises(Stopped):

@@ -299,4 +299,4 @@ def test_the_initial_state_behind_a_lost_sign_survives_noise() -> None:
 def test_several_starts_at_once_are_those_one_by_one(name: str) -> None:
     cascade, u = CASCADES[name], excitation(50)
     states = np.random.default_rng(3).standard_normal((3, cascade.states))
-    np.testing.assert_array_equal(cascade.outputs(u, states), [cascade.output(u, each) for each in states])
+    np.testing.assert_array_equal(cascade.outputs(u, states), [cascade.output(u, state) for state in states])

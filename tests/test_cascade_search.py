@@ -264,8 +264,8 @@ def test_every_activity_is_reported() -> None:
     truth = Cascade((BEND, SLOW))
     settings = replace(AT_RATE, size=6)
     estimate(HAMMERSTEIN, record_of(truth, 800), (None, 2), settings, Control(report=heard.append))
-    assert any("start values" in each.doing for each in heard)
-    fitting = [each for each in heard if each.doing == "fitting hammerstein"]
+    assert any("start values" in activity.doing for activity in heard)
+    fitting = [activity for activity in heard if activity.doing == "fitting hammerstein"]
     assert [each.done for each in fitting] == list(range(1, len(fitting) + 1))
     assert all(each.cost and each.offset for each in fitting)
 

@@ -56,7 +56,7 @@ def test_everything_is_written_though_nobody_reads_the_output(command, tmp_path,
     monkeypatch.setattr("sys.stdout", Closed())
     log = table(tmp_path / "log.csv", samples=300)
     assert command("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "result") == 0
-    assert {"report.html", "result.json", "arx.json"} <= {each.name for each in (tmp_path / "result").iterdir()}
+    assert {"report.html", "result.json", "arx.json"} <= {path.name for path in (tmp_path / "result").iterdir()}
 
 
 def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
@@ -176,7 +176,7 @@ def test_validate_remembers_how_the_record_was_read(run, tmp_path):
     assert whole["samples"] > row["samples"]
     status, out, err = run("validate", tmp_path / "out" / "arx.json", path, "--out", tmp_path / "check")
     assert (status, err) == (0, "")
-    assert {"report.html", "validation.json"} <= {each.name for each in (tmp_path / "check").iterdir()}
+    assert {"report.html", "validation.json"} <= {file.name for file in (tmp_path / "check").iterdir()}
 
 
 def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_path):

@@ -162,7 +162,7 @@ def test_noise_is_named_where_it_limits_a_fit():
     record = drive(noise=3.0)
     comparison = compare([least_squares(arx(1, 1), drive(noise=1e-4))], drive(noise=3.0, seed=1))
     assert 20 < comparison.best.row.fit_percent < 40
-    found = [each.code for each in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]
+    found = [step.code for step in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]
     assert found[0] == "next-reduce-noise"
     assert "next-check-data" not in found
 
@@ -171,8 +171,8 @@ def test_no_physical_model_is_proposed_where_one_was_tried_and_failed():
     record = drive(edge=1.0)
     reversed_leads = Record(record.input, -record.output, DT, input_units="V", output_units="rad/s", name="reversed")
     both = identify(reversed_leads, models="arx, rigid-motor", options=Options(na=1, nb=1, nk=1))
-    assert {each.subject for each in both.findings if each.code == "model-failed"} == {"rigid-motor"}
-    assert "next-physical-model" not in {each.code for each in both.next_steps}
+    assert {finding.subject for finding in both.findings if finding.code == "model-failed"} == {"rigid-motor"}
+    assert "next-physical-model" not in {step.code for step in both.next_steps}
 
 
 @pytest.fixture(scope="module")
@@ -193,22 +193,22 @@ def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(r
     ]
     (figure,) = page.opening.figures
     assert [mark.label for mark in figure.plots[0].marks][-2] == "measured"
-    assert page.advice == tuple(sentence(each) for each in (*result.recommendation, *result.next_steps))
+    assert page.advice == tuple(sentence(finding) for finding in (*result.recommendation, *result.next_steps))
     tests = next(section for section in page.sections if section.title == "Verdicts")
-    assert [row[0] for row in tests.tables[0].rows] == [each.model for each in result.model_verdicts]
-    assert tests.remarks == tuple(sentence(each) for each in result.model_verdicts)
+    assert [row[0] for row in tests.tables[0].rows] == [verdict.model for verdict in result.model_verdicts]
+    assert tests.remarks == tuple(sentence(verdict) for verdict in result.model_verdicts)
     assert all(notice.severity in ("warning", "problem") for notice in page.notices)
-    about_others = {sentence(each) for each in result.findings if each.model not in ("", best.model)}
+    about_others = {sentence(finding) for finding in result.findings if finding.model not in ("", best.model)}
     assert about_others
     assert not about_others & {notice.text for notice in page.notices}
 
 
 def test_results_hold_what_the_first_screen_shows(result):
     data = json.loads(json.dumps(result.to_data(), allow_nan=False))
-    assert [each["code"] for each in data["next"]] == [each.code for each in result.next_steps]
+    assert [each["code"] for each in data["next"]] == [step.code for step in result.next_steps]
     assert [each["code"] for each in data["recommendation"]] == ["model-recommended", "next-experiment"]
-    assert [each["code"] for each in data["verdicts"]] == [each.code for each in result.model_verdicts]
-    assert [each["code"] for each in data["residual"]] == [each.code for each in result.verdicts]
+    assert [each["code"] for each in data["verdicts"]] == [verdict.code for verdict in result.model_verdicts]
+    assert [each["code"] for each in data["residual"]] == [verdict.code for verdict in result.verdicts]
     assert data["characteristics"] == [each.to_data() for each in result.characteristics]
 
 

@@ -40,7 +40,7 @@ def test_a_cascade_without_a_dead_time_has_none():
     data = record(0)
     fit = at_the_input(fit_cascade(start(1, 2), data), [data], {})
     assert fit.model.delay == 0
-    assert "dead-time-at-input" not in [each.code for each in fit.findings]
+    assert "dead-time-at-input" not in [finding.code for finding in fit.findings]
 
 
 def test_a_fit_at_its_minimum_is_not_given_up_for_one_that_is_not():

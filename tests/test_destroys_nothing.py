@@ -123,7 +123,7 @@ def test_two_logs_are_not_mixed_and_a_killed_tracker_is_no_obstacle(tmp_path: Pa
     with pytest.raises(FormatError, match=f"number {os.getpid()}"):
         Log(path)
     log.close()
-    assert [each.name for each in tmp_path.iterdir()] == ["log.txt"]
+    assert [file.name for file in tmp_path.iterdir()] == ["log.txt"]
 
 
 @pytest.mark.parametrize("url", ["spy:///dev/null?file={}", "serial://spy:///dev/null?file={}", "SPY://x?file={}"])

@@ -83,7 +83,7 @@ def test_the_changelog_has_a_section_for_this_version():
 def test_files_that_documents_point_to_exist(name):
     links = re.findall(r"\]\((?!https?:|#|mailto:)([^)#]+)", (HOME / name).read_text("utf-8"))
     named = re.findall(r"`((?:src|tests|docs|examples|bench)/[\w./-]+)`", (HOME / name).read_text("utf-8"))
-    assert [each for each in links if not ((HOME / name).parent / each).exists()] == []
+    assert [link for link in links if not ((HOME / name).parent / link).exists()] == []
     assert [each for each in named if not (HOME / each).exists()] == []
 
 
@@ -139,7 +139,7 @@ def test_options_in_the_text_exist(name):
         words, command = shlex.split(" ".join(line.split()))[1:], known
         while words and words[0] in getattr(command, "commands", ()):
             command = command.commands[words.pop(0)]
-        spelled = {option for each in command.params for option in getattr(each, "opts", ())}
+        spelled = {option for param in command.params for option in getattr(param, "opts", ())}
         spelled |= {"--help", "--version", "--install-completion", "--show-completion"}
         assert [word for word in words if word.startswith("-") and word != "-" and word not in spelled] == [], line
 

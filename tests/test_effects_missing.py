@@ -35,7 +35,7 @@ def recorded(mass: OneMass, seed: int = 0, samples: int = 1500, noise: float = 0
 def missing_of(record: Record, **fixed: float):
     fixed = {"resistance": RESISTANCE, **fixed}
     fit = simulation_error(START, record, free=tuple(name for name in TRUTH if name not in fixed), fixed=fixed)
-    return [each for each in fit.findings if each.code in CODES]
+    return [finding for finding in fit.findings if finding.code in CODES]
 
 
 def counted(per_radian: float):
@@ -136,7 +136,7 @@ def test_what_is_not_estimated_is_neutral_and_what_must_have_a_value_is_shown_as
     for name in FREE[1:]:
         assert rows[name].given == ("resistance",)
         assert rows[name].value == pytest.approx(TRUTH[name] / 2, rel=0.05)
-    (said,) = (each for each in fit.findings if each.code == "built-in-values-kept")
+    (said,) = (finding for finding in fit.findings if finding.code == "built-in-values-kept")
     assert said.data["parameters"] == [{"name": "resistance", "value": 2.0, "unit": "ohm"}]
     assert "built in" in str(fit)
     assert {each["name"]: each["status"] for each in fit.to_data()["parameters"]}["resistance"] == "built in"
@@ -145,7 +145,7 @@ def test_what_is_not_estimated_is_neutral_and_what_must_have_a_value_is_shown_as
 def test_a_neutral_value_that_is_wrong_is_named():
     """The motor has a dead zone, and nobody asked for one."""
     fit = emsid.fit(emsid.plants.rigid_motor(), recorded(MOTOR), free=FREE)
-    first = next(each for each in fit.findings if each.code in CODES)
+    first = next(finding for finding in fit.findings if finding.code in CODES)
     assert "dead-zone" in (first.data.get("effect"), *first.data["or"])
 
 
@@ -177,9 +177,9 @@ def test_what_is_left_out_of_a_model_was_tried():
     free = (*TRUTH, excess)
     for record, as_good in ((recorded(MOTOR, 4), [excess]), (recorded(MOTOR, 5), [excess])):
         fit = simulation_error(plant, record, free=free, fixed={"resistance": RESISTANCE}, find_start=False)
-        for each in fit.findings:
-            if each.code == "intervals-include-zero":
-                assert each.data["without"] == as_good
+        for finding in fit.findings:
+            if finding.code == "intervals-include-zero":
+                assert finding.data["without"] == as_good
 
 
 @pytest.mark.parametrize("walks", [False, True])
@@ -190,7 +190,7 @@ def test_noise_as_slow_as_the_record_is_said_to_be_so(walks):
     clean = recorded(MOTOR, noise=0.0)
     record = replace(clean, output=clean.output + slow[2000:, None])
     fit = simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE})
-    (said,) = (each for each in fit.findings if each.code == "residual-slow")
+    (said,) = (finding for finding in fit.findings if finding.code == "residual-slow")
     assert said.data["values"] < 30
     for name in TRUTH:
         low, high = next(row.interval for row in fit.table if row.name == name)

@@ -107,6 +107,6 @@ def test_a_plant_is_about_ten_lines_of_own_code(name):
     ]
     assert len(functions) == 2
     (call,) = (each for each in ast.walk(tree) if isinstance(each, ast.Call) and ast.unparse(each.func) == "OwnPlant")
-    lines = sum(len(each.body) - 1 for each in functions)  # without docstrings
-    lines += sum(len(each.value.elts) if each.arg == "table" else 1 for each in call.keywords)
+    lines = sum(len(function.body) - 1 for function in functions)  # without docstrings
+    lines += sum(len(keyword.value.elts) if keyword.arg == "table" else 1 for keyword in call.keywords)
     assert lines <= 12

@@ -111,7 +111,7 @@ def test_where_nothing_is_gained_the_standard_signal_is_given(fit, monkeypatch):
     found = emsid.design(fit, limit=12.0, duration=4.0, dt=DT)
     assert found.best.name in found.standard
     assert found.gain == 1.0
-    assert "design-gains-nothing" in [each.code for each in found.findings]
+    assert "design-gains-nothing" in [finding.code for finding in found.findings]
 
 
 @pytest.mark.parametrize(

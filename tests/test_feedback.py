@@ -303,7 +303,7 @@ def test_maps_and_poles_are_drawn() -> None:
         bands = [next(mark for mark in each.plots[k].marks if hasattr(mark, "lower")) for each in (maps, other)]
         np.testing.assert_allclose(bands[1].upper, bands[0].upper, rtol=1e-3, atol=1e-4)
     # In samples in which a saturated map has no slope, the poles are those of the model without it.
-    assert [each.title for each in poles.plots] == ["Poles, by map 1", "Poles, by map 2"]
+    assert [plot.title for plot in poles.plots] == ["Poles, by map 1", "Poles, by map 2"]
     _, small, middle, large = poles.plots[0].marks
     assert [len(each.x) for each in (small, middle, large)] == [18, 2, 18]
     seen, n = visited_in(model, record), model.states

@@ -132,7 +132,7 @@ def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.M
     def flattened(*args: object) -> tuple[Found, list[fitting.Other]]:
         last, others = steps(*args)
         reached.append(last)
-        heavier = replace(last.minimum, residuals=tuple(10 * each for each in last.minimum.residuals))
+        heavier = replace(last.minimum, residuals=tuple(10 * residual for residual in last.minimum.residuals))
         return replace(last, model=last.model.with_parameters(0.5 * last.model.parameters), minimum=heavier), others
 
     monkeypatch.setattr(fitting, "_last_steps", flattened)
@@ -282,7 +282,7 @@ def test_a_search_that_stalls_is_confirmed_by_others_with_their_spread(monkeypat
     fit = fit_feedback(model, record)
     assert calls
     assert fit.ending is Ending.CONVERGED
-    assert [each.code for each in fit.findings] == ["minimum-not-smooth"]
+    assert [finding.code for finding in fit.findings] == ["minimum-not-smooth"]
     np.testing.assert_array_equal(fit.estimate, usual.estimate)
     added = fit.covariance - usual.covariance
     sizes = np.linalg.eigvalsh(added)

@@ -440,4 +440,4 @@ def test_a_model_with_another_number_of_maps_says_so(monkeypatch: pytest.MonkeyP
 
 
 def codes(fit: emsid.Fit[emsid.FeedbackModel]) -> list[str]:
-    return [each.code for each in fit.findings]
+    return [finding.code for finding in fit.findings]

@@ -158,7 +158,7 @@ def test_signals_that_are_one_save_variance() -> None:
     for seed in range(20):
         record = noisy(truth, seed, 0.05)
         models = [fit_feedback(each, record).model for each in (truth, replace(truth, shared=()))]
-        errors.append([np.mean((each.output(v, X) - expected)[200:] ** 2) for each in models])
+        errors.append([np.mean((model.output(v, X) - expected)[200:] ** 2) for model in models])
     of_one, of_two = np.mean(errors, axis=0)
     assert of_one < 0.8 * of_two
 

@@ -76,7 +76,7 @@ def test_more_steps_are_tried_with_a_lower_order() -> None:
     """A higher order makes up for missing steps; with two steps the lower order is not yet better."""
     data = SearchData.of(measured(8, 0.0001)[:1], FeedbackSearch(), FREE)
     high = data.refined(with_map(data, 3), None, family_of("polynomial"), 3)
-    tried = [each for each in more_steps(data, high, FeedbackSearch(held=True)) if each.found.model.states == 2]
+    tried = [step for step in more_steps(data, high, FeedbackSearch(held=True)) if step.found.model.states == 2]
     assert [each.found.model.oversampling for each in tried[:2]] == [2, 4]
     assert tried[-1].found.error < 0.9 * tried[0].found.error
     assert data.prefers(tried[-1], high)

@@ -98,7 +98,7 @@ def present() -> dict[str, set[str]]:
     for name, result in (("regression", regression), ("cascade", cascade), ("plant", plant)):
         about_models = (*result.model_verdicts, *result.recommendation)
         findings = (*result.findings, *result.verdicts, *about_models, *result.next_steps, *result.chosen.findings)
-        found[name] = {each.code for each in findings}
+        found[name] = {finding.code for finding in findings}
     return found
 
 

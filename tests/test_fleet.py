@@ -73,8 +73,8 @@ def test_a_fleet_is_fitted_and_the_motor_that_differs_is_named(hive: Path, threa
     assert len(result.rows) == 36
     assert not result.failed
     assert {row.verdict for row in result.rows} <= {"model-supported", "model-limited"}
-    assert "M05" in {each.motor for each in result.outliers}
-    assert ("differs-from-fleet", "M05") in {(each.code, each.subject) for each in result.findings}
+    assert "M05" in {outlier.motor for outlier in result.outliers}
+    assert ("differs-from-fleet", "M05") in {(finding.code, finding.subject) for finding in result.findings}
     table = result.to_frame()
     m0 = table.filter((pl.col("motor") == "M00") & (pl.col("period") == "2026-01-02"))
     train, test = emsid.read(hive / "motor=M00/day=2026-01-02/part.parquet", **READING).split(0.7)
@@ -172,7 +172,7 @@ def test_a_poisoned_file_fails_alone(hive: Path, threads: Executor) -> None:
     assert len(result.rows) == 36
     assert [row.motor for row in result.failed] == ["M01", "M02", "M03"]
     assert "constant" in result.failed[2].reason
-    assert [each.code for each in result.findings if not each.subject] == ["motors-failed"]
+    assert [finding.code for finding in result.findings if not finding.subject] == ["motors-failed"]
 
 
 def test_a_poisoned_table_does_not_stop_the_division(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_poisoned_table_does_not_stop_the_division(tmp_path: Path) -> None:
     (tmp_path / "b.parquet").write_bytes(b"no")
     table.drop("id").write_parquet(tmp_path / "c.parquet")
     parts, failed = divided(found_files(tmp_path), "id", tmp_path / "parts")
-    assert [each.keys for each in parts] == [{"motor": "M"}]
+    assert [part.keys for part in parts] == [{"motor": "M"}]
     assert sorted(Path(path).name for path in failed) == ["b.parquet", "c.parquet"]
 
 
@@ -269,7 +269,7 @@ def test_a_change_of_a_motor_is_a_finding(tmp_path: Path, threads: Executor) -> 
     for day in range(10):
         frame(300, 0.7 if day > 4 else 0.9, rng).write_parquet(tmp_path / f"M-{day}.parquet")
     result = emsid.fleet(f"{tmp_path}/{{motor}}-{{day}}.parquet", ARX, threads, period="day", **READING)
-    found = {each.code: each for each in result.findings}
+    found = {finding.code: finding for finding in result.findings}
     assert found["changed-over-periods"].data["since"] == "5"
     assert found["fleet-too-small"].data["motors"] == 1
 
@@ -335,7 +335,7 @@ def test_least_squares_over_files_is_that_of_one_record(tmp_path: Path, threads:
     for k, table in enumerate(tables):
         table.write_parquet(tmp_path / f"{k}.parquet")
     structure = emsid.arx(na=2, nb=3)
-    whole = least_squares(structure, [emsid.read(each, input="u", output="y", dt=0.01) for each in tables])
+    whole = least_squares(structure, [emsid.read(table, input="u", output="y", dt=0.01) for table in tables])
     for rows in (700, 5_000, 100_000):
         parts = least_squares_over(tmp_path, structure, threads, input="u", output="y", dt=0.01, rows=rows)
         assert parts.estimate == pytest.approx(whole.estimate, rel=1e-10)

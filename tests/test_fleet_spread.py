@@ -114,7 +114,7 @@ def test_missing_periods_are_passed_over() -> None:
     values[3, 5:9] = np.nan
     values[4, :] = np.nan
     values[3, 12:] += 0.5
-    assert [(each.motor, each.since) for each in changes([series(values, errors)])] == [("M003", "p012")]
+    assert [(change.motor, change.since) for change in changes([series(values, errors)])] == [("M003", "p012")]
 
 
 def test_the_largest_step_is_the_best_of_all_steps() -> None:
@@ -138,5 +138,5 @@ def test_failures_are_grouped_by_reason() -> None:
     rows = [FleetRow(f"M{k}", "", reason=f"/data/M{k}.csv: row {k} is damaged") for k in range(3)] + [
         FleetRow("X", "", reason="no")
     ]
-    assert [len(each) for each in reasons(rows).values()] == [3, 1]
+    assert [len(reason) for reason in reasons(rows).values()] == [3, 1]
     assert 0 < ALPHA < 0.1

@@ -140,7 +140,7 @@ def test_a_search_over_signs_passes_the_minima_between_their_changes() -> None:
 def test_the_intervals_of_dry_friction_contain_the_truth() -> None:
     """0.85 of 100 without wide differences; 150 records, at 2.6 standard deviations below 95 %."""
     fits = [fit_free_run(DRY, dry_friction(1000 + k), restarts=True) for k in range(150)]
-    inside = [np.abs(each.estimate - DRY_TRUTH) < 1.96 * each.standard_error for each in fits]
+    inside = [np.abs(fit.estimate - DRY_TRUTH) < 1.96 * fit.standard_error for fit in fits]
     assert np.mean(inside, axis=0).min() > 0.904
 
 
@@ -169,8 +169,8 @@ def test_searches_over_signs_of_a_friction_model_end_at_minima() -> None:
 def test_the_intervals_of_a_friction_model_contain_the_truth() -> None:
     """0.96 to 1.0 of 150 records; the least is 2.6 standard deviations below 95 %."""
     fits = [fit_free_run(FRICTION, dead_zone_and_friction(1000 + k), restarts=True) for k in range(150)]
-    inside = [np.abs(each.estimate - FRICTION_TRUTH) < 1.96 * each.standard_error for each in fits]
-    assert np.mean([each.ending is Ending.CONVERGED for each in fits]) > 0.95
+    inside = [np.abs(fit.estimate - FRICTION_TRUTH) < 1.96 * fit.standard_error for fit in fits]
+    assert np.mean([fit.ending is Ending.CONVERGED for fit in fits]) > 0.95
     assert np.mean(inside, axis=0).min() > 0.904
 
 

@@ -307,7 +307,10 @@ def test_a_cancelled_search_keeps_the_best_so_far() -> None:
     control = Control(cancelled=lambda: len(seen) == 2, report=seen.append).during("decay")
     found = gauss_newton(decay(), [1, 9, 0.7], control=control, tolerance=1e-9)
     assert (found.ending, codes(found), found.iterations) == (Ending.INTERRUPTED, ["search-cancelled"], 2)
-    assert [(each.doing, each.done, each.total) for each in seen] == [("decay", 1, None), ("decay", 2, None)]
+    assert [(activity.doing, activity.done, activity.total) for activity in seen] == [
+        ("decay", 1, None),
+        ("decay", 2, None),
+    ]
     assert found.cost == seen[-1].cost < found.costs[0]
     assert found.findings[0].data == {"steps": 2, "offset": seen[-1].offset}
     there = gauss_newton(decay(), found.estimate, max_iterations=0)

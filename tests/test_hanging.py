@@ -103,10 +103,10 @@ def test_one_load_is_said_before_and_after_the_fit() -> None:
     assert by_code(light)["one-load"].subject == light.input_names[0]
     plant, known = emsid.plants.joint(), {"gravity.length": 0.3}
     alone = emsid.fit(plant, light, fixed={**known, "gravity.mass": 0.1}, search=False)
-    assert [each.data["one_load"] for each in alone.findings if each.code == "not-identifiable"] == [True]
+    assert [finding.data["one_load"] for finding in alone.findings if finding.code == "not-identifiable"] == [True]
     masses = {"gravity.mass[light]": 0.1, "gravity.mass[heavy]": 0.5}
     both = emsid.fit(plant, [light, heavy], fixed={**known, **masses}, search=False)
-    assert not any(each.data.get("one_load") for each in both.findings)
+    assert not any(finding.data.get("one_load") for finding in both.findings)
 
 
 def test_the_next_experiment_is_one_with_a_second_load() -> None:
@@ -145,9 +145,9 @@ def test_samples_at_a_stop_are_found_and_left_out() -> None:
         assert np.all(np.abs(y[found[side]] - limit) < 0.005)
     left = without_stops(record)
     assert len(left) == len(record) - sum(each.sum() for each in found.values())
-    assert [each.data["side"] for each in left.findings if each.code == "joint-at-stop"] == ["lower", "upper"]
-    assert {"joint-at-stop"} <= {each.code for each in advice(record)}
-    assert "values-cut-off" not in {each.code for each in advice(record)}
+    assert [finding.data["side"] for finding in left.findings if finding.code == "joint-at-stop"] == ["lower", "upper"]
+    assert {"joint-at-stop"} <= {finding.code for finding in advice(record)}
+    assert "values-cut-off" not in {finding.code for finding in advice(record)}
 
 
 def test_friction_that_holds_an_arm_is_no_stop() -> None:
@@ -158,7 +158,7 @@ def test_friction_that_holds_an_arm_is_no_stop() -> None:
 
 def test_a_joint_between_stops_is_identified_without_them() -> None:
     result = emsid.identify(stopped(1), models="joint", free=list(joint().default_free))
-    assert [each.data["masked"] for each in result.findings if each.code == "joint-at-stop"] == [True, True]
+    assert [finding.data["masked"] for finding in result.findings if finding.code == "joint-at-stop"] == [True, True]
     fit = result.recommended_fit
     for name, true in (("gravity.torque", 1.2), ("rotor_inertia", 0.02), ("gravity.angle", 0.3)):
         assert fit[name].value == pytest.approx(true, rel=0.02)

@@ -253,12 +253,12 @@ def test_noise_on_the_output_of_a_regression_is_said_to_bias_it():
     fits = [emsid.fit(emsid.arx(2, 2), OUTPUT.record(seed)) for seed in range(10)]
     assert all("regression-biased" in codes(fit) for fit in fits)
     rows = fits[0].to_data()["parameters"]
-    assert {(each["status"], each["interval"]) for each in rows} == {("of the one-step predictor", None)}
+    assert {(row["status"], row["interval"]) for row in rows} == {("of the one-step predictor", None)}
     assert {row[-2] for row in parameter_table(fits[0]).rows} == {"none: of the one-step predictor"}
     assert {row.interval for row in parameter_rows(fits[0])} == {"of the one-step predictor"}
     gains = characteristics(emsid.compare(fits[:1], OUTPUT.record(11)), OUTPUT.record(0))
     assert gains
-    assert {each.half_width for each in gains} == {None}
+    assert {gain.half_width for gain in gains} == {None}
     clean = [emsid.fit(emsid.arx(2, 2), EQUATION.record(seed)) for seed in range(40)]
     assert sum("regression-biased" in codes(fit) for fit in clean) <= binom.ppf(0.999, 40, 0.03)
     assert clean[0].to_data()["parameters"][0]["status"] == "estimated"

@@ -38,7 +38,7 @@ def test_a_text_that_ends_within_a_line_is_read_up_to_it(tmp_path: Path, name: s
     u, y = ("at.u", "at.y") if "nested" in name else ("u", "y")
     record = read(path, input=u, output=y, dt=0.1)
     np.testing.assert_array_equal(record.output[:, 0], [row[2] for row in ROWS[: N - 20]])
-    (found,) = [each for each in record.findings if each.code == "file-cut-off"]
+    (found,) = [finding for finding in record.findings if finding.code == "file-cut-off"]
     assert found.data == {"columns": {"": [N - 20, 0]}}
     assert "it ends after 40 samples, within another one" in sentence(found)
 

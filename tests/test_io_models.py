@@ -289,7 +289,7 @@ def test_a_model_file_tells_what_the_model_was_identified_from(tmp_path):
     assert origin(path).differences(replace(record, input_names=("voltage [V]",), input_units="")) == []
     assert origin(path).differences(replace(record, output=np.empty((300, 0)), output_names=(), output_units=())) == []
     milli = replace(record, input_names=("voltage [mV]",), input_units="")
-    assert [each.data["channels"] for each in origin(path).differences(milli)] == [
+    assert [difference.data["channels"] for difference in origin(path).differences(milli)] == [
         [{"name": "voltage [mV]", "unit": ""}]
     ]
     path.write_text(path.read_text().replace('"voltage"', '"current"'))

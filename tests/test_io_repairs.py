@@ -185,7 +185,7 @@ def test_filter_then_decimate_then_detrend(tmp_path: Path) -> None:
     record = emsid.read(path, **COLUMNS, dt=0.001, filter=30.0, decimate=4, detrend=0)
     assert (len(record), record.dt) == (1000, 0.004)
     filtered, subtracted = {"cutoff": 30.0, "factor": 4}, {"order": 0}
-    assert [(each.code, each.data) for each in record.findings] == [
+    assert [(finding.code, finding.data) for finding in record.findings] == [
         ("data-filtered", filtered),
         ("data-detrended", subtracted),
     ]

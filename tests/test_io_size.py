@@ -26,7 +26,7 @@ NUMBERS = [(k / 10, (k * 37 % 101) / 7, -1e-3 * k) for k in range(ROWS)]
 
 
 def text(row: str = "{:.1f},{:.6g},{:.3e}", head: str = "t,u,y\n", end: str = "\n") -> bytes:
-    return (head + end.join(row.format(*each) for each in NUMBERS) + end).encode()
+    return (head + end.join(row.format(*number) for number in NUMBERS) + end).encode()
 
 
 TABLES = {
@@ -168,10 +168,10 @@ def test_a_tdms_file_that_is_cut_off_says_how_much_is_missing(tmp_path: Path) ->
     whole = tdms()
     reading = {"input": "u", "output": "y", "time": "time"}
     (tmp_path / "log.tdms").write_bytes(whole)
-    assert "file-cut-off" not in [each.code for each in read(tmp_path / "log.tdms", **reading).findings]
+    assert "file-cut-off" not in [finding.code for finding in read(tmp_path / "log.tdms", **reading).findings]
     (tmp_path / "log.tdms").write_bytes(whole[: -8 * 20])
     record = read(tmp_path / "log.tdms", **reading)
-    (found,) = [each for each in record.findings if each.code == "file-cut-off"]
+    (found,) = [finding for finding in record.findings if finding.code == "file-cut-off"]
     assert found.data == {"columns": {"y": [N - 20, N]}}
 
 

@@ -95,9 +95,9 @@ def test_a_file_with_jitter_is_read_as_with_its_sample_time(log: Path) -> None:
 def test_describe_proposes_neither_to_resample_nor_to_shift_for_jitter(log: Path) -> None:
     look = describe(log)
     assert {"time", "resample", "shift"} & set(look.reading) == {"time"}
-    assert [each.code for each in look.findings].count("clock-jitters") == 1
+    assert [finding.code for finding in look.findings].count("clock-jitters") == 1
     resampled = describe(log, resample=True)
-    found = {each.code for each in resampled.findings}
+    found = {finding.code for finding in resampled.findings}
     assert "data-resampled" in found
     assert not {"command-before-its-row", "feedback-likely"} & found
     assert "shift" not in resampled.reading
@@ -131,9 +131,9 @@ def test_a_file_with_a_clock_of_another_rate_is_not_read_with_the_sample_time_of
     remembered = {"input": ["voltage"], "output": ["speed"], "dt": 0.02}
     record = Reader({}, {}).after(remembered)(log)
     assert record.dt == DT
-    found = {each.code: each.data for each in record.findings}
+    found = {finding.code: finding.data for finding in record.findings}
     assert found["sample-time-of-file"] == {"column": "time_ms", "dt": DT, "before": 0.02}
     same = Reader({}, {}).after({**remembered, "dt": 0.01})(log)
     given = Reader({"dt": 0.02}, {}).after(remembered)(log)
     assert (same.dt, given.dt) == (0.01, 0.02)
-    assert not {"sample-time-of-file"} & {each.code for each in (*same.findings, *given.findings)}
+    assert not {"sample-time-of-file"} & {finding.code for finding in (*same.findings, *given.findings)}

@@ -85,8 +85,8 @@ def test_pieces_of_any_size_give_the_same_session(tmp_path: Path) -> None:
     assert pieces.tracking is not None
     np.testing.assert_array_equal(whole.tracking.state.estimate, pieces.tracking.state.estimate)
     np.testing.assert_array_equal(whole.tracking.detection, pieces.tracking.detection)
-    assert [each.kind for each in whole.changes] == [each.kind for each in pieces.changes]
-    moments = [np.array([(each.time, each.since) for each in session.changes]) for session in (whole, pieces)]
+    assert [change.kind for change in whole.changes] == [change.kind for change in pieces.changes]
+    moments = [np.array([(change.time, change.since) for change in session.changes]) for session in (whole, pieces)]
     np.testing.assert_allclose(*moments, rtol=1e-12)  # times of a piece are sums with another rounding
 
 
@@ -114,10 +114,10 @@ def test_lost_malformed_and_overflowed_samples_are_counted_and_stay_in_the_log(t
         "not_finite": 1,
         "gaps": 3,
     }
-    assert {"source-gap", "lines-not-used"} <= {each.code for each in session.findings}
+    assert {"source-gap", "lines-not-used"} <= {finding.code for finding in session.findings}
     assert data in read_from(tmp_path / "log.txt")
     record = read_log(tmp_path / "log.txt")
-    assert [len(each) for each in record.segments] == [299, 100, 49, 145]
+    assert [len(segment) for segment in record.segments] == [299, 100, 49, 145]
 
 
 def test_time_that_goes_backwards_is_a_gap(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_a_log_is_appended_to_and_read_after_a_cut(tmp_path: Path) -> None:
     again.mark("disconnected")
     again.close()
     record = read_log(path)
-    assert [len(each) for each in record.segments] == [99, 50]
+    assert [len(segment) for segment in record.segments] == [99, 50]
     assert len(read_log(path, again.begin)) == 50
     assert path.read_bytes().count(b"# emsid: ") == 3
 

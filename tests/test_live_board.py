@@ -105,7 +105,7 @@ def test_a_run_goes_on_where_the_clock_begins_again_and_ends_where_the_board_doe
         receiver.close()
         assert result.reason == reason
         assert board.commands[-1] == b"u 0\n"
-        sent = [float(each[2:]) for each in board.commands if each.startswith(b"u ")]
+        sent = [float(command[2:]) for command in board.commands if command.startswith(b"u ")]
         first, last = sent.index(1.0), len(sent) - 1 - sent[::-1].index(max(sent))
         assert np.all(np.diff(sent[first : last + 1]) >= 0)
 

@@ -75,7 +75,7 @@ def test_a_tracker_ends_with_its_page_when_the_board_ends(run: object, tmp_path:
         status, out, err = run("track", url(server), "--reconnect", "0.3", "--out", tmp_path)  # type: ignore[operator]
     assert status == 0, err
     assert "the tracking ends if it is not back within 0.3 s" in out
-    assert {"log.txt", "report.html", "state.json", "track.json"} <= {each.name for each in tmp_path.iterdir()}
+    assert {"log.txt", "report.html", "state.json", "track.json"} <= {path.name for path in tmp_path.iterdir()}
     assert '"reason": "disconnected"' in (tmp_path / "track.json").read_text()
 
 
@@ -91,7 +91,7 @@ def test_sigterm_writes_the_page_as_ctrl_c_does(tmp_path: Path) -> None:
             out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "emsid: ending; writing record and report\n")
     assert '"kind":"end"' in out.splitlines()[-1].replace(" ", "")
-    assert {"log.txt", "record.csv", "report.html", "state.json"} <= {each.name for each in tmp_path.iterdir()}
+    assert {"log.txt", "record.csv", "report.html", "state.json"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_only_work_that_asks_for_it_is_answered_on_sigterm() -> None:

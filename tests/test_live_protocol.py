@@ -137,7 +137,7 @@ def test_a_time_gap_ends_a_stretch(size: int) -> None:
     rows = rows_of(time)
     for k in range(0, 60, size):
         stretches += timeline.place(rows[k : k + size])
-    gaps = [each.gap for each in stretches if each.gap is not None]
+    gaps = [stretch.gap for stretch in stretches if stretch.gap is not None]
     assert [(gap.samples, gap.cause) for gap in gaps] == [(5, "lost")]
     assert gaps[0].time == pytest.approx(0.45)
     assert sum(map(len, stretches)) == 60
@@ -167,7 +167,7 @@ def test_a_clock_of_32_bits_that_begins_again_is_no_gap(unit: float, size: int) 
     ticks = 2**32 - round(0.3 / unit) + np.arange(60) * round(0.01 / unit)
     timeline = Timeline()
     stretches = placed(timeline, rows_of(((ticks % 2**32) * unit).tolist()), size)
-    assert [each.gap for each in stretches if each.gap] == []
+    assert [stretch.gap for stretch in stretches if stretch.gap] == []
     assert (sum(map(len, stretches)), timeline.lost) == (60, 0)
     assert timeline.dt == pytest.approx(0.01)
     assert timeline.time == pytest.approx(ticks[-1] * unit)

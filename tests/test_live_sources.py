@@ -105,7 +105,7 @@ def test_a_port_behind_rfc_2217_is_tracked_through_a_break(tmp_path: Path) -> No
     log.close()
     assert server.commands == b"?\n?\n"
     assert findings(found)[:2] == ["source-disconnected", "source-gap"]
-    assert [len(each) for each in read_log(log.path).segments] == [300, 300]
+    assert [len(segment) for segment in read_log(log.path).segments] == [300, 300]
 
 
 def test_pyserials_own_urls_work() -> None:
@@ -155,5 +155,5 @@ def test_a_connection_that_comes_back_is_a_gap_in_one_log(tmp_path: Path) -> Non
     assert findings(found) == ["source-disconnected", "source-gap"]
     (gap,) = [each["data"] for each in found if each.get("code") == "source-gap"]
     assert gap["cause"] == "disconnected"
-    assert [len(each) for each in read_log(log.path).segments] == [300, 300]
+    assert [len(segment) for segment in read_log(log.path).segments] == [300, 300]
     assert b"# emsid: connected again at" in log.path.read_bytes()

@@ -67,7 +67,7 @@ def test_signals_at_times_of_their_own_are_read_as_messages(write: Write) -> Non
     path = write(interleaved(late=0.004))
     look = describe(path)
     assert (look.reading["input"], look.reading["output"], look.reading["time"]) == ("voltage", "speed", "time")
-    assert "rows-of-messages" in [each.code for each in look.findings]
+    assert "rows-of-messages" in [finding.code for finding in look.findings]
     record = emsid.read(path, **look.reading)
     assert record.input[:, 0] == pytest.approx(U[:-1])  # no input after the last one
     assert record.output[:, 0] == pytest.approx(Y[:-1])

@@ -78,7 +78,7 @@ def test_on_slow_ramps_an_interval_holds_what_a_mean_over_the_sample_would_give(
     low, high = next(row.interval for row in plain.table if row.name == "rotor_inertia")
     assert low < mean.model.plant.value("rotor_inertia") < high
     assert low < INERTIA < high
-    (said,) = (each for each in plain.findings if each.code == "alternatives-fit-as-well")
+    (said,) = (finding for finding in plain.findings if finding.code == "alternatives-fit-as-well")
     assert (said.data["of"], "sensor.average" in said.data["instead"]) == (None, True)
 
 
@@ -87,4 +87,4 @@ def test_where_the_data_show_how_a_sample_is_taken_intervals_do_not_grow():
     record = counted(8 * levels(600, rng, 12), rng, henry=HENRY / 10)
     free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", WIDTH)
     fit = simulation_error(RIGID, record, free=free, fixed={"resistance": OHM, "sensor.average": 1.0})
-    assert "alternatives-fit-as-well" not in [each.code for each in fit.findings]
+    assert "alternatives-fit-as-well" not in [finding.code for finding in fit.findings]

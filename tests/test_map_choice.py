@@ -51,8 +51,8 @@ def test_a_bend_needs_samples_on_either_side_of_it() -> None:
     assert not TwoSlopes(0.965).bends_over(x)
     assert DeadZone(-0.1, 3.0).bends_over(x)
     assert not DeadZone(-7.0, -5.0).bends_over(x)
-    assert [each.data["side"] for each in Saturation(1.0, -0.955, 0.965).findings(x)] == ["high"]
-    assert [each.code for each in Polynomial(np.array([0.1, 1.0]), -1.0, 1.0).findings(x)] == ["map-is-straight"]
+    assert [finding.data["side"] for finding in Saturation(1.0, -0.955, 0.965).findings(x)] == ["high"]
+    assert [finding.code for finding in Polynomial(np.array([0.1, 1.0]), -1.0, 1.0).findings(x)] == ["map-is-straight"]
 
 
 def with_jump(seed: int) -> tuple[Record, float]:

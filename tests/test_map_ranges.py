@@ -59,5 +59,5 @@ def test_it_is_said_of_the_best_model() -> None:
         return Record(u, CASCADE.output(u, np.zeros(2)) + 0.01 * rng.normal(size=len(u)), DT)
 
     result = identify(driven(1.0), driven(2.0), models=["wiener"])
-    found = [each for each in result.findings if each.code == "map-beyond-range"]
+    found = [finding for finding in result.findings if finding.code == "map-beyond-range"]
     assert [type(each) for each in found] == [Finding]

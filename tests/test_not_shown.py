@@ -60,7 +60,7 @@ def test_thresholds_that_a_motor_never_approaches_have_no_number_anywhere():
         record = motor(u)
         fit = emsid.fit(emsid.plants.rigid_motor(), record, free=FREE, search=False, fixed=ZONE)
         found[name] = fit, {each.name: each for each in of_fit(fit, record)}
-        (friction,) = [each for each in curves(fit, record) if each.kind == "friction"]
+        (friction,) = [curve for curve in curves(fit, record) if curve.kind == "friction"]
         assert np.isnan(friction.value[friction.x < -5]).all() == (name == "one way")
         assert np.isfinite(friction.value[friction.x > 60]).all()
     fit, shown = found["both ways"]

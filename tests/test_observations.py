@@ -142,7 +142,7 @@ def test_codes_are_named_once_and_only_those_that_occur():
     record = emsid.Record(np.where(np.arange(len(rest)) % 50 < 5, 999.0, rest.input[:, 0]), rest.output, rest.dt)
     options = Options(codes=((999.0, Bridge.COAST), (998.0, Bridge.BRAKE)))
     found = unused_requests({}, ["arx"], options, record)
-    assert [(each.code, each.data.get("value", each.data.get("values"))) for each in found] == [
+    assert [(finding.code, finding.data.get("value", finding.data.get("values"))) for finding in found] == [
         ("code-never-occurs", 998.0),
         ("codes-taken-as-commands", [999.0]),
     ]

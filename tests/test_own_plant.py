@@ -108,7 +108,7 @@ def test_an_input_that_is_linear_between_its_samples_has_no_finding():
     clean = straight.simulate(levels[:, None], DT, np.zeros(1), ())
     noise = 1e-3 * np.random.default_rng(1).standard_normal(clean.shape)
     fit = simulation_error(straight.with_values({"a": 1.5}), Record(levels, clean + noise, DT))
-    assert "input-taken-as-linear" not in {each.code for each in fit.findings}
+    assert "input-taken-as-linear" not in {finding.code for finding in fit.findings}
 
 
 def test_a_function_that_fails_at_some_parameters_only_ends_no_search(tank):

@@ -167,7 +167,7 @@ def test_another_part_is_unseen_where_the_end_is_at_standstill():
 def test_which_part_is_unseen_is_said():
     def found(record):
         task = Task.of(record, 0.3, ("arx",), Options(), None, {})
-        return [each.data for each in task.findings(quick=False) if each.code == "end-shows-little"]
+        return [finding.data for finding in task.findings(quick=False) if finding.code == "end-shows-little"]
 
     (said,) = found(moves())
     first, stop = unseen_part(moves(), 0.3)

@@ -116,7 +116,11 @@ def test_the_assumed_unit_of_a_channel_is_a_finding():
 )
 def test_a_command_that_ends_like_a_duty_is_asked_about(command, unit, full):
     record = Record(command, LEVELS, DT, input_names=("PWM",), input_units=(unit,), output_units=("rad/s",))
-    said = [each.data for each in assumptions(STARTS["rigid-motor"], record) if each.code == "command-may-be-duty"]
+    said = [
+        assumption.data
+        for assumption in assumptions(STARTS["rigid-motor"], record)
+        if assumption.code == "command-may-be-duty"
+    ]
     assert said == ([{"channel": "PWM", "full": full}] if full else [])
 
 

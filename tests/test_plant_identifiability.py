@@ -265,4 +265,4 @@ def test_what_is_not_known_to_its_physical_scale_is_a_finding():
     )
     assert weakly.data["kept"] == []
     clean = simulation_error(STICTION, simulated_record(rng, noise=3.0, motor=STICTION), free=free)
-    assert "weakly-identified" not in [each.code for each in clean.findings]
+    assert "weakly-identified" not in [finding.code for finding in clean.findings]

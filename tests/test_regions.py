@@ -64,9 +64,9 @@ def test_the_regions_share_all_samples_and_the_whole_error():
     u = speed()
     (assessment,) = compare(model(0.9), record(u, 0.1 * rng.standard_normal(len(u)))).assessments
     errors = errors_by_region(assessment)
-    assert sum(each.samples for each in errors) == assessment.row.samples
-    assert sum(each.share for each in errors) == pytest.approx(1.0)
-    squares = sum(each.samples * each.rmse**2 for each in errors)
+    assert sum(error.samples for error in errors) == assessment.row.samples
+    assert sum(error.share for error in errors) == pytest.approx(1.0)
+    squares = sum(error.samples * error.rmse**2 for error in errors)
     assert squares / assessment.row.samples == pytest.approx(assessment.row.simulation_mse)
 
 
@@ -99,12 +99,12 @@ def test_errors_by_record_are_those_of_each_record_alone():
     several = [record(speed(), extra, f"run {k}") for k, extra in enumerate((0.1, 0.3))]
     fits = [model(1.0, "a"), model(0.5, "b")]
     errors = by_record(fits, [*several, record(speed(1), name="short")])
-    assert [(each.model, each.record) for each in errors] == [
+    assert [(error.model, error.record) for error in errors] == [
         (name, run) for name in "ab" for run in ("run 0", "run 1", "short")
     ]
-    for each in errors[:2]:
-        alone = free_run_error(fits[0].model, [several[int(each.record[-1])]])
-        assert each.rmse**2 == pytest.approx(alone)
+    for error in errors[:2]:
+        alone = free_run_error(fits[0].model, [several[int(error.record[-1])]])
+        assert error.rmse**2 == pytest.approx(alone)
     many = [record(speed(), k, f"run {k}") for k in range(7)]
     wide, long = record_table(errors), record_table(by_record(fits[:1], many))
     assert (wide.header, len(wide.rows)) == (("Model", "run 0", "run 1", "short"), 2)

@@ -23,7 +23,7 @@ def first_order(samples, seed, noise=0.0, friction=0.0, pole=0.9, gain=2.0):
 
 
 def by_name(figures):
-    return {each.name: each for each in figures}
+    return {figure.name: figure for figure in figures}
 
 
 def test_a_linear_regression_gives_gain_and_time_constant():

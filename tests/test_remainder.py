@@ -80,7 +80,7 @@ def test_a_short_record_and_a_run_that_diverges_show_nothing() -> None:
 
 def test_models_with_blocks_are_fitted_only_where_something_is_left() -> None:
     linear = emsid.identify(lagging())
-    (found,) = (each for each in linear.findings if each.code == "models-not-needed")
+    (found,) = (finding for finding in linear.findings if finding.code == "models-not-needed")
     assert tuple(found.data["models"]) == LAST
     assert not {fit.model.name for fit in linear.fits} & set(LAST)
     assert not linear.interrupted
@@ -102,4 +102,4 @@ def test_models_that_are_named_are_fitted() -> None:
     assert set(LAST) <= set(usual_for(record))
     result = emsid.identify(record, models=["arx", "wiener-hammerstein"], orders=(1, 1), static="saturation")
     assert len(result.fits) == 2
-    assert "models-not-needed" not in {each.code for each in result.findings}
+    assert "models-not-needed" not in {finding.code for finding in result.findings}

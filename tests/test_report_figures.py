@@ -107,7 +107,10 @@ def test_drawing_is_whole_no_plot_is_empty_and_nothing_lies_outside(figure, monk
     (sheet,) = sheets
     with rc_context(figures._SETTINGS):
         width, height = sheet.bbox.size
-        boxes = [*(axes.get_tightbbox() for axes in sheet.axes), *(each.get_window_extent() for each in sheet.legends)]
+        boxes = [
+            *(axes.get_tightbbox() for axes in sheet.axes),
+            *(legend.get_window_extent() for legend in sheet.legends),
+        ]
     for axes in sheet.axes:
         assert axes.has_data()
     for k, box in enumerate(boxes):

@@ -88,8 +88,8 @@ def test_the_responses_are_the_runs():
     rows = views.critical_intervals(result.best.record, 1.0)
     figure = views.responses(result.assessments, rows)
     for plot, part in zip(figure.plots, rows, strict=True):
-        for line, each in zip(plot.marks[1:], result.assessments, strict=True):
-            assert np.array_equal(line.y, each.simulation.output[part, 0], equal_nan=True)
+        for line, assessment in zip(plot.marks[1:], result.assessments, strict=True):
+            assert np.array_equal(line.y, assessment.simulation.output[part, 0], equal_nan=True)
 
 
 def test_labels_name_the_method_where_a_model_stands_there_twice():
@@ -147,7 +147,7 @@ def test_every_output_has_its_own_errors_in_its_own_unit():
             assert float(cells[4]) == pytest.approx(fit, abs=0.005)
             assert float(cells[5]) == pytest.approx(rmse, rel=1e-3)
             assert float(cells[6]) == pytest.approx(rmse**2, rel=1e-3)
-    table = views.results_table([each.row for each in runs])
+    table = views.results_table([run.row for run in runs])
     assert table.emphasised == {0, 1}
     assert "rad/s" not in table.caption
 
@@ -187,8 +187,8 @@ def test_responses_show_every_output_on_every_interval():
     shown = [(part, k) for part in rows for k in (0, 1)]
     for plot, (part, k) in zip(figure.plots, shown, strict=True):
         assert plot.title.endswith(two.output_names[k])
-        for line, each in zip(plot.marks[1:], runs, strict=True):
-            assert np.array_equal(line.y, each.simulation.output[part, k], equal_nan=True)
+        for line, run in zip(plot.marks[1:], runs, strict=True):
+            assert np.array_equal(line.y, run.simulation.output[part, k], equal_nan=True)
     assert f"{by_hand(runs[0], 1)[1]:.1f} % of current" in figure.caption
 
 
@@ -212,11 +212,11 @@ def test_residuals_of_every_output_are_tested():
 
 def test_every_output_is_ranked_in_its_own_unit():
     two, runs = two_outputs()
-    result = compare([each.fit for each in runs], two)
+    result = compare([run.fit for run in runs], two)
     figure = views.ranking(result)
     assert [plot.x.title for plot in figure.plots] == ["RMSE of speed [rad/s]", "RMSE of current [A]"]
     for k, plot in enumerate(figure.plots):
-        assert plot.marks[0].values == pytest.approx([by_hand(each, k)[0] for each in result.assessments])
+        assert plot.marks[0].values == pytest.approx([by_hand(assessment, k)[0] for assessment in result.assessments])
 
 
 def test_every_input_has_its_plots():

@@ -58,7 +58,7 @@ def test_every_estimate_is_there_with_interval_and_unit(result, written):
 
 
 def test_every_finding_and_profile_is_there(result, written):
-    assert [each["code"] for each in written["findings"]] == [each.code for each in result.findings]
+    assert [each["code"] for each in written["findings"]] == [finding.code for finding in result.findings]
     assert any(each["code"] == "model-failed" for each in written["findings"])  # wiener has one filter, not two
     (profile,) = written["profiles"]
     assert (profile["model"], profile["name"]) == ("linear-axis", "mass")
@@ -102,9 +102,9 @@ def test_every_kind_of_model_has_its_curves_and_a_fit_without_intervals_no_band(
     terms = emsid.Structure.parse("y(t-1)", "u(t-1)", "sign(y(t-1))")
     fit = emsid.fit(terms, one, free_run=True)
     kinds = ["step response", "magnitude", "phase", "static map", "friction"]
-    assert [each.kind for each in curves(fit, one)] == kinds
+    assert [curve.kind for curve in curves(fit, one)] == kinds
     assert curves(fit, one)[-1].unit == "V"
-    assert all(np.isfinite(each.low).any() for each in curves(fit, one))
+    assert all(np.isfinite(curve.low).any() for curve in curves(fit, one))
     without = curves(emsid.fit(terms, one), one)  # one step ahead, with noise in the output
     assert [each.kind for each in without] == kinds
     assert all(np.isnan(each.low).all() and np.isfinite(each.value).all() for each in without)

@@ -87,7 +87,7 @@ def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
     assert np.max(np.abs(record.input)) == np.max(np.abs(record.output)) == 1.0
     assert np.allclose(scaled.simulate(record.input, 1e-3, np.zeros(3), (signal,)), record.output, atol=1e-12)
     back = scaling.back(scaled, plant)
-    assert all(back.value(each) == pytest.approx(plant.value(each), rel=1e-14) for each in plant.handles)
+    assert all(back.value(handle) == pytest.approx(plant.value(handle), rel=1e-14) for handle in plant.handles)
 
 
 @pytest.mark.parametrize(
@@ -498,7 +498,7 @@ def test_a_position_starts_at_rest_at_zero_where_the_record_allows_it(speed, pos
 
 def test_a_choice_says_how_many_searches_agree_where_its_last_step_removed_something():
     record = replace(KINDS["motor"](3, samples=600).fitted, output_units=("rad/s",))
-    found = next(each.data for each in choose(RIGID, record).findings if each.code == "searches-agreeing")
+    found = next(finding.data for finding in choose(RIGID, record).findings if finding.code == "searches-agreeing")
     assert found["searches"] == found["agreeing"] == 1 + choice.AGREEING
 
 

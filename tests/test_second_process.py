@@ -75,7 +75,7 @@ def test_models_fitted_elsewhere_are_reported_like_the_others() -> None:
     assert [fit.model.name for fit in both.fits] == [fit.model.name for fit in here.fits]
     assert finished == ["arx", "friction-narx", "polynomial-narx"]
     assert all((a.estimate == b.estimate).all() for a, b in zip(here.fits, both.fits, strict=True))
-    marked = [fit.model.name for fit in both.fits if any(each.code == "fitted-there" for each in fit.findings)]
+    marked = [fit.model.name for fit in both.fits if any(finding.code == "fitted-there" for finding in fit.findings)]
     assert marked == ["polynomial-narx"]
 
 
@@ -97,7 +97,7 @@ def test_a_model_that_fails_elsewhere_is_named() -> None:
 
     place = elsewhere("polynomial-narx", answer=fails)
     found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=place)
-    assert [each.subject for each in found.findings if each.code == "model-failed"] == ["polynomial-narx"]
+    assert [finding.subject for finding in found.findings if finding.code == "model-failed"] == ["polynomial-narx"]
     assert "polynomial-narx" not in {fit.model.name for fit in found.fits}
 
 

@@ -186,7 +186,7 @@ def test_jitter_is_marked_where_it_is_with_its_sentence(opened: Any) -> None:
     client.post("api/files?name=log.csv", content="\n".join(["t[ms],voltage,speed", *rows]).encode())
     marks = [each for each in state(client)["data"]["records"][0]["marks"] if each["kind"] == "jitter"]
     assert marks
-    assert all(6.98 < each["first"] < each["last"] < 8.02 for each in marks)
+    assert all(6.98 < mark["first"] < mark["last"] < 8.02 for mark in marks)
     assert "jitter" in marks[0]["text"]
 
 
@@ -269,7 +269,7 @@ def test_a_fit_its_free_runs_its_play_and_its_command_give_the_same_numbers(
     window = client.get(f"api/runs/{number}/window?part=unseen&model=arx&width=100").content
     assert len(window) > 16
     sliders = client.get(f"api/runs/{number}/sliders/arx").json()
-    values = {each["name"]: each["value"] for each in sliders}
+    values = {slider["name"]: slider["value"] for slider in sliders}
     asked = {"run": number, "model": "arx", "input": {"kind": "step", "amplitude": 2, "duration": 2}, "width": 2000}
     step = np.frombuffer(client.post("api/play", json={**asked, "values": values}).content[20:], "<f4").reshape(4, -1)
     assert step[2, -1] == pytest.approx(2 * 5.0, rel=0.02)

@@ -237,7 +237,7 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     page.browser.refresh()  # the run is still there
     page.until(lambda: any("y(t) =" in each.text for each in page.all("main pre")))
     (poles,) = (row[1:] for row in page.browser.execute_script(CELLS) if row[0] == "1")
-    assert [float(each) for each in poles] == pytest.approx([0.9, 0.9], abs=0.01)
+    assert [float(pole) for pole in poles] == pytest.approx([0.9, 0.9], abs=0.01)
     page.picture("compare", dark=True, height=1300)
     page.press("Play")
     page.says("answered in")
@@ -381,5 +381,5 @@ def test_a_running_source_is_followed_with_parameters_and_alarms(page: Page, ses
         "time constant": pytest.approx(0.0949, rel=0.2),
     }
     assert "has changed" in page.text()
-    written = {each.name for each in next(session.glob("live-*")).iterdir()}
+    written = {path.name for path in next(session.glob("live-*")).iterdir()}
     assert {"report.html", "log.txt"} <= written

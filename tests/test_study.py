@@ -290,9 +290,9 @@ def test_the_page_opens_with_three_sentences_and_one_picture(result, heavy):
     page = study_report(result)
     (picture,) = page.opening.figures
     (sentences,) = page.summary
-    codes = [each.code for each in headline(findings(result))]
+    codes = [finding.code for finding in headline(findings(result))]
     assert codes == ["study-paper-ratios", "study-even-terms", "study-best-model"]
-    assert sentences == " ".join(sentence(each) for each in headline(findings(result)))
+    assert sentences == " ".join(sentence(finding) for finding in headline(findings(result)))
     assert not page.opening.tables
     through_zero, ratios = picture.plots
     lines = {mark.label: mark for mark in through_zero.marks}
@@ -303,7 +303,7 @@ def test_the_page_opens_with_three_sentences_and_one_picture(result, heavy):
     assert list(bars.values) == [row.better_unseen for row in rows]
     assert (list(paper.x), [rows[int(k)].model for k in paper.y]) == (pytest.approx([2.83], rel=0.01), [PAPER])
     # On a motor with unequal directions the reason is another one.
-    assert [each.code for each in headline(findings(heavy))][1] == "study-what-decides"
+    assert [finding.code for finding in headline(findings(heavy))][1] == "study-what-decides"
 
 
 def test_the_papers_tables_stand_beside_those_of_the_study(result):
@@ -330,10 +330,10 @@ def test_the_papers_tables_stand_beside_those_of_the_study(result):
 def test_findings_about_the_paper_are_one_table_of_claims(result):
     page = study_report(result)
     (table,) = page.sections[1].tables
-    compared = [each for each in findings(result) if claim(each) is not None]
-    assert len(table.rows) == len({each.code for each in compared}) == 10
+    compared = [finding for finding in findings(result) if claim(finding) is not None]
+    assert len(table.rows) == len({finding.code for finding in compared}) == 10
     text = " ".join(row[1] for row in table.rows)
-    assert all(sentence(each) in text for each in compared)
+    assert all(sentence(finding) in text for finding in compared)
     assert all(paper and found and where for paper, found, where in table.rows)
 
 
@@ -461,7 +461,7 @@ def test_a_recorded_survey_says_so_and_speaks_of_its_own_motor():
 
 def test_inputs_are_shown_with_what_they_excite(result):
     for part in result.parts:
-        assert [each.order for each in part.excitations] == [4, 4]
+        assert [excitation.order for excitation in part.excitations] == [4, 4]
         (finding,) = [each for each in found(result, "study-excitation") if each.subject == part.name]
         assert (finding.data["order"], finding.data["parameters"]) == (4, 8)
         assert finding.data["crest_factor"] == pytest.approx(1.95, abs=0.01)
@@ -520,7 +520,7 @@ def test_two_masses_on_records_of_another_integrator():
     assert set(row.fixed) == set(FIXED)
     assert abs(row.errors["motor_constant"]) < 1e-4
     assert max(map(abs, row.errors.values())) < 0.15
-    kept = {each.record: each for each in recorded().two_masses}
+    kept = {mass.record: mass for mass in recorded().two_masses}
     assert kept["own simulator, without noise"].covered == 10
     assert kept["own simulator, fixed values 10 % too large"].covered == 0
 
@@ -555,7 +555,7 @@ def test_on_records_of_the_user_sizes_are_chosen_and_the_papers_models_stay(monk
 
 def test_the_page_draws_the_papers_diagrams_and_says_where_the_linear_model_is_worst(result):
     page = study_report(result)
-    assert [each.name for each in page.diagrams] == [
+    assert [diagram.name for diagram in page.diagrams] == [
         "identification-loop",
         "motor-schematic",
         "block-diagram",

@@ -142,7 +142,7 @@ def test_a_selection_can_be_watched_and_stopped(small: int, monkeypatch: pytest.
     seen: list[Activity] = []
     emsid.select_terms(dictionary, record, 4, control=Control(report=seen.append))
     steps = [0] if small else [1, 2, 3]  # the factor of a small dictionary takes no time
-    assert [(each.done, each.total) for each in seen] == [(step, 4) for step in steps]
+    assert [(activity.done, activity.total) for activity in seen] == [(step, 4) for step in steps]
     cancelled = threading.Event()
     cancelled.set()
     with pytest.raises(Stopped) as stopped:

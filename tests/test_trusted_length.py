@@ -124,6 +124,6 @@ def test_segments_keep_their_own_starts_and_a_speed_is_not_looked_at():
     whole, parts = (
         trusted_length_over(model, each) for each in (record, emsid.concatenate([record[:3000], record[3000:]]))
     )
-    assert [each.code for each in (*whole, *parts)] == ["free-run-drifts"] * 2
+    assert [finding.code for finding in (*whole, *parts)] == ["free-run-drifts"] * 2
     assert parts[0].data["whole"] < whole[0].data["whole"]
     assert trusted_length_over(replace(model, signals=(Signal.SPEED,)), record) == []

@@ -142,7 +142,7 @@ def test_models_are_ranked_by_the_free_run_not_by_the_prediction() -> None:
     assert comparison.best.fit is rough
     assert first.simulation_mse < second.simulation_mse
     assert first.one_step_mse > second.one_step_mse
-    assert comparison.rows == tuple(each.row for each in comparison.assessments)
+    assert comparison.rows == tuple(assessment.row for assessment in comparison.assessments)
 
 
 def test_all_models_have_errors_on_the_same_samples() -> None:
@@ -151,7 +151,7 @@ def test_all_models_have_errors_on_the_same_samples() -> None:
     assert {row.samples for row in compare(fits, record).rows} == {393}
     assert {row.samples for row in compare(fits, record, transient=3).rows} == {393}
     assert {row.samples for row in compare(fits, record, transient=50).rows} == {350}
-    first = next(each for each in compare(fits, record).assessments if each.fit is fits[0])
+    first = next(assessment for assessment in compare(fits, record).assessments if assessment.fit is fits[0])
     assert first.row == validate(fits[0], record, 7).row
 
 

@@ -114,8 +114,8 @@ def test_a_model_without_a_fault_is_supported():
     assert verdict.code == "model-supported"
     assert verdict.data["reasons"] == []
     tests = verdict.data["tests"]
-    assert {each["test"] for each in tests} == {"past-inputs", "nonlinear-term"}
-    assert all(each["passed"] and each["limit"] > 2.5 for each in tests)
+    assert {test["test"] for test in tests} == {"past-inputs", "nonlinear-term"}
+    assert all(test["passed"] and test["limit"] > 2.5 for test in tests)
 
 
 @pytest.mark.parametrize(
@@ -136,9 +136,11 @@ def test_a_model_that_misses_dynamics_or_a_map_is_limited(fit, code):
 def test_a_model_that_leaves_what_another_explains_is_limited():
     exact, alike, wrong = linear(), linear(1.001, name="alike"), linear(0.8, name="wrong")
     best, same, other = verdicts(exact, alike, wrong)
-    assert [each.code for each in (best, same, other)] == ["model-supported", "model-supported", "model-limited"]
+    assert [finding.code for finding in (best, same, other)] == ["model-supported", "model-supported", "model-limited"]
     (found,) = [each for each in other.data["reasons"] if each["code"] == "another-is-better"]
-    errors = [each.row.simulation_mse for each in compare([exact, wrong], record(1, name="other")).assessments]
+    errors = [
+        assessment.row.simulation_mse for assessment in compare([exact, wrong], record(1, name="other")).assessments
+    ]
     assert found["other"] in ("filter", "alike")
     assert found["left"] == pytest.approx(errors[0] / errors[1], rel=0.05)
     on_fitted = compare([exact, alike, wrong], record(0), data="identification")
@@ -191,7 +193,7 @@ def test_a_model_of_a_step_is_recommended():
     result = emsid.identify(step(), models="arx,output-error")
     assert result.on_unseen.best.row.fit_percent <= 0
     assert result.recommendation[0].code == "model-recommended"
-    codes = {each.code for each in result.findings}
+    codes = {finding.code for finding in result.findings}
     assert "input-constant" in codes
     assert "no-better-than-mean" not in codes
 
@@ -238,7 +240,7 @@ def test_an_error_that_hardly_explains_anything_is_a_limit():
 
 
 def implausible(fit, known=None):
-    return {each.code: each.data for each in Plausibility(known or record(0)).findings(fit)}
+    return {finding.code: finding.data for finding in Plausibility(known or record(0)).findings(fit)}
 
 
 def sparse(seed=0):
@@ -353,13 +355,13 @@ def test_an_identification_calls_its_implausible_model_so(codes, data, options, 
         result = emsid.identify(
             known, models=given["models"], options=Options(**{k: v for k, v in given.items() if k != "models"})
         )
-        assert {each.code for each in result.findings if each.code in codes} == expected
+        assert {finding.code for finding in result.findings if finding.code in codes} == expected
         assert (result.model_verdicts[0].code in ("model-implausible", "model-unusable")) == bool(expected)
 
 
 def test_a_pole_that_a_zero_cancels_makes_no_model_implausible():
     result = emsid.identify(record(0), models="output-error", na=2, nb=2, nk=1)
-    assert "zero-cancels-pole" in {each.code for each in result.findings}
+    assert "zero-cancels-pole" in {finding.code for finding in result.findings}
     assert "zero-cancels-pole" not in IMPLAUSIBLE
     assert result.model_verdicts[0].code in ("model-supported", "model-limited")
 
@@ -420,7 +422,7 @@ def chosen_of(better_by, implausible="a", ending=Ending.CONVERGED):
     choice = compare(fits, unseen)
     ranking = ranked(choice, None, Options())
     chosen = recommended(ranking, implausible_models(findings))
-    found = {each.model: each for each in verdicts(*fits, unseen=unseen, findings=findings)}
+    found = {verdict.model: verdict for verdict in verdicts(*fits, unseen=unseen, findings=findings)}
     choice = choice.in_order_of([chosen.fit, *(each.fit for each in ranking if each is not chosen)])
     return chosen.name, recommendation(choice, ranking, found[chosen.name], findings, seen=False)
 
@@ -485,7 +487,7 @@ def test_every_finding_of_the_first_look_that_asks_for_an_experiment_has_words()
 
 def test_an_identification_has_a_verdict_for_every_model_and_recommends_one():
     result = emsid.identify(record(0), record(1, name="other"), models="arx", options=emsid.Options(na=1, nb=1, nk=1))
-    assert [each.model for each in result.model_verdicts] == [fit.model.name for fit in result.fits]
+    assert [verdict.model for verdict in result.model_verdicts] == [fit.model.name for fit in result.fits]
     why, then = result.recommendation
     assert why.subject == result.chosen.model.name == "arx"
     assert then.data["kind"] == "in-use"

@@ -51,8 +51,8 @@ def bent(name="bent"):
 def ranking(known, *models, parts=()):
     """The models with their errors on a record."""
     scale = float(np.std(known.output))
-    errors = [StretchErrors.of((known.output - each.simulate(known).output)[:, 0] ** 2 / scale**2) for each in models]
-    return [Ranked(as_fit(each), (error,), parts=parts) for each, error in zip(models, errors, strict=True)]
+    errors = [StretchErrors.of((known.output - model.simulate(known).output)[:, 0] ** 2 / scale**2) for model in models]
+    return [Ranked(as_fit(model), (error,), parts=parts) for model, error in zip(models, errors, strict=True)]
 
 
 def codes(found, name):
@@ -161,21 +161,21 @@ def test_a_plant_that_is_unstable_without_its_controller_is_detected():
 
 def test_models_of_it_are_ranked_by_predictions():
     result = emsid.identify(levitated(), models="arx,output-error")
-    (said,) = [each for each in result.findings if each.code == "unstable-in-loop"]
+    (said,) = [finding for finding in result.findings if finding.code == "unstable-in-loop"]
     assert said.data["horizon"] == horizon_of(said.data["pole"])
     assert result.chosen.model.name == "arx"
     below, above = result.chosen.model.linear_part()
     assert np.abs(np.roots(below)).max() > 1.1
     assert np.sum(above) < 0  # more input lowers the output
-    verdicts = {each.data["model"]: each for each in result.model_verdicts}
+    verdicts = {verdict.data["model"]: verdict for verdict in result.model_verdicts}
     assert verdicts["arx"].code == "model-limited"
-    for each in result.on_unseen.assessments:
-        if each.row.diverged_at is None:
-            assert verdicts[each.row.model].code == "model-unusable"
+    for assessment in result.on_unseen.assessments:
+        if assessment.row.diverged_at is None:
+            assert verdicts[assessment.row.model].code == "model-unusable"
     why, then = result.recommendation
     assert why.data["ahead"] == said.data["horizon"]
     assert then.data["kind"] == "test-signal"
-    assert not {each.code for each in result.next_steps} & {"next-reduce-noise", "next-check-data"}
+    assert not {step.code for step in result.next_steps} & {"next-reduce-noise", "next-check-data"}
 
 
 def test_the_first_line_says_that_it_is_unstable_and_no_line_gives_a_gain_or_a_time_constant(run, tmp_path):
@@ -206,7 +206,7 @@ def test_what_the_input_does_not_move_is_described_by_no_model(kind):
     y = np.r_[u[3:], 0, 0, 0] if kind == "future" else np.cumsum(rng.standard_normal(600))
     result = emsid.identify(emsid.Record(u, y, DT, name=kind), models="arx,friction-narx")
     assert result.recommendation[0].code == "no-model-recommended"
-    assert {each.code for each in result.model_verdicts} == {"model-unusable"}
+    assert {verdict.code for verdict in result.model_verdicts} == {"model-unusable"}
 
 
 def test_a_right_model_under_much_noise_is_not_weak():

@@ -30,7 +30,7 @@ SENTENCES = TESTS / "wording" / "sentences.txt"
 def golden() -> str:
     """Every example as Python and as the command line words it, with its row in the table of claims of the paper."""
     lines = []
-    for finding in sorted(EXAMPLES, key=lambda each: each.code):
+    for finding in sorted(EXAMPLES, key=lambda example: example.code):
         lines.append(f"{finding.code} ({severity(finding).value})")
         python, command = sentence(finding), sentence(finding, option)
         lines.append(f"  {python}")
@@ -69,7 +69,7 @@ LISTS = {"model-limited", "model-implausible"}
 
 
 def test_a_finding_has_at_most_about_25_words() -> None:
-    long = {each.code for each in EXAMPLES if len(sentence(each).split()) > MOST_WORDS}
+    long = {example.code for example in EXAMPLES if len(sentence(example).split()) > MOST_WORDS}
     assert long <= LISTS
 
 

@@ -80,7 +80,7 @@ def circuit(
         record(level * multisine(rng, period), 0.0, "multisine"),
         record(sweep, 0.0, "sweep", steady=False),
     ]
-    return Circuit(fitted, {each.name: each for each in judges}, size, sigma)
+    return Circuit(fitted, {judge.name: judge for judge in judges}, size, sigma)
 
 
 def multisine(rng: np.random.Generator, samples: int) -> Array:

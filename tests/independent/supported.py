@@ -108,8 +108,8 @@ class Counted(Plant):
 
     def _pair(self, inputs: list[Array], outputs: list[Array], errors: Array) -> Pair:
         """The mean speed over every sample from whole counts; the position is what the plant gives."""
-        shown = [np.diff(np.round(each * self.counts), prepend=0.0) / self.counts / self.dt for each in outputs]
-        mean = [np.diff(each, prepend=0.0) / self.dt for each in outputs]
+        shown = [np.diff(np.round(output * self.counts), prepend=0.0) / self.counts / self.dt for output in outputs]
+        mean = [np.diff(output, prepend=0.0) / self.dt for output in outputs]
         return super()._pair(inputs, mean, np.array([a - b for a, b in zip(shown, mean, strict=True)]))
 
 

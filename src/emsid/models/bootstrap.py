@@ -142,7 +142,7 @@ def pieces_of(fit: Fit[Any], segments: Sequence[Record], pieces: int | None) -> 
         ModelError: where there are too few.
     """
     shortest = max(SHORTEST, LENGTHS * fit.model.memory)
-    long = [each for each in segments if len(each) >= shortest]
+    long = [segment for segment in segments if len(segment) >= shortest]
     wanted = max(PIECES, PER_PARAMETER * len(fit.estimate)) if pieces is None else pieces
     samples = sum(map(len, long))
     if pieces is None:

@@ -179,7 +179,7 @@ class Capabilities(Generic[M]):
 
     def _at_rest(self, model: M, levels: Array) -> Callable[[Any], Array]:
         """A function from a model close to this one to its outputs (m,) at rest."""
-        return lambda moved: np.array([self.output_at_rest(moved, each) for each in levels])
+        return lambda moved: np.array([self.output_at_rest(moved, level) for level in levels])
 
     def friction(self, fit: Fit[M], record: Record, level: float = 0.95) -> Band:
         """Friction over the output, as the part of the input that it takes up.

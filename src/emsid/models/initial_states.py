@@ -216,7 +216,7 @@ def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: 
         if before == 0:
             break
         ends = _searched(weighted(before / freedom), begun, START_BUDGET)
-        least = min(ends, key=lambda each: sum(float(part @ part) for part in each[1]), default=least)
+        least = min(ends, key=lambda end: sum(float(part @ part) for part in end[1]), default=least)
         if _of_samples(least) > SETTLED * before:
             break
         begun = [least[0]]

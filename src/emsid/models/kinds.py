@@ -24,11 +24,11 @@ KINDS: tuple[Capabilities[Any], ...] = (
     OfFeedbackModels(),
     OfPlants(),
 )
-MODELS: dict[str, type[Model]] = {each.kind: each.model for each in KINDS}
+MODELS: dict[str, type[Model]] = {kind.kind: kind.model for kind in KINDS}
 """The classes of the models by the names in their files."""
-ESTIMATORS: dict[type, Estimator] = {what: how for each in KINDS for what, how in each.estimators.items()}
+ESTIMATORS: dict[type, Estimator] = {what: how for kind in KINDS for what, how in kind.estimators.items()}
 """How `emsid.fit` fits what makes a model, by its type; a plant is known by what it has, see `emsid.models.verbs`."""
-_BY_CLASS = {each.model: each for each in KINDS}
+_BY_CLASS = {kind.model: kind for kind in KINDS}
 _UNKNOWN: Capabilities[Any] = Capabilities()
 
 

@@ -191,10 +191,10 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
         hints = get_type_hints(estimator)
     except NameError:  # of a user's own, who imports them for a type checker only
         hints = {}
-    known = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
-    for each in parameters:
-        if each.kind is inspect.Parameter.VAR_KEYWORD:
-            if (table := get_args(hints.get(each.name))) == ():
+    known = [parameter.name for parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
+    for parameter in parameters:
+        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            if (table := get_args(hints.get(parameter.name))) == ():
                 return options
             known += table[0].__annotations__  # of Unpack[table]
     for name in options:
@@ -220,9 +220,9 @@ def as_records(records: Any) -> Any:
             f"a {type(records).__name__} is no record; give emsid.Record(input, output, dt=…), or a list of records"
         )
     if isinstance(records, Sequence):
-        for each in records:
-            if not isinstance(each, Record):
-                raise DataError(f"a {type(each).__name__} among the records; give emsid.Record(input, output, dt=…)")
+        for record in records:
+            if not isinstance(record, Record):
+                raise DataError(f"a {type(record).__name__} among the records; give emsid.Record(input, output, dt=…)")
         if not records:
             raise DataError("no record to fit to; give one, or a list of them")
     return records

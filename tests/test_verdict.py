@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
-from emsid.blocks import CubicSpline, PiecewiseLinear, Polynomial, Rational
+from emsid.blocks import CubicSpline, DeadZone, PiecewiseLinear, Polynomial, Rational
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.identification.conclusions import PREDICTABLE, predictable_shares
@@ -289,6 +289,9 @@ def test_a_pole_that_a_zero_cancels_is_a_remark_in_a_regression_too():
     cancelled = structure.model(np.array([-1.4, 0.45, 0.1, -0.05]), record())
     assert implausible(as_fit(cancelled))["zero-cancels-pole"]["pole"] == pytest.approx([0.5, 0.0])
     assert implausible(as_fit(structure.model(np.array([-1.4, 0.45, 0.1, 0.05]), record()))) == {}
+    filters = emsid.Cascade((DeadZone(-0.5, 0.5), Rational([1.0, -0.899], [-0.9])), name="blocks")
+    remark = implausible(as_fit(filters))["zero-cancels-pole"]
+    assert (remark["block"], remark["pole"]) == (2, pytest.approx([0.9, 0.0]))
 
 
 def test_linear_models_with_a_noise_model_are_judged_alike():

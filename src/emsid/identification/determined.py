@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.identification.conclusions import RELATED
 from emsid.identification.ranking import Ranked, compared, deviations, within_noise
+from emsid.models.extrapolation import with_other_inputs
 from emsid.models.model import Model
 from emsid.record import Record
 from emsid.selection.improvement import equivalent
@@ -48,9 +49,8 @@ LARGEST = sqrt(WITHIN**2 - 1)
 """The difference from the truth, over the error, at which the error is `WITHIN` times as large."""
 LOWER = 0.8
 """The range of the probes over that of the record; near the ends of the range there are few data."""
-BEGUN, SAMPLES = 300, 1_500
-"""The samples of the record before a probe, which give the state, and those of the probe: fifteen levels of a hundred
-samples on average. Chosen, not measured."""
+SAMPLES = 1_500
+"""Of a probe: fifteen levels of a hundred samples on average. Chosen, not measured."""
 SHORTEST, LONGEST = 3, 8
 """A level is held for at least the first number of samples, and for at most the probe divided by the second."""
 SINES = 20
@@ -73,24 +73,11 @@ class Probes:
 
     @cached_property
     def records(self) -> tuple[Record, ...]:
-        """The beginning of the longest segment with each of the inputs behind it; of its outputs only the range is
-        right there."""
-        segment = max(self.record.segments, key=len)
-        begun = segment[:BEGUN]
+        """The beginning of the longest segment with each of the inputs behind it, see `with_other_inputs`."""
         low, high = (end(self.record.input, axis=0) for end in (np.min, np.max))
         middle, half = 0.5 * (low + high), 0.5 * LOWER * (high - low)
-        ends = np.stack([end(self.record.output, axis=0) for end in (np.min, np.max)])
-        rng = np.random.default_rng(1)
-        inputs = (middle + half * wave for wave in _waves(rng, len(middle)))
-        return tuple(
-            replace(
-                begun,
-                input=np.concatenate([begun.input, each]),
-                output=np.concatenate([begun.output, np.resize(ends, (SAMPLES, ends.shape[1]))]),
-                before=(),
-            )
-            for each in inputs
-        )
+        waves = _waves(np.random.default_rng(1), len(middle))
+        return tuple(with_other_inputs(self.record, middle + half * wave) for wave in waves)
 
     @cached_property
     def scale(self) -> Array:

@@ -25,7 +25,7 @@ from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.estimation.threads import sharing_cores
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, QUICK
-from emsid.identification.observations import failure, out_of_time
+from emsid.identification.observations import failure
 from emsid.identification.options import Options
 from emsid.identification.remainder import leaves_nothing
 from emsid.models.bootstrap import bootstrap as drawn_again
@@ -138,7 +138,8 @@ class _UnderWay:
         problems = {name: self.problems[name] for name in names if name in self.problems}
         if not self.fits:
             raise self.end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
-        failed = [*(failure(name, problem) for name, problem in problems.items()), *out_of_time(self.late)]
+        failed = [failure(name, problem) for name, problem in problems.items()]
+        failed += [Finding("models-out-of-time", data={"models": list(self.late)})] if self.late else []
         by_model = {self.fits[name].model.name: self.fits[name] for name in names if name in self.fits}
         spared = () if self.not_needed is None else (self.not_needed,)
         left_out = [name for each in spared for name in each.data["models"]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -232,13 +232,3 @@ def failure(name: str, problem: EmsidError) -> Finding:
     """A model that could not be fitted."""
     reason = str(problem).removeprefix(f"{name}: ")
     return Finding("model-failed", name, {"model": name, "reason": reason, "arguments": list(problem.arguments)})
-
-
-def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
-    """A profile that could not be computed."""
-    return Finding("profile-failed", parameter, {"model": model, "reason": str(problem)})
-
-
-def out_of_time(names: Sequence[str]) -> list[Finding]:
-    """The models whose searches found nothing within their share of the time, if there are any."""
-    return [Finding("models-out-of-time", data={"models": list(names)})] if names else []

@@ -22,7 +22,7 @@ from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import response
 from emsid.identification.delay import LONGEST_SEARCHED
 from emsid.identification.determined import Probes
-from emsid.models.capabilities import MapInUse
+from emsid.models.capabilities import MapInUse, Modes
 from emsid.models.extrapolation import LARGER, Extremes, diverges, diverges_held
 from emsid.models.free_run import free_run
 from emsid.models.kinds import capabilities_of
@@ -73,7 +73,6 @@ class Plausibility:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self._rise: float | None = None
 
     @cached_property
     def extremes(self) -> Extremes:
@@ -96,7 +95,7 @@ class Plausibility:
             found += self._running_away(model)
         found += [each for used in kind.judged_maps(model, self.record) for each in self._of_map(model.name, used)]
         modes = kind.modes(model)
-        found += [*_cancelled(*modes.pairs), *_too_fast(modes.poles), *self._too_late(modes.delay)]
+        found += [*_cancelled(modes), *_too_fast(modes.poles), *self._too_late(modes.delay)]
         return [each.about(model.name) for each in found]
 
     def _running_away(self, model: Any) -> Iterator[Finding]:
@@ -136,16 +135,15 @@ class Plausibility:
             dt = self.record.dt
             yield Finding("delay-longer-than-rise", "", {"delay": delay * dt, "rise": self.rise * dt, "samples": delay})
 
-    @property
+    @cached_property
     def rise(self) -> float | None:
         """Delay and rise time of the record in samples, by the small linear model of the first look."""
-        if self._rise is None:
-            record = self.record
-            seen = response(record.input[:, 0], record.output[:, 0], record.breaks)
-            linear = baseline(record, seen.delay)
-            usable = linear is not None and linear.fit > 0 and np.isfinite(linear.time_constant)
-            self._rise = RISE * linear.time_constant + linear.delay if usable and linear is not None else np.nan
-        return None if np.isnan(self._rise) else self._rise
+        record = self.record
+        seen = response(record.input[:, 0], record.output[:, 0], record.breaks)
+        linear = baseline(record, seen.delay)
+        if linear is None or not linear.fit > 0 or not np.isfinite(linear.time_constant):
+            return None
+        return RISE * linear.time_constant + linear.delay
 
 
 def _sparse(grid: Array, x: Array) -> NDArray[np.bool_]:
@@ -177,9 +175,11 @@ def _too_fast(poles: Sequence[complex]) -> Iterator[Finding]:
         yield Finding("faster-than-sampling", "", {"pole": min(fast), "samples": float(-1 / np.log(min(fast)))})
 
 
-def _cancelled(poles: Sequence[complex], zeros: Sequence[complex]) -> Iterator[Finding]:
-    """Poles that a zero nearly cancels."""
-    for pole in poles:
-        near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
-        if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
-            yield Finding("zero-cancels-pole", "", {"pole": [float(pole.real), float(pole.imag)]})
+def _cancelled(modes: Modes) -> Iterator[Finding]:
+    """Poles that a zero of the same block nearly cancels."""
+    for block, (poles, zeros) in modes.pairs.items():
+        for pole in poles:
+            near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
+            if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
+                of = {"block": block} if block else {}
+                yield Finding("zero-cancels-pole", "", of | {"pole": [float(pole.real), float(pole.imag)]})

@@ -11,7 +11,6 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
 from emsid.identification.fitting import of_one_model
-from emsid.identification.observations import profile_failure
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
@@ -44,7 +43,7 @@ def profiles_of(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control
             except Stopped:
                 return Profiles(profiles, tuple(failed), stopped=True)
             except EmsidError as problem:
-                failed.append(profile_failure(model, name, problem))
+                failed.append(Finding("profile-failed", name, {"model": model, "reason": str(problem)}))
     return Profiles(profiles, tuple(failed))
 
 

@@ -165,17 +165,19 @@ def _judged(
         profiles=taken.profiles,
         interrupted=stopped,
         on_choice=judged.on_choice,
-        model_verdicts=_verdicts(judged, tests=not stopped),
+        model_verdicts=model_verdicts(
+            judged.on_record,
+            judged.on_unseen,
+            judged.findings,
+            judged.undetermined.reasons,
+            tests=not stopped,
+            pole=judged.pole,
+        ),
         ranking=judged.ranking,
         on_all_data=final and final[0],
         by_record=by_record(judged.fits, (*task.records, *task.others), task.transient),
         whole=judged.whole,
     )
-
-
-def _verdicts(judged: Compared, *, tests: bool) -> tuple[Finding, ...]:
-    left_open = judged.undetermined.reasons
-    return model_verdicts(judged.on_record, judged.on_unseen, judged.findings, left_open, tests=tests, pole=judged.pole)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:

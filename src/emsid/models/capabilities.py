@@ -43,12 +43,12 @@ class Modes:
 
     Attributes:
         poles: that may be faster than the sampling.
-        pairs: poles and zeros that may cancel each other.
+        pairs: poles and zeros that may cancel each other, by the number of their block; 0 is the whole model.
         delay: in samples.
     """
 
     poles: Sequence[complex] = ()
-    pairs: tuple[Sequence[complex], Sequence[complex]] = ((), ())
+    pairs: Mapping[int, tuple[Sequence[complex], Sequence[complex]]] = field(default_factory=dict)
     delay: int = 0
 
 

@@ -56,16 +56,23 @@ class Extremes:
     def held(self) -> Record:
         """The beginning of the longest segment, then its largest input held, the beginning, and its smallest input.
 
-        Several inputs are at the same end of their ranges at a time. Of the outputs after the beginning, which a free
-        run does not see, only the range is right.
+        Several inputs are at the same end of their ranges at a time.
         """
-        segment = max(self.record.segments, key=len)
-        begun = segment[:BEGUN]
-        largest, smallest = (np.tile(end, (HELD, 1)) for end in (segment.input.max(axis=0), segment.input.min(axis=0)))
-        inputs = np.concatenate([begun.input, largest, begun.input, smallest])
-        ends = np.stack([segment.output.min(axis=0), segment.output.max(axis=0)])
-        outputs = np.resize(ends, (len(inputs) - len(begun), ends.shape[1]))
-        return replace(begun, input=inputs, output=np.concatenate([begun.output, outputs]), before=())
+        u = max(self.record.segments, key=len).input
+        largest, smallest = (np.tile(end, (HELD, 1)) for end in (u.max(axis=0), u.min(axis=0)))
+        return with_other_inputs(self.record, np.concatenate([largest, u[:BEGUN], smallest]))
+
+
+def with_other_inputs(record: Record, inputs: NDArray[np.float64]) -> Record:
+    """The beginning of the longest segment of a record with inputs (n, nu) behind it.
+
+    Of the outputs there, which a free run does not see, only the range is right.
+    """
+    segment = max(record.segments, key=len)
+    begun, ends = segment[:BEGUN], np.stack([segment.output.min(axis=0), segment.output.max(axis=0)])
+    outputs = np.resize(ends, (len(inputs), ends.shape[1]))
+    both = {"input": np.concatenate([begun.input, inputs]), "output": np.concatenate([begun.output, outputs])}
+    return replace(begun, **both, before=())
 
 
 def runs_away(model: Model, extremes: Extremes) -> bool:

@@ -65,7 +65,8 @@ class OfCascades(Capabilities[Cascade]):
     def modes(self, model: Cascade) -> Modes:
         filters = list(model.filters.values())
         inside = sum(block.delay for block in filters) // model.oversampling
-        return Modes([pole for block in filters for pole in block.poles], delay=model.delay + inside)
+        pairs = {k + 1: (list(block.poles), list(block.zeros)) for k, block in model.filters.items()}
+        return Modes([pole for block in filters for pole in block.poles], pairs, model.delay + inside)
 
     def maps_in_use(self, model: Cascade, record: Record) -> tuple[MapInUse, ...]:
         """The maps with their inputs from rest at the first input of every segment."""

@@ -61,7 +61,7 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
 
     def modes(self, model: StateSpaceModel) -> Modes:
         above = model.coefficients(bool(model.d.any()), noise=False)[1][model.order : -1]
-        return Modes(list(model.poles), (list(model.poles), list(np.roots(above))))
+        return Modes(list(model.poles), {0: (list(model.poles), list(np.roots(above)))})
 
     def characteristics(self, fit: Fit[StateSpaceModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model, fit.model.poles)
@@ -95,7 +95,7 @@ class OfPolynomials(OfLinearModels[PolynomialModel]):
 
     def modes(self, model: PolynomialModel) -> Modes:
         poles = list(_poles(model))
-        return Modes(poles, (poles, list(np.roots(model.b[0]))), model.delay)
+        return Modes(poles, {0: (poles, list(np.roots(model.b[0])))}, model.delay)
 
     def characteristics(self, fit: Fit[PolynomialModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model.form, _poles(fit.model))

@@ -75,7 +75,7 @@ class OfRegressions(Capabilities[Narx]):
             return Modes(delay=delay)
         below, above = model.linear_part()
         poles = list(np.roots(below)) if len(below) > 1 else []
-        return Modes(poles if model.start else (), (poles, list(np.roots(above[0]))), delay)
+        return Modes(poles if model.start else (), {0: (poles, list(np.roots(above[0])))}, delay)
 
     def output_at_rest(self, model: Narx, level: float) -> float:
         return linearised(model, level)[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +10,9 @@ import numpy as np
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.record import Record
-
-# A zero cancels a pole if their distance is below this fraction of the distance of the pole to the unit circle.
-CANCELS = 0.05
 
 
 def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> tuple[Finding, ...]:
@@ -31,21 +27,10 @@ def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> tuple[Findi
     pairs = as_arrays(several)
     findings: list[Finding] = []
     for k, block in enumerate(model.blocks):
-        found: Sequence[Finding] = ()
-        if isinstance(block, Rational):
-            found = list(_cancellations(block))
-        elif isinstance(block, StaticMap):
+        if isinstance(block, StaticMap):
             found = block.findings(np.concatenate([model.signals_from_rest(u)[k] for u, _ in pairs]))
-        findings += [replace(finding, subject=model.name, data={"block": k + 1, **finding.data}) for finding in found]
+            findings += [replace(each, subject=model.name, data={"block": k + 1, **each.data}) for each in found]
     lost = [n for n, variance in zip(fit.names, np.diag(fit.covariance), strict=True) if not np.isfinite(variance)]
     if lost and fit.ending is not Ending.RANK_DEFICIENT:  # which has a finding of its own
         findings.append(Finding("parameters-without-interval", model.name, {"parameters": lost}))
     return tuple(findings)
-
-
-def _cancellations(block: Rational) -> Iterator[Finding]:
-    for pole in block.poles:
-        if pole.imag < 0 or abs(pole) < 1e-6:
-            continue
-        if any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in block.zeros):
-            yield Finding("zero-cancels-pole", data={"pole": [float(pole.real), float(pole.imag)]})

@@ -310,7 +310,7 @@ def test_the_page_shows_who_differs_who_changed_and_who_failed(hive: Path, threa
 
 def test_a_simulated_fleet_has_its_faults_found(tmp_path: Path, threads: Executor) -> None:
     """Worn bearings and the other load by name, nobody else, and the files that cannot be used with their reasons."""
-    made = simulated_fleet(tmp_path, 14, 1500, worn=2, loaded=1, poisoned=3, seed=5)
+    made = simulated_fleet(tmp_path, 14, 1000, worn=2, loaded=1, poisoned=3, seed=5)
     plant = emsid.plants.rigid_motor()
     free = ["motor_constant", "rotor_inertia", "rotor_friction.coulomb"]
     known = {"resistance": 2.0, "rotor_viscous": 1.5e-5, "voltage_dead_zone.half_width": 0.5}

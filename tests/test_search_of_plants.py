@@ -91,7 +91,8 @@ def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
 
 
 @pytest.mark.parametrize(
-    ("command", "output"), [pytest.param(1.0, 10.0, marks=pytest.mark.long), (12 / 255, 1.0), (20.0, 0.03)]
+    ("command", "output"),
+    [*(pytest.param(*each, marks=pytest.mark.long) for each in ((1.0, 10.0), (12 / 255, 1.0))), (20.0, 0.03)],
 )
 @pytest.mark.parametrize("case", [("motor 1",), pytest.param(("motor 4", 1200), marks=pytest.mark.long)])
 def test_a_choice_does_not_depend_on_the_units_of_channels(case, command, output):

@@ -111,18 +111,14 @@ def simulation_error(
         DataError: for records without motion, with other channels, in other units, or with an output of the wrong sign.
     """
     plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
+    how: dict[str, Any] = {
+        "free": free, "fixed": fixed, "bounds": bounds, "datasheet": datasheet, "signals": signals,
+        "weighting": weighting, "hold": hold, "find_start": find_start, "max_iterations": max_iterations,
+        "threads": threads, "control": control,
+    }  # fmt: skip
     if per_record or any("[" in name for name in fixed or ()):
-        return _by_record(
-            plant, records, per_record, free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,
-            weighting=weighting, hold=hold, find_start=find_start, max_iterations=max_iterations, threads=threads,
-            control=control,
-        )  # fmt: skip
-    how = searched(
-        plant, records, free=free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,
-        weighting=weighting, hold=hold, find_start=find_start, max_iterations=max_iterations, threads=threads,
-        control=control,
-    )  # fmt: skip
-    return concluded(*how)
+        return _by_record(plant, records, per_record, **how)
+    return concluded(*searched(plant, records, **how))
 
 
 def searched(

@@ -54,8 +54,8 @@ class Visited(NamedTuple):
 
     def shows(self, rests: RestsOn, value: float) -> bool:
         """Whether the records show a quantity of this value."""
-        ways = (rests.direction,) if rests.direction else (1, -1)
-        return rests.needs is Needs.ANY or any(self._in_direction(rests.needs, way, value) for way in ways)
+        directions = (rests.direction,) if rests.direction else (1, -1)
+        return rests.needs is Needs.ANY or any(self._in_direction(rests.needs, way, value) for way in directions)
 
     def _in_direction(self, needs: Needs, way: int, value: float) -> bool:
         if needs is Needs.THRESHOLD:

@@ -119,8 +119,8 @@ def _event(motor: Motor, body: int, direction: int) -> Callable[[float, Array], 
 def _margins(motor: Motor, x: Array, body: int, factor: float = 1.0) -> list[float]:
     """What is left, forward and backward, until the torque on a body at rest exceeds break-away."""
     made, outside = _torques(motor, x)[body]
-    ways = (1, -1)
-    return [factor * _level(motor, body, 0.0, way, made, outside) - way * (made + outside) for way in ways]
+    directions = (1, -1)
+    return [factor * _level(motor, body, 0.0, way, made, outside) - way * (made + outside) for way in directions]
 
 
 def _motion_from_rest(motor: Motor, x: Array, body: int) -> int:

@@ -417,12 +417,12 @@ def _read(rows: Array, start: float, count: int) -> Array:
     return values
 
 
-def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Measure) -> dict[str, Handle]:
+def outer_handles(unit: str, word: str, measure: Measure, motion: str, reading: Measure) -> dict[str, Handle]:
     """The handles of drive and sensor.
 
     Args:
         unit, word, measure: of the output of the drive.
-        motion, shown: unit and measure of the sensor reading.
+        motion, reading: unit and measure of the sensor reading.
     """
 
     def one(
@@ -456,7 +456,7 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
         **one("drive.rise", "κ", "1", "rise time of the current in periods of the PWM", factor, 0.0, LONGEST_RISE),
         **one("drive.freewheel", "λ", "1", "freewheeling in the off-time of the bridge, 0 to 1", factor, 0.0, 1.0),
         **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
-        **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),
+        **one("sensor.offset", "y₀", motion, "sensor reading at rest", reading, -inf),
         **one("sensor.average", "ν", "1", "share of the mean over the sample before in a speed", factor, 0.0, 1.0),
         **one("sensor.ratio", "n", "1", "turns of the motor per turn measured", factor, -inf),
         **one(

@@ -169,8 +169,8 @@ class LinearAxis(DrivenPlant):
         on = self.drive.acting(inputs, state.commands, state.dt)
         speeds, positions = self._moved(self._as_one_mass(on.voltage, on.conducts), on, state.motion)
         motion = np.array([speeds[-1], positions[-1]])
-        shown = speeds[on.samples], positions[on.samples]
-        output, sensed = self.sensor.read(signals, *shown, state.dt, state.sensed)
+        measured = speeds[on.samples], positions[on.samples]
+        output, sensed = self.sensor.read(signals, *measured, state.dt, state.sensed)
         return output, PlantState(state.dt, motion, on.left, sensed)
 
     def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:

@@ -77,11 +77,11 @@ def first_gap(segments: Sequence[Record]) -> float:
 
     A search that began with all of that way missed the widest of the gaps that were tried (0.01 to 0.05 rad).
     """
-    ways = [
+    differences = [
         each.output[:, 0] * each.dt if each.output_units[0].endswith("/s") else np.diff(each.output[:, 0])
         for each in segments
     ]
-    return float(np.max(np.abs(np.concatenate(ways)))) / 3
+    return float(np.max(np.abs(np.concatenate(differences)))) / 3
 
 
 def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: Array) -> tuple[Array, Array, Array]:

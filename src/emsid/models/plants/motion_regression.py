@@ -23,9 +23,9 @@ SLIDING, OFFSET = 2, 3
 """Columns of the regression: the direction of motion, and ones."""
 
 
-def speed_of(shown: Array, dt: float, is_position: bool) -> Array:
+def speed_of(output: Array, dt: float, is_position: bool) -> Array:
     """(N,) a speed, or the slope of a position; zero for a single sample."""
-    return np.gradient(shown, dt) if is_position and len(shown) > 1 else shown
+    return np.gradient(output, dt) if is_position and len(output) > 1 else output
 
 
 def smoothed(values: Array, samples: float) -> Array:

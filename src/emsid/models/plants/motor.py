@@ -293,13 +293,13 @@ class MotorPlant(DrivenPlant):
         simulated = self._one_mass if self.is_one_mass or self.backlash else self._two_masses
         at, motion = simulated(on, state.motion)
         sensor = self.sensor
-        shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
+        readings: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
             Signal.SPEED: lambda kept: sensor.speed(at.speeds, at.positions, dt, kept),
             Signal.POSITION: lambda kept: sensor.position(at.positions, dt, kept),
             Signal.ROTOR_SPEED: lambda kept: sensor.speed(at.rotor_speeds, at.rotor_positions, dt, kept),
             Signal.CURRENT: lambda kept: (at.current(), kept),
         }
-        columns = [shown[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
+        columns = [readings[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 

@@ -94,8 +94,8 @@ def linear_motor(
             "twist": rotor - load,
         }
     rows |= {"angle": load}
-    shown = {Signal.SPEED: load, Signal.ROTOR_SPEED: rotor, Signal.POSITION: angle}
-    out = [current if signal is Signal.CURRENT else shown[signal] / ratio for signal in signals]
+    motion = {Signal.SPEED: load, Signal.ROTOR_SPEED: rotor, Signal.POSITION: angle}
+    out = [current if signal is Signal.CURRENT else motion[signal] / ratio for signal in signals]
     kept = [STATES.index(name) for name in rows]
     table, seen = np.array(list(rows.values())), np.array(out).reshape(-1, 6 + loaded)
     return StateSpace(table[:, kept], table[:, 5:], seen[:, kept], seen[:, 5:], tuple(rows))

@@ -80,8 +80,8 @@ class Sensor:
             states: speed, position, and the speed reading, by default the true speed.
             dt: sample time in s.
         """
-        shown, motion = states[..., 2 if states.shape[-1] > 2 else 0], states[..., :2]
-        return np.array([self._first(signal is Signal.POSITION, motion, dt, shown) for signal in signals])
+        reading, motion = states[..., 2 if states.shape[-1] > 2 else 0], states[..., :2]
+        return np.array([self._first(signal is Signal.POSITION, motion, dt, reading) for signal in signals])
 
     def read(
         self, signals: Sequence[Signal], speeds: Array, positions: Array, dt: float, kept: Array
@@ -95,21 +95,21 @@ class Sensor:
         ]
         return np.stack([values for values, _ in columns], axis=-1), np.array([after for _, after in columns])
 
-    def _first(self, position: bool, motion: Array, dt: float, shown: Array) -> Array:
+    def _first(self, position: bool, motion: Array, dt: float, reading: Array) -> Array:
         """(…, 2) its state before the first sample: the last position (NaN) and the state of its filter.
 
         Args:
             position: whether it measures a position, not a speed.
             motion: (…, 2) speed and position at the first sample.
             dt: sample time in s.
-            shown: (…) its speed reading at the first sample, before ratio and offset; a position reading lags by
-                lag·shown.
+            reading: (…) its speed reading at the first sample, before ratio and offset; a position reading lags by
+                lag·reading.
         """
         kept = np.full(motion.shape, np.nan)
         kept[..., 1] = 0.0
         if self.lag:
             seen = motion[..., 1 if position else 0]
-            kept[..., 1] = (seen - self.lag * shown if position else shown) - self.weights(dt)[0] * seen
+            kept[..., 1] = (seen - self.lag * reading if position else reading) - self.weights(dt)[0] * seen
         return kept
 
     def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:

@@ -123,12 +123,12 @@ def best_signs(costs: Array) -> Signs:
     Args:
         costs: (K, 2, 2) cost of lobe k by the previous sign and its own, plus first; the first lobe uses the diagonal.
     """
-    total, ways = costs[0].diagonal().copy(), np.zeros(costs.shape[:2], dtype=np.intp)
+    total, predecessors = costs[0].diagonal().copy(), np.zeros(costs.shape[:2], dtype=np.intp)
     for k, cost in enumerate(costs[1:], start=1):
         reached = total[:, None] + cost
-        ways[k], total = reached.argmin(axis=0), reached.min(axis=0)
+        predecessors[k], total = reached.argmin(axis=0), reached.min(axis=0)
     path = [int(total.argmin())]
-    for way in ways[:0:-1]:
+    for way in predecessors[:0:-1]:
         path.append(int(way[path[-1]]))
     return 1 - 2 * np.array(path[::-1], dtype=np.intp)
 

@@ -232,11 +232,11 @@ def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
     if not against:
         return
     record = problem.segments[0]
-    command, shown = record.input_names[0], [record.output_names[channel] for channel in sorted(against)]
+    command, turning = record.input_names[0], [record.output_names[channel] for channel in sorted(against)]
     outputs = len(record.output_names)
-    turned = [command] if len(shown) == outputs > 1 else shown
+    turned = [command] if len(turning) == outputs > 1 else turning
     raise DataError(
-        f"{record.name}: {listed([repr(name) for name in shown])} {'go' if len(shown) > 1 else 'goes'} against "
+        f"{record.name}: {listed([repr(name) for name in turning])} {'go' if len(turning) > 1 else 'goes'} against "
         f"{command!r}; if that is how it was wired or logged, turn the sign of "
         f"{'one of them' if outputs == 1 else listed(turned)} with scale {' '.join(f'{name}=-1' for name in turned)}",
         arguments=("scale",),

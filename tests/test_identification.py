@@ -146,7 +146,7 @@ def test_refusals():
 def test_every_regression_gives_a_model_that_saves_and_loads(name, tmp_path):
     from emsid.io import load, save
 
-    record = system(400, 15)
+    record = system(200, 15)
     model = identify(record, models=[name]).chosen.model
     save(model, tmp_path / "model.json")
     again = load(tmp_path / "model.json")

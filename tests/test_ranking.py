@@ -590,8 +590,10 @@ def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_la
 
 
 def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
-    monkeypatch.setattr(all_data, "SEARCHED_AGAIN", 1000)
-    result = emsid.identify(limited(1, 300), models="feedback")
+    monkeypatch.setattr(all_data, "SEARCHED_AGAIN", 1200)
+    monkeypatch.setattr(all_data, "_structure_is_doubtful", lambda judged: True)
+    monkeypatch.setattr(all_data, "CANDIDATES", {"arx": lambda *_: pytest.fail("searched")})
+    result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
     assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
 
 

@@ -98,7 +98,7 @@ def test_a_fit_that_says_what_it_lacks_is_not_enough() -> None:
 
 
 def test_models_that_are_named_are_fitted() -> None:
-    record = lagging(samples=1000)
+    record = lagging(samples=500)
     assert set(LAST) <= set(usual_for(record))
     result = emsid.identify(record, models=["arx", "wiener-hammerstein"], orders=(1, 1), static="saturation")
     assert len(result.fits) == 2

@@ -615,7 +615,7 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
         raise np.linalg.LinAlgError("no convergence")
 
     monkeypatch.setattr("emsid.study.models.estimate_cascade", defeated)
-    part = study(replace(result.settings, duration=4.0)).part(SIMULATION)
+    part = study(replace(result.settings, duration=2.0)).part(SIMULATION)
     assert BLOCKS not in part.models
     assert list(part.failed) == [BLOCKS]
     assert "out of range (no convergence)" in part.failed[BLOCKS]

@@ -8,6 +8,7 @@ from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.live.tracking import Tracker
 from emsid.study.demonstration import motor_record
 from emsid.study.workflow import Settings, study
+from model_examples import ALL, measured
 
 
 def main() -> None:
@@ -21,6 +22,8 @@ def main() -> None:
     emsid.SampleBySample(recursion, record.dt).add(0.0, 0.0)
     tracker = Tracker(recursion, detector=ChangeDetector(run=1e6, settling=100))
     tracker.advance(tracker.start(), record)
+    for model in (ALL[name] for name in ALL if "user" not in name and "own" not in name):
+        emsid.start(model, record=measured(model)).step(0.0)  # several files do, also with other friction laws
 
 
 if __name__ == "__main__":

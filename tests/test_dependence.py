@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import f as fisher
 
+import emsid
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES
-from emsid.first_look.dependence import Regression
+from emsid.first_look.baseline import baseline
+from emsid.first_look.dependence import Regression, dependence
 
 FEW = 3
 """Columns of the smaller regression."""
@@ -48,3 +51,14 @@ def test_the_criterion_and_the_test_are_those_of_their_definitions(pieces, polyn
     assert regression.criterion == pytest.approx(criterion, rel=1e-10)
     ratio = (few - every) / (count - FEW) / (every / (samples - count))
     assert regression.test == pytest.approx((ratio, fisher.sf(ratio, count - FEW, samples - count)), rel=1e-9)
+
+
+def test_a_column_may_be_constant_in_every_segment() -> None:
+    """The sign of an input that drives forward in one segment and backward in the other one."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(2, 10, 120), 10) * np.repeat([1.0, -1.0], 600)
+    y = np.concatenate([lfilter([0.0, 0.1], [1.0, -0.9], part) for part in np.split(u, 2)])
+    both = emsid.Record(u, y + 0.02 * rng.standard_normal(1200), 0.01)
+    linear = baseline(emsid.concatenate([both[:600], both[600:]]), 1)
+    assert linear is not None
+    assert dependence(linear, u, [600]).probability > 0.01

@@ -77,11 +77,12 @@ def dependence(linear: Baseline, u: Array, breaks: Sequence[int]) -> Dependence:
     pieces = [piece for piece in np.split(table, edges) if len(piece) > 2 * MOST_POLES]
     if sum(map(len, pieces)) < FEW * every or not np.any(linear.residual[here]):
         return Dependence(0.0, 1.0)
-    kept = _independent(pieces)
-    few, every = int(np.count_nonzero(kept < few)), len(kept)
+    for independent in (_independent, _independent_in_differences):
+        kept = independent(pieces)
+        few, every = int(np.count_nonzero(kept < few)), len(kept)
+        pieces = [piece[:, [*kept, -1]] for piece in pieces]
     if few == every:
         return Dependence(0.0, 1.0)
-    pieces = [piece[:, [*kept, -1]] for piece in pieces]
     weighted = [*_weighted(pieces, few, every), *_weighted(_differences(pieces), few - 1, every - 1)]
     ratio, probability = min(weighted, key=lambda each: each.criterion).test
     squares = Regression(pieces, np.ones(1), few).triangle[:, -1] ** 2
@@ -126,6 +127,11 @@ def _independent(pieces: Sequence[Array]) -> NDArray[np.intp]:
     size = np.sqrt(np.sum(columns**2, axis=0))
     triangle = np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r")
     return np.flatnonzero(np.abs(np.diag(triangle)) > RANK)
+
+
+def _independent_in_differences(pieces: Sequence[Array]) -> NDArray[np.intp]:
+    """The same from row to row, and the constant: a column may be constant in every segment."""
+    return np.r_[0, 1 + _independent(_differences(pieces))]
 
 
 def _weighted(pieces: Sequence[Array], few: int, every: int) -> Iterator[Regression]:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import cache
-from types import FunctionType
+from hashlib import blake2s
+from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -92,7 +93,7 @@ def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
     made = {name: replaced.get(name) or _with(each, functions) for name, each in known.items() if _kernel(each)}
     if all(each is known[name] for name, each in made.items()):
         return kernel
-    name = "_with_".join([code.__name__, *(each.__name__ for _, each in functions)])
+    name = "_with_".join([code.__name__, *(f"{each.__name__}_{_digest(each)}" for _, each in functions)])
     changed = FunctionType(code.__code__, {**code.__globals__, **made}, name)
     changed.__qualname__ = name  # the file on disk is found by this name alone
     if not all(map(_kernel, replaced.values())):
@@ -100,6 +101,13 @@ def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
     ours = all(each.__module__.startswith("emsid.") for each in replaced.values())
     options = {key: value for key, value in kernel.targetoptions.items() if key not in ("nopython", "boundscheck")}
     return njit(cache=ours, **options)(changed)
+
+
+def _digest(function: Any) -> str:
+    """A few digits that change with a function: what is kept of one is not used for another of the same name."""
+    code = getattr(function, "py_func", function).__code__
+    constants = [value for value in code.co_consts if not isinstance(value, CodeType)]
+    return blake2s(code.co_code + repr((constants, code.co_names)).encode(), digest_size=4).hexdigest()
 
 
 def _kernel(function: Any) -> bool:

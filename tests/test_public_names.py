@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from enum import Enum
 from importlib import import_module
+from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -167,3 +169,13 @@ def test_one_model_is_validated_with_or_without_its_fit():
 def test_the_inertia_of_a_rotor_says_that_it_has_the_load():
     parameter = next(each for each in emsid.Motor().parameters() if each.name == "rotor_inertia")
     assert "with the load" in parameter.description
+
+
+@pytest.mark.parametrize("script", sorted(Path(__file__).parents[1].glob("bench/*.py")), ids=lambda path: path.stem)
+def test_what_a_bench_imports_exists(script):
+    """No check of types reads the benches, and nothing else runs them."""
+    for node in ast.walk(ast.parse(script.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("emsid"):
+            module = import_module(node.module)
+            for each in node.names:
+                assert hasattr(module, each.name) or import_module(f"{node.module}.{each.name}"), each.name

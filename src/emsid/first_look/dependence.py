@@ -131,7 +131,7 @@ def _independent(pieces: Sequence[Array]) -> NDArray[np.intp]:
 
 def _independent_in_differences(pieces: Sequence[Array]) -> NDArray[np.intp]:
     """The same from row to row, and the constant: a column may be constant in every segment."""
-    return np.r_[0, 1 + _independent(_differences(pieces))]
+    return np.concatenate([[0], 1 + _independent(_differences(pieces))])
 
 
 def _weighted(pieces: Sequence[Array], few: int, every: int) -> Iterator[Regression]:

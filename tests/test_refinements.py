@@ -220,6 +220,9 @@ def test_what_depends_on_a_sign_agrees_with_the_other_simulator_and_is_one_mass_
     assert np.max(np.abs(run - truth.run(u, 1e-2)[0][:300])) < 2e-3 * np.ptp(run)
     with pytest.raises(ModelError, match="one mass only"):
         replace(plant, motor=replace(whole, inductance=1e-3).rigid())
+    same = replace(plant.motor, rotor_viscous=plant.motor.rotor_viscous + 2.4e-3)  # the mean of both directions
+    straight = [each.linearised((Signal.SPEED,)).a for each in (plant, MotorPlant(same))]
+    np.testing.assert_allclose(*straight)
     assert "V_d·sgn(i)" in plant.equations()
     assert "ΔB·min(ω, 0)" in plant.equations()
 

@@ -377,11 +377,12 @@ class MotorPlant(DrivenPlant):
         return motor, self.load_torque, Extra(self.quadratic_viscous, np.concatenate(waves))
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
-        """See `linear_motor`; of a joint about the angle at which it hangs."""
+        """See `linear_motor`: the mean viscous friction of both directions, and a joint about the angle of rest."""
         spring, n = 0.0, self.sensor.scale
         if self.gravity is not None:
             spring = self.gravity.whole / n * self.gravity.per_unit(n)
-        motor, feed, gain = self.motor, self.feed, self.drive.gain
+        viscous = max(self.motor.rotor_viscous + 0.5 * self.viscous_backward, 0.0)
+        motor, feed, gain = replace(self.motor, rotor_viscous=viscous), self.feed, self.drive.gain
         if self.servo is not None and self.follows:
             motor, feed, gain, spring = self.servo.linear(motor, gain, spring, n)
         part = linear_motor(motor, feed, gain, n, signals, (spring, self._weight), loaded=self.drive.loaded)

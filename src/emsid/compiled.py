@@ -104,7 +104,7 @@ def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
 
 
 def _digest(function: Any) -> str:
-    """A few digits that change with a function: what is kept of one is not used for another of the same name."""
+    """A digest of the code of a function: what is cached for one version of it is not used for another."""
     code = getattr(function, "py_func", function).__code__
     constants = [value for value in code.co_consts if not isinstance(value, CodeType)]
     return blake2s(code.co_code + repr((constants, code.co_names)).encode(), digest_size=4).hexdigest()

@@ -24,7 +24,7 @@ WIDTH = 60
 
 
 class View:
-    """Shows messages; alone it shows the answer to Ctrl-C only."""
+    """Shows messages; this base class shows only the answer to Ctrl-C."""
 
     def show(self, message: Message) -> None:
         """Show one."""

@@ -56,7 +56,7 @@ class Baseline:
 
     @property
     def sign(self) -> int:
-        """The sign with which the response to a step begins: 1 or −1, or 0 where it rests at the other.
+        """The sign of the first response to a step, 1 or −1; 0 where the response settles at the opposite sign.
 
         A lightly damped system answers an oscillation above its resonance with the opposite sign, a step never.
         """

@@ -130,7 +130,7 @@ def _independent(pieces: Sequence[Array]) -> NDArray[np.intp]:
 
 
 def _independent_in_differences(pieces: Sequence[Array]) -> NDArray[np.intp]:
-    """The same from row to row, and the constant: a column may be constant in every segment."""
+    """Columns with independent differences from row to row, and the constant: some are constant in every segment."""
     return np.concatenate([[0], 1 + _independent(_differences(pieces))])
 
 

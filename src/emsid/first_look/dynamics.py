@@ -27,8 +27,8 @@ from emsid.validation.correlation import cross_correlation
 Array = NDArray[np.float64]
 
 WHITENING, LONGEST_FILTER = 10, 100
-"""Coefficients of the filter that whitens an input, for one that changes always and for one that is held; one that is
-held as long as the first in the mean changes in steps."""
+"""Coefficients of the filter that whitens an input: for one that changes at every sample, and for one that is held. An
+input that is held for the first number of samples on average changes in steps."""
 LARGEST_STEP = 20.0
 """An input is held, with noise or without, where its largest step is larger than the median by this factor."""
 ROUNDS = 5

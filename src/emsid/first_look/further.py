@@ -19,7 +19,7 @@ DERIVED = 0.999
 
 
 def sign_of_input(columns: Sequence[Column], roles: Roles) -> Finding | None:
-    """The column with the sign of an input that has none, or that there is none although the output goes both ways.
+    """A finding about an input without a sign: which column has it, or that none has it and the output goes both ways.
 
     Args:
         columns: of the file, equally long.
@@ -76,7 +76,7 @@ def _acts(load: Column, u: Column, y: Column) -> bool:
 
 
 def per_change(speed: Column, position: Column) -> float:
-    """A speed that is the change of a count from row to row, by that change: one in its unit; 0 for one that is not."""
+    """The ratio of a speed to the change of a position from row to row; 0 where the speed is not computed from it."""
     if len(speed.values) != len(position.values) or len(speed.values) < FEWEST_LEVELS:
         return 0.0
     change, said = np.diff(position.signal), speed.signal[1:]

@@ -1,8 +1,7 @@
 """The levels by which a first look decides, in one place.
 
 Shares, correlations and confidences are compared with few levels: a first look asks whether something is there, and a
-finer level would answer differently from record to record. A threshold that is none of these has its reason where it
-is used.
+finer level would answer differently from record to record. Any other threshold is explained where it is used.
 """
 
 from __future__ import annotations
@@ -11,24 +10,25 @@ SAME = 0.02
 """Numbers that differ by less are the same, and less than this share of the largest is zero: a timer can seldom be set
 to exactly 10 ms, and sensors and converters have errors of a percent."""
 PART = 0.1
-"""A smaller share than this is of no importance: it is seen in no plot."""
+"""A smaller share does not matter: no plot shows it."""
 MOST = 0.9
 """A larger share than this is nearly all; signals with a higher correlation have nearly the same course."""
 EXPLAINS, SUGGESTS = 0.5, 0.2
-"""A linear model with a better fit of its free run than the first explains an output, and one with a better fit than
-the second has a relation to it; below, nothing it says is used."""
+"""A linear model whose free run has a better fit than the first explains an output; with a better fit than the second
+it explains a part of it. With a lower fit it is not used."""
 UNSURE = 0.6
 """A guess of a lower confidence may well be wrong, and is mentioned as such."""
 NAMED = 0.8
 """A name of at least this confidence says what a column is; below it, its unit and its numbers decide."""
 CLEAR = 6.0
-"""What is this many standard errors away from what chance does is seen: of a hundred thousand lags, none by chance."""
+"""An effect of this many standard errors is significant: chance gives none in a hundred thousand lags."""
 CHANCE = 1e-3
-"""What has a lower probability by chance is no chance: a margin to 5 %, as the colour of noise is estimated."""
+"""An effect with a lower probability by chance is significant. The level is far below 5 %, because the colour of the
+noise is only estimated."""
 JUMP = 12.0
 """A step this many times as large as usual is no ordinary one: it is an outlier, a reset or a new level."""
 FEW = 3
-"""What is seen less often is seen by accident."""
+"""Fewer occurrences may be accidental."""
 FEWEST_SAMPLES = 50
 """A shorter record, or a shorter stretch of it, shows nothing about dynamics."""
 SAMPLES, FEW_SAMPLES = 20_000, 4_000

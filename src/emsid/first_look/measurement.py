@@ -65,7 +65,10 @@ def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
 
 
 def _stops_at_once(y: Array, there: NDArray[np.bool_]) -> bool:
-    """Whether a noisy output comes to a limit from afar, as one that settles does not; one that is rounded repeats."""
+    """Whether a noisy output jumps to a limit.
+
+    One that settles approaches it in small steps; one that is rounded repeats its values elsewhere too.
+    """
     steps, elsewhere = np.diff(y), (y[1:] > y.min()) & (y[1:] < y.max())
     arrivals = np.abs(steps[there[1:] & ~there[:-1]])
     repeats = np.mean(steps[elsewhere] == 0) if elsewhere.any() else 1.0

@@ -107,7 +107,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         only = compared[0].name if compared else ""
         return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
     alone = {(u.name, y.name): totals["input"][u.name] + totals["output"][y.name] for u, y in pairs}
-    least = max(alone.values()) - sum(weight for _, weight, _ in _PAIRS)  # others cannot be the best
+    least = max(alone.values()) - sum(weight for _, weight, _ in _PAIRS)  # others cannot exceed it
     of_pairs = {
         (u.name, y.name): [(weight * share(u, y, facts), reason) for reason, weight, share in _PAIRS]
         for u, y in pairs

@@ -56,8 +56,8 @@ from emsid.units import name_and_unit
 REFERENCE = 8_000
 """The most samples of the regression that a plant which leaves much of the output is compared with."""
 SLOW = 10
-"""An output whose linear model has a time constant of at least the record's duration over this may be a position: a
-speed is seen to settle in a record that shows its parameters."""
+"""An output may be a position where the time constant of its linear model exceeds the duration of the record divided by
+this: a record that shows the parameters of a speed also shows that it settles."""
 FEW = 10
 """Steps of the fits that only tell a speed from a position: an axis is found to its noise in fewer."""
 
@@ -337,7 +337,7 @@ def _may_be_either(record: Record) -> bool:
 
 
 def _rough_error(start: Plant, record: Record) -> float:
-    """The error of a plant without additions after some steps, on a part of a record; infinite where it has none."""
+    """The error of a plant without additions after some steps, on a part of a record; infinite where it has no fit."""
     if start.driven is None:
         return inf
     try:

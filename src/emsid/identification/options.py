@@ -94,7 +94,7 @@ class Options:
 
     @property
     def by_name(self) -> dict[str, Any]:
-        """Every option, the course of the input as a text."""
+        """Every option by its name; the hold is a text."""
         return vars(self) | {"hold": getattr(self.hold, "value", None)}
 
     def estimate(self, structure: Structure, records: Record | Sequence[Record], history: bool = False) -> Fit[Narx]:

@@ -76,7 +76,7 @@ class Plausibility:
 
     @cached_property
     def extremes(self) -> Extremes:
-        """A larger input, and the largest and the smallest input, each for long."""
+        """Records with a larger input, and with the largest and the smallest input held for long."""
         return Extremes(self.record)
 
     @cached_property

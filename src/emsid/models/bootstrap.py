@@ -69,7 +69,7 @@ def bootstrap(
     True
 
     Args:
-        fit: of a regression, a polynomial or state-space model, or a cascade.
+        fit: of a regression, a polynomial, process or state-space model, or a cascade.
         records: those that it was fitted to.
         count: how many times pieces are drawn.
         rng: draws the pieces.
@@ -107,7 +107,7 @@ def bootstrap(
 
 
 def _check_repeated(fit: Fit[Any], records: Sequence[Record]) -> None:
-    """Refuse a linear fit that plain least squares do not repeat, as one with a ridge, and kinds that cannot be drawn.
+    """Refuse a linear fit that a refit does not repeat, such as one with a ridge, and kinds of incomparable estimates.
 
     Raises:
         ModelError: for these.

@@ -92,8 +92,7 @@ class Capabilities(Generic[M]):
     linear_in_parameters: ClassVar[bool] = False
     """Whether it is a structure of regressors, and so linear in its parameters."""
     same_in_every_fit: ClassVar[bool] = False
-    """Whether its estimates mean the same in every fit, and nothing is computed from them, so that they can be drawn
-    by a bootstrap."""
+    """Whether its estimates mean the same in every fit, so that a bootstrap can compare them."""
     takes_all_inputs: ClassVar[bool] = True
     """Whether every input is a command that may step; the second input of a plant is a load."""
 

@@ -48,7 +48,7 @@ def refitted(fit: Fit[Any], data: Data, budget: Budget = Budget.FEW) -> Fit[Any]
 
 
 def usable_refit(fit: Fit[Any], data: Data, budget: Budget = Budget.FEW) -> Fit[Any] | None:
-    """A fit to a record, which can take the place of the known one; else None.
+    """A fit to a record if it can replace the known one; else None.
 
     It does not run away on inputs that the record lacks. After a few steps only, it also has to simulate the record
     better.

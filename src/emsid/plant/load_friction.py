@@ -146,4 +146,4 @@ class PowerFriction(ByLoad):
 
 
 FRICTION_LAWS["load-squared"] = PowerFriction
-"""Files call it so that were written when it was a law of its own."""
+"""The name in files that were written when this was a separate law."""

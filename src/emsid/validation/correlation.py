@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 SIGNIFICANCE = 0.01
-"""Chance that a test rejects a residual that is what it tests for: white, or independent of an input."""
+"""The probability that a test of whiteness rejects a white residual, or one of independence an independent residual."""
 LAGS = 50
 """Lags of the tests against functions of the inputs, in samples."""
 EXCITED = 1e-2

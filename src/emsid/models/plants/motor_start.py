@@ -16,7 +16,7 @@ from emsid.plant import Motor
 
 
 def check_one_mass(plant: Any) -> None:
-    """Refuse a motor of a kind that is simulated as one mass only and is none.
+    """Refuse a motor with a shaft or an inductance that has an effect which is simulated for one mass only.
 
     Raises:
         ModelError: for such a motor, or for a voltage drop or a friction by direction that is not physical.

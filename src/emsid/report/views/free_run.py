@@ -123,7 +123,7 @@ def with_residual(
         measured, simulated: (M,) the output, NaN in gaps.
         axis: of the output.
         label: of the simulated output.
-        behind: marks behind both, of which stretches of time are behind the difference, too.
+        behind: marks behind the outputs; spans of time are drawn behind the difference, too.
     """
     lines = (Line(t, measured, "measured", MEASURED), Line(t, simulated, label, Stroke(Ink.RED, width=0.9)))
     residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))

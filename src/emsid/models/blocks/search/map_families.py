@@ -87,7 +87,7 @@ def tried_families(rectified: bool = False) -> tuple[Family, ...]:
     """The families that a search tries if no static map is given; the spline is first, because trials are splines.
 
     Args:
-        rectified: whether the output is; maps that lose the sign are then tried, and the spline.
+        rectified: whether the output is rectified; then maps that lose the sign are tried, and the spline.
     """
     found = tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried and map_.loses_sign == rectified)
     return (*found, SPLINE) if rectified else found

@@ -58,8 +58,7 @@ class CascadeSearch:
         least_saving: the final fit ends where a few steps together lower its cost by less than this part, and does not
             begin again then; zero fits on to the minimum.
         rng: source of the random starts.
-        rectified: whether the output is, as that of a sensor that loses the sign; None judges by
-            the records, if a filter precedes the map.
+        rectified: whether a sensor rectifies the output; None decides by the records, if a filter precedes the map.
 
     Raises:
         ModelError: for invalid numbers, or an unknown static map.

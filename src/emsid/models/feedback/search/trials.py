@@ -137,7 +137,7 @@ class FeedbackSearch:
 
     @property
     def holds(self) -> tuple[bool, ...]:
-        """Whether the input is held between its samples, as is tried."""
+        """What is tried: whether the input is held between its samples."""
         return (False, True) if self.held is None else (self.held,)
 
     @property

@@ -304,7 +304,7 @@ def keep_identifiable(identifiability: Identifiability, names: Sequence[str], pr
 
 
 def search_once(problem: FreeRunError, task: Task, max_iterations: int = LOOK) -> Minimum:
-    """One round of a search, whatever is identifiable, by default of a start near the minimum."""
+    """One round of a search, whatever is identifiable; the default is enough for a start near the minimum."""
     return _search(problem, task.limits, max_iterations, task.control)
 
 

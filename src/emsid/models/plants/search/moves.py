@@ -345,7 +345,7 @@ def average(at: Situation) -> Iterator[Addition]:
 
 
 def may_have_inductance(plant: DrivenPlant) -> bool:
-    """Whether it is a motor without forces that are slow to simulate beside an inductance, or cannot be simulated."""
+    """Whether it is a motor without forces that cannot be simulated beside an inductance, or only slowly."""
     forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
     return plant.can_coast and not any(plant.value(name) for name in forces if name in plant.handles)
 

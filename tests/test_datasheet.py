@@ -9,6 +9,7 @@ from emsid.models.plants.datasheet import Given, applicable, datasheet
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.parameters import Signal, parts, without_overlap
+from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Status
@@ -201,3 +202,10 @@ def test_a_file_that_is_no_datasheet_is_refused_with_its_path(tmp_path, text, er
 def test_a_datasheet_of_no_plant_is_refused():
     with pytest.raises(ModelError, match="no datasheet of a spring; there are motor, linear-axis"):
         datasheet("spring", {})
+
+
+def test_what_only_one_mass_has_is_in_the_datasheet_of_a_motor_and_not_applied_to_one_with_a_shaft():
+    sheet = datasheet("motor", {"voltage_drop": "0.8 V", "viscous_backward": 1e-4})
+    rigid, shaft = (PLANTS[name].start for name in ("rigid-motor", "motor"))
+    assert set(applicable(sheet, rigid)) == {"voltage_drop", "viscous_backward"}
+    assert not applicable(sheet, shaft)

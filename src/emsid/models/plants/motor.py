@@ -225,8 +225,10 @@ class MotorPlant(DrivenPlant):
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """The inductance, for one mass without it."""
-        return ("inductance",) if self.motor.is_rigid and self.motor.inductance == 0 else ()
+        """The inductance, for one mass without it; what only one mass has, for others."""
+        if not self.motor.is_rigid:
+            return "viscous_backward", "voltage_drop"
+        return ("inductance",) if self.motor.inductance == 0 else ()
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """Electrical parameters, unless a voltage drives it; nobody questions the constants of gravity."""

@@ -33,16 +33,7 @@ from emsid.models.plants.motor_motion import MotorMotion, in_steady_state, two_m
 from emsid.models.plants.motor_start import at_motor, by_torque, check_one_mass, hung, usual_free, with_motion
 from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
-from emsid.models.plants.plant import (
-    Channels,
-    Limits,
-    Plant,
-    Quantity,
-    Sampler,
-    Sizes,
-    StaticCharacteristic,
-    plausible,
-)
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sampler, Sizes, StaticCharacteristic, plausible
 from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
@@ -226,9 +217,8 @@ class MotorPlant(DrivenPlant):
     @property
     def absent(self) -> tuple[str, ...]:
         """The inductance, for one mass without it; what only one mass has, for others."""
-        if not self.motor.is_rigid:
-            return "viscous_backward", "voltage_drop"
-        return ("inductance",) if self.motor.inductance == 0 else ()
+        of_one_mass = ("inductance",) if self.motor.inductance == 0 else ()
+        return of_one_mass if self.motor.is_rigid else ("viscous_backward", "voltage_drop")
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """Electrical parameters, unless a voltage drives it; nobody questions the constants of gravity."""
@@ -383,8 +373,7 @@ class MotorPlant(DrivenPlant):
         spring, n = 0.0, self.sensor.scale
         if self.gravity is not None:
             spring = self.gravity.whole / n * self.gravity.per_unit(n)
-        forward, backward = self._viscous
-        viscous = max(self.motor.rotor_viscous + 0.5 * (backward - forward), 0.0)
+        viscous = max(self.motor.rotor_viscous + 0.5 * (self._viscous[1] - self._viscous[0]), 0.0)
         motor, feed, gain = replace(self.motor, rotor_viscous=viscous), self.feed, self.drive.gain
         if self.servo is not None and self.follows:
             motor, feed, gain, spring = self.servo.linear(motor, gain, spring, n)
@@ -477,9 +466,8 @@ class MotorPlant(DrivenPlant):
         weight, rigid = "" if self.gravity is None else WEIGHT, self.motor.is_rigid
         cogging = extra_terms(0.0, self.cogging, "B_q", "ω", "θ" if rigid else "θ_m")
         drag = extra_terms(self.quadratic_viscous, Cogging(), "B_q", "ω" if rigid else "ω_L", "θ")
-        return equations(self.motor, self.feed, cogging, weight + drag, (self.viscous_backward, self.voltage_drop)) + (
-            LOST if self.backlash else ""
-        )
+        by_sign = self.viscous_backward, self.voltage_drop
+        return equations(self.motor, self.feed, cogging, weight + drag, by_sign) + (LOST if self.backlash else "")
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import emsid
 from emsid.errors import DataError
+from emsid.estimation.nonlinear.control import FREE
 from emsid.identification.candidates import usual_for
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.linear_axis import LinearAxis
@@ -203,9 +204,9 @@ def test_the_radius_decides_whether_metres_per_second_are_of_a_motor():
 
 def test_the_data_decide_whether_a_slow_output_without_a_name_is_a_position():
     measured = axis(700, False, 700).fitted
-    assert usual_for(measured)[-1] == "linear-axis"
+    assert usual_for(measured, control=FREE)[-1] == "linear-axis"
     speed = np.gradient(measured.output[:, 0], measured.dt)
-    assert usual_for(replace(measured, output=speed))[-1] == "rigid-motor"
+    assert usual_for(replace(measured, output=speed), control=FREE)[-1] == "rigid-motor"
 
 
 def test_a_parameter_without_an_effect_at_the_end_of_a_search_has_no_interval():

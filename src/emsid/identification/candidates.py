@@ -16,7 +16,7 @@ import numpy as np
 
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
@@ -295,7 +295,7 @@ def left_out(record: Record, names: Sequence[str]) -> Finding:
     return Finding("quick-look", record.name, {"without": without})
 
 
-def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
+def usual_for(record: Record, known: Iterable[str] = (), control: Control | None = None) -> tuple[str, ...]:
     """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
 
     A Wiener model is fitted too where the output comes close to zero without a change of its sign, as that of a sensor
@@ -311,6 +311,12 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
 
     A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `FOR_RECTIFIED` where the input
     has both signs and the output one.
+
+    Args:
+        record: that is fitted.
+        known: physical parameters that are given, or asked for.
+        control: of the fits that decide whether a slow output without a name is a position; None for a list without
+            these fits, in which it is a speed.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     position = is_position(record)
@@ -322,8 +328,9 @@ def usual_for(record: Record, known: Iterable[str] = ()) -> tuple[str, ...]:
     plants = [name for name, start in starts.items() if _may_be_of(start, record, known)]
     wanted = Signal.POSITION if position else Signal.SPEED
     plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
-    if len(plants) > 1 and _may_be_either(record):
-        plants = [min(plants, key=lambda name: _rough_error(starts[name], record))]
+    if control is not None and len(plants) > 1 and _may_be_either(record):
+        control.report(Activity("telling a speed from a position"))
+        plants = [min(plants, key=lambda name: _rough_error(starts[name], record, control.quietly()))]
     joints = [name for name, kind in PLANTS.items() if one_each and position and _is_joint(kind.start, record, known)]
     return (*usual, *folded, *(joints or plants)[:1])
 
@@ -336,14 +343,15 @@ def _may_be_either(record: Record) -> bool:
     return linear is not None and SLOW * linear.time_constant > max(map(len, record.segments))
 
 
-def _rough_error(start: Plant, record: Record) -> float:
+def _rough_error(start: Plant, record: Record, control: Control) -> float:
     """The error of a plant without additions after some steps, on a part of a record; infinite where it has no fit."""
     if start.driven is None:
         return inf
     try:
         plant = start.driven.for_command(record)
-        return simulation_error(neutral(plant), excerpt(record, REFERENCE), max_iterations=FEW).cost
-    except EmsidError:
+        part = excerpt(record, REFERENCE)
+        return simulation_error(neutral(plant), part, max_iterations=FEW, control=control).cost
+    except (EmsidError, Stopped):
         return inf
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.linear.least_squares import check_sizes
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
@@ -77,6 +78,7 @@ class Task:
         options: Options,
         transient: int | None,
         reading: Mapping[str, Any],
+        control: Control = FREE,
     ) -> Task:
         """The task of `identify`, from its arguments.
 
@@ -89,7 +91,7 @@ class Task:
         others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
         record = _long_enough(as_one(several))
         check_sizes(record)
-        names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free))
+        names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free), control)
         if lift_an_arm(names):
             several, others = tuple(map(without_stops, several)), tuple(map(without_stops, others))
             record = _long_enough(as_one(several))

@@ -131,7 +131,7 @@ def identify(
     options = options_of(options, chosen)
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
     with cancelled_with(control):
-        task = Task.of(records, unseen, names, options, transient, reading)
+        task = Task.of(records, unseen, names, options, transient, reading, control)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget or quick else elsewhere
         by_need = names is None and task.pole is None  # around an unstable plant, free runs show little

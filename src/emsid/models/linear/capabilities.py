@@ -48,6 +48,22 @@ class OfLinearModels(Capabilities[L]):
         check_channel(model, "input", input, found.shape[2])
         return np.asarray(found[:, output, input])
 
+    def refitted(self, fit: Fit[L], data: Data, budget: Budget) -> Fit[L]:
+        structure, options = self.specification(fit)
+        return self.estimators[type(structure)](
+            structure,
+            data.records,
+            **options,
+            **self.begun(fit),
+            max_iterations=budget.steps,
+            control=data.control,
+            left_out=data.by_segment,
+        )
+
+    def begun(self, fit: Fit[L]) -> dict[str, Any]:
+        """How a fit to other data begins at this one, by the arguments of its estimator."""
+        return {"start": fit.estimate}
+
 
 class OfStateSpaces(OfLinearModels[StateSpaceModel]):
     """Models in state space."""
@@ -66,17 +82,9 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
     def characteristics(self, fit: Fit[StateSpaceModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model, fit.model.poles)
 
-    def refitted(self, fit: Fit[StateSpaceModel], data: Data, budget: Budget) -> Fit[StateSpaceModel]:
+    def begun(self, fit: Fit[StateSpaceModel]) -> dict[str, Any]:
         """By a subspace method again: its start needs no search."""
-        return fit_state_space(
-            StateSpaceStructure.of(fit.model),
-            data.records,
-            free_run=not fit.model.k.any(),
-            refine=fit.method != "subspace",
-            max_iterations=budget.steps,
-            control=data.control,
-            left_out=data.by_segment,
-        )
+        return {"refine": fit.method != "subspace"}
 
     def specification(self, fit: Fit[StateSpaceModel]) -> tuple[Any, dict[str, Any]]:
         return StateSpaceStructure.of(fit.model), {"free_run": not fit.model.k.any()}
@@ -100,16 +108,6 @@ class OfPolynomials(OfLinearModels[PolynomialModel]):
     def characteristics(self, fit: Fit[PolynomialModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model.form, _poles(fit.model))
 
-    def refitted(self, fit: Fit[PolynomialModel], data: Data, budget: Budget) -> Fit[PolynomialModel]:
-        return fit_polynomials(
-            PolynomialStructure.of(fit),
-            data.records,
-            start=fit.estimate,
-            max_iterations=budget.steps,
-            control=data.control,
-            left_out=data.by_segment,
-        )
-
     def specification(self, fit: Fit[PolynomialModel]) -> tuple[Any, dict[str, Any]]:
         return PolynomialStructure.of(fit), {}
 
@@ -125,15 +123,8 @@ class OfProcesses(OfLinearModels[ProcessModel]):
         a, b, c, d = model.continuous
         return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
 
-    def refitted(self, fit: Fit[ProcessModel], data: Data, budget: Budget) -> Fit[ProcessModel]:
-        return fit_process(
-            ProcessStructure.of(fit),
-            data.records,
-            start=fit.model,
-            max_iterations=budget.steps,
-            control=data.control,
-            left_out=data.by_segment,
-        )
+    def begun(self, fit: Fit[ProcessModel]) -> dict[str, Any]:
+        return {"start": fit.model}
 
     def specification(self, fit: Fit[ProcessModel]) -> tuple[Any, dict[str, Any]]:
         return ProcessStructure.of(fit), {}

@@ -62,6 +62,5 @@ def drift_of(record: Record, linear: Baseline | None, changing: Baseline | None)
     change = BLOCKS * slope
     if not (abs(slope) > CLEAR * error and abs(change) > PART * y.std()):
         return None
-    return Drift(
-        change, round(min(0.95, 0.5 + abs(slope) / error / 20), 2), offset - gain * changing.gain * u.mean() + trend * t
-    )
+    sure = round(min(0.95, 0.5 + abs(slope) / error / 20), 2)
+    return Drift(change, sure, offset - gain * changing.gain * u.mean() + trend * t)

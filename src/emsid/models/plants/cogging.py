@@ -73,9 +73,9 @@ def cogging_handles(force: str, position: str) -> dict[str, Handle]:
 
 
 IDLE_AT_ZERO = (
-    *("quadratic_viscous", "viscous_backward", "voltage_drop"),
-    *("shaft_backlash", "sensor.radius", "sensor.backlash", "backlash"),
-)
+    "quadratic_viscous", "viscous_backward", "voltage_drop", "shaft_backlash", "sensor.radius", "sensor.backlash",
+    "backlash",
+)  # fmt: skip
 
 
 def without_idle(parameters: Mapping[str, float]) -> dict[str, float]:

@@ -110,7 +110,7 @@ class MotorPlant(DrivenPlant):
         """The handles of `Motor.parameters` by name, then load torque, drive and sensor."""
         motor = self.motor
         laws = type(motor.rotor_friction), type(motor.load_friction)
-        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None, self.sensor.radius > 0)
+        return motor_handles(motor.is_rigid, self.feed, *laws, self.gravity is not None, self.sensor.reads_a_wheel)
 
     @property
     def default_free(self) -> tuple[str, ...]:
@@ -141,11 +141,13 @@ class MotorPlant(DrivenPlant):
     def channels(self) -> Channels:
         """Speed, position and current, for a voltage, current or torque."""
         load = self.load_unit if self.drive.loaded else ""
-        return motor_channels(self.feed, self.sensor.radius > 0, self.gravity is not None, self.drive.codes, load)
+        return motor_channels(self.feed, self.sensor.reads_a_wheel, self.gravity is not None, self.drive.codes, load)
 
     def measured_by(self, known: Mapping[str, float], asked: Collection[str] = ()) -> Self:
         """The motor with the radius of a wheel that is known, or with a usual one where it is estimated."""
-        radius = known.get(RADIUS, USUAL_RADIUS if RADIUS in asked and self.sensor.radius == 0 else self.sensor.radius)
+        radius = known.get(
+            RADIUS, USUAL_RADIUS if RADIUS in asked and not self.sensor.reads_a_wheel else self.sensor.radius
+        )
         return self if radius == self.sensor.radius else self.with_values({RADIUS: radius})
 
     @property

@@ -68,6 +68,11 @@ class Sensor:
             raise ModelError(f"sensor of a wheel with a radius of {self.radius} m; give a positive one, or 0 for none")
 
     @property
+    def reads_a_wheel(self) -> bool:
+        """Whether it reads the way or the speed of a wheel, and not an angle."""
+        return self.radius > 0
+
+    @property
     def scale(self) -> float:
         """The motion per reading: the turns of the motor per turn measured, or per m of the way of a wheel."""
         return self.ratio / self.radius if self.radius else self.ratio

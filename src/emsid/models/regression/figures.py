@@ -113,10 +113,8 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
 
 def _time_constants(poles: NDArray[Any], dt: float) -> list[Figure]:
     """The slowest time constants, and natural frequency and damping ratio of the slowest pair of complex poles."""
-    real, pair = (
-        [constant for constant in time_constants(poles, dt) if constant > SHORTEST * dt],
-        oscillation(poles, dt),
-    )
+    real = [constant for constant in time_constants(poles, dt) if constant > SHORTEST * dt]
+    pair = oscillation(poles, dt)
     names = ("time constant", "second time constant")
     found = [Figure(name, each, "s") for name, each in zip(names, real, strict=False)]
     if pair is not None:

@@ -184,11 +184,9 @@ def _may_have(task: Task, plant: DrivenPlant, name: str) -> bool:
         return False
     if name == AVERAGE:
         return bool({Signal.SPEED, Signal.ROTOR_SPEED} & set(task.signals))
-    return (
-        may_have_inductance(plant)
-        if name == "inductance"
-        else set(task.signals) != {Signal.CURRENT} or name != "sensor.lag"
-    )
+    if name == "inductance":
+        return may_have_inductance(plant)
+    return set(task.signals) != {Signal.CURRENT} or name != "sensor.lag"
 
 
 def _with(plant: DrivenPlant, name: str, time: float, free: tuple[str, ...]) -> Structure:

@@ -42,7 +42,6 @@ from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
-from emsid.models.plants.neutral import neutral
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
@@ -148,7 +147,7 @@ class Physical:
         driven = plant.driven
         if options.free or by_record or driven is None:
             return simulation_error(
-                plant if driven is None else neutral(driven),
+                plant,
                 record,
                 free=options.free or None,
                 fixed=options.fixed,
@@ -350,7 +349,7 @@ def _rough_error(start: Plant, record: Record, control: Control) -> float:
     try:
         plant = start.driven.for_command(record)
         part = excerpt(record, REFERENCE)
-        return simulation_error(neutral(plant), part, max_iterations=FEW, control=control).cost
+        return simulation_error(plant, part, max_iterations=FEW, control=control).cost
     except (EmsidError, Stopped):
         return inf
 

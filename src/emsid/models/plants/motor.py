@@ -114,10 +114,10 @@ class MotorPlant(DrivenPlant):
 
     @property
     def default_free(self) -> tuple[str, ...]:
-        """Electrical constants, inertia, viscous and Coulomb friction, dead zone; also shaft and load, if not rigid.
+        """Electrical constants, inertia and Coulomb friction, the gravity of a joint, shaft and load if not rigid.
 
-        Only parameters with an effect are included; with a current or a torque as input there is no dead zone, and none
-        in a joint, whose friction hides it.
+        Viscous friction, an inductance and a dead zone are included where the motor has them; viscous friction always
+        with a current or a torque as input.
         """
         return usual_free(self.motor, self.feed, self._level, self.gravity is not None)
 

@@ -12,7 +12,7 @@ from emsid.models.plants.drive import Feed
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import TINY
-from emsid.plant import Motor
+from emsid.plant import DeadZoneLaw, Motor
 
 
 def check_one_mass(plant: Any) -> None:
@@ -112,7 +112,7 @@ def with_motion(motor: Motor, gain: float, motion: Motion, fixed: Collection[str
         rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
         load_viscous=min(motor.load_viscous, small),
         rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
-        voltage_dead_zone=motor.voltage_dead_zone and replace(motor.voltage_dead_zone, b_l=-zone, b_r=zone),
+        voltage_dead_zone=replace(motor.voltage_dead_zone or DeadZoneLaw(0.0, 0.0), b_l=-zone, b_r=zone),
         shaft_stiffness=motor.shaft_stiffness * factor,
         shaft_damping=motor.shaft_damping * factor,
     )
@@ -132,12 +132,21 @@ def _constants_of(motor: Motor, motion: Motion, gain: float, fixed: Collection[s
 
 
 def usual_free(motor: Motor, feed: Feed, level: str, hangs: bool) -> tuple[str, ...]:
-    """The parameters that are estimated by default; ``level`` is that of the friction."""
+    """The parameters that are estimated by default: what every motor has, and what else this one has.
+
+    Args:
+        motor: whose viscous friction, inductance and dead zone are estimated where they are not zero.
+        feed: what drives it. Only a voltage is opposed by the speed itself; elsewhere viscous friction does that.
+        level: the name of its friction level.
+        hangs: whether it is a joint.
+    """
     gravity = ("gravity.torque", "gravity.angle") if hangs else ()
     if feed is not Feed.VOLTAGE:
         constant = ("motor_constant",) if feed is Feed.CURRENT else ()
         return (*constant, "rotor_viscous", "rotor_inertia", level, *gravity)
     shaft = () if motor.is_rigid else ("load_inertia", "shaft_stiffness", "shaft_damping")
-    inductance = ("inductance",) if motor.inductance > 0 else ()
-    names = ("resistance", "rotor_viscous", "motor_constant", "rotor_inertia", *shaft, *inductance, level)
-    return (*names, *(gravity or ("voltage_dead_zone.half_width",)))
+    zone = motor.voltage_dead_zone
+    viscous = ("rotor_viscous",) if motor.rotor_viscous else ()
+    inductance = ("inductance",) if motor.inductance else ()
+    width = ("voltage_dead_zone.half_width",) if zone is not None and zone.b_r > zone.b_l else ()
+    return ("resistance", *viscous, "motor_constant", "rotor_inertia", *shaft, *inductance, level, *gravity, *width)

@@ -76,8 +76,11 @@ def register(
 JOINT_STEPS = 4
 """Steps per sample of a joint: with two, the change of gravity within them made inertias wrong by half an interval."""
 _BARE = Motor(voltage_dead_zone=None)
-_COULOMB = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction())
-_ONE_MASS = replace(_COULOMB, inductance=0.0, load_inertia=1e-15, load_viscous=0.0).rigid()
+_NEUTRAL = replace(
+    _BARE, inductance=0.0, rotor_viscous=0.0, load_viscous=0.0, rotor_friction=Friction(), load_friction=Friction()
+)
+"""What every motor has; all else is zero until a search adds it."""
+_ONE_MASS = replace(_NEUTRAL, load_inertia=1e-15).rigid()
 
 register(
     DrivenMotor(replace(_BARE, inductance=0.0).rigid()),
@@ -88,15 +91,19 @@ register(
 )
 register(
     DrivenMotor(_BARE),
-    start=DrivenMotor(_COULOMB),
+    start=DrivenMotor(_NEUTRAL),
     summary="a motor that turns its load through an elastic shaft",
     described=DrivenMotor(),
     refined=False,
 )
-register(LinearAxis(), summary="a mass on a rail: force to position, kg and N with intervals")
+register(
+    LinearAxis(),
+    start=LinearAxis(viscous_friction=0.0, friction=Friction()),
+    summary="a mass on a rail: force to position, kg and N with intervals",
+)
 register(
     DrivenMotor(replace(_BARE, inductance=0.0).rigid(), gravity=Gravity(), steps=JOINT_STEPS),
-    start=DrivenMotor(replace(_ONE_MASS, voltage_dead_zone=None), gravity=Gravity(0.1), steps=JOINT_STEPS),
+    start=DrivenMotor(_ONE_MASS, gravity=Gravity(0.1), steps=JOINT_STEPS),
     summary="a joint of a robot: gear, arm with gravity, friction; N·m and kg·m² with intervals",
     usual=False,
 )

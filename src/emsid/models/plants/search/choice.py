@@ -41,7 +41,6 @@ from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.initial_state import InitialState
-from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Signal, bounds_of_parts, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
@@ -117,7 +116,7 @@ def choose(
     values, sheet = known_values(plant, fixed, applicable(datasheet or {}, plant))
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
-    plant = with_usual_sizes(plant.measured_by(all_known(values, sheet), free), free, values)
+    plant = plant.measured_by(all_known(values, sheet), free)
     effects = moves_of(plant) if effects is None else (effects,) if isinstance(effects, str) else tuple(effects)
     for name in effects:
         if name not in MOVES:
@@ -199,7 +198,7 @@ class _Choice:
         self._rng = np.random.default_rng(0)
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
-            self._starts += started(start, task.segments, signals, self._fixed)
+            self._starts += started(start, task.segments, signals, reached.names)
         load = start.load_name
         without = (Addition("load", start.with_values({load: 0.0}), (load,)),) if load in free else ()
         self._begun_with = len(without)

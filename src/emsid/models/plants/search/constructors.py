@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.neutral import neutral
 from emsid.models.plants.search.choice import STARTS
 
 
@@ -14,7 +13,7 @@ def rigid_motor() -> DrivenMotor:
     Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others. To begin with a motor of your
     own, give ``emsid.Motor(…).rigid()``.
     """
-    plant = neutral(STARTS["rigid-motor"])
+    plant = STARTS["rigid-motor"]
     assert isinstance(plant, DrivenMotor)
     return plant
 
@@ -24,7 +23,7 @@ def motor() -> DrivenMotor:
 
     Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others.
     """
-    plant = neutral(STARTS["motor"])
+    plant = STARTS["motor"]
     assert isinstance(plant, DrivenMotor)
     return plant
 
@@ -35,7 +34,7 @@ def joint() -> DrivenMotor:
     The torque T is that of a motor on a voltage, K_m/R_a·(v − K_m·ω), or of a current or a torque. Its values are a
     start for `emsid.fit`; `DrivenMotor.with_values` gives it others.
     """
-    plant = neutral(STARTS["joint"])
+    plant = STARTS["joint"]
     assert isinstance(plant, DrivenMotor)
     return plant
 
@@ -45,6 +44,6 @@ def linear_axis() -> LinearAxis:
 
     Its values are a start for `emsid.fit`; `LinearAxis.with_values` gives it others.
     """
-    plant = neutral(STARTS["linear-axis"])
+    plant = STARTS["linear-axis"]
     assert isinstance(plant, LinearAxis)
     return plant

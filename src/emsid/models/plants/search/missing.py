@@ -128,7 +128,7 @@ def _given_wrong(task: Task, problem: FreeRunError, names: Sequence[str], minimu
             with suppress(EmsidError):
                 task.control.check()
                 other = plant.with_values({name: part * given})
-                starts = started(other, task.segments, task.signals, tuple(task.fixed))
+                starts = started(other, task.segments, task.signals, names)
                 begun = min((task.problem(each, free) for each in starts), key=cost_of)
                 refit = continuation.search_once(begun, within)
                 better = begun.plant_at(refit.estimate).value(name)

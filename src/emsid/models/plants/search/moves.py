@@ -42,6 +42,8 @@ WIDER = 0.4
 """Rates of a Gaussian excess relative to these: it is flat near rest and then falls fast."""
 BREAKS = (0.9, 0.7, 0.4)
 """Parts of the largest voltage at which a supply ends or a gain changes, to begin with."""
+WIDTHS = (0.02, 0.1)
+"""Half widths of a dead zone to begin with, as parts of the largest command."""
 LATE = (0.3, 1.0, 2.5)
 """Delays in samples to begin with: a held command has a kink at every whole number of them."""
 GAPS = (0.3, 1.0, 3.0, 10.0)
@@ -205,7 +207,9 @@ def viscous(at: Situation) -> Iterator[Addition]:
 
 def dead_zone(at: Situation) -> Iterator[Addition]:
     """A command below which nothing moves."""
-    yield from (Addition("dead-zone", at.plant, (name,)) for name in ZONES)
+    begins = [part * at.largest for part in WIDTHS]
+    for name in ZONES:
+        yield Addition("dead-zone", at.plant, (name,), begins=tuple({name: each} for each in begins))
 
 
 def quadratic(at: Situation) -> Iterator[Addition]:

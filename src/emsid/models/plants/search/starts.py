@@ -19,7 +19,7 @@ motions are tried: time constants from a few samples to a thousand, with little 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from math import inf
 
@@ -250,19 +250,20 @@ PASSIVE = 0.2
 
 
 def started(
-    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
+    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], free: Collection[str]
 ) -> list[DrivenPlant]:
-    """The plant with the motions from regressions on the records, and with plausible ones."""
-    found, known = [], {name: plant.value(name) for name in fixed}
+    """The plant with its free parameters from regressions on the records, and from plausible motions."""
+    found, kept = [], plant.handles.keys() - free
     is_position = signals[0] is Signal.POSITION
     commanded = after_drive(plant, segments, 0, is_position)
-    zone = not plant.turn  # the friction of a joint hides one
+    zone = any("dead_zone" in name for name in free)
     likely = list(motions(commanded, 0, is_position, zone, plant.drive.offset, plant.turn))
     if not is_position:
         likely += plausible_motions(commanded, 0)
     for motion in likely:
         try:
-            found.append(plant.with_motion(motion, known).with_values(known))
+            moved = plant.with_motion(motion, kept)
+            found.append(plant.with_values({name: moved.value(name) for name in free}))
         except EmsidError:  # a motion that this plant cannot have
             continue
     return found

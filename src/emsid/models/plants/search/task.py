@@ -18,7 +18,6 @@ from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerance
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike, threads_for
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.initial_state import InitialState, begun
-from emsid.models.plants.neutral import with_usual_sizes
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.motion_check import check_motion
@@ -116,8 +115,6 @@ def prepare(
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = all_known({}, sheet)
-    if from_datasheet:
-        plant = with_usual_sizes(plant, asked, (*known, *values))
     given = plant.with_values((known if from_datasheet else {}) | values)
     unknown = [n for n in asked if n not in (*sheet, *bounds)]
     unresolved = given.resolution_limits(unknown, segments[0].dt) | _resolved_rates(unknown, segments, shown)

@@ -70,7 +70,8 @@ class MotorPlant(DrivenPlant):
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
         servo: the controller of a joint, for target positions; by default one with a gain of one.
         backlash: of a joint, the angle in rad that its motor crosses alone between the two flanks of its load.
-        viscous_backward: further viscous friction in the negative direction, in N·m·s/rad; a sum below zero is zero.
+        viscous_backward: further viscous friction in the negative direction, in N·m·s/rad; below zero, its size is that
+            of further friction in the positive one.
         voltage_drop: constant drop of the bridge against the current, in V.
 
     Raises:
@@ -349,9 +350,9 @@ class MotorPlant(DrivenPlant):
 
     @property
     def _viscous(self) -> tuple[float, float]:
-        """Viscous friction (forward, backward) in N·m·s/rad; in no direction does it drive."""
-        both = self.motor.rotor_viscous + self.motor.load_viscous
-        return both, max(both + self.viscous_backward, 0.0)
+        """Viscous friction (forward, backward) in N·m·s/rad."""
+        both, back = self.motor.rotor_viscous + self.motor.load_viscous, self.viscous_backward
+        return both + max(-back, 0.0), both + max(back, 0.0)
 
     @property
     def _force_dropped(self) -> float:
@@ -375,7 +376,7 @@ class MotorPlant(DrivenPlant):
         spring, n = 0.0, self.sensor.scale
         if self.gravity is not None:
             spring = self.gravity.whole / n * self.gravity.per_unit(n)
-        viscous = max(self.motor.rotor_viscous + 0.5 * (self._viscous[1] - self._viscous[0]), 0.0)
+        viscous = self.motor.rotor_viscous + 0.5 * abs(self.viscous_backward)
         motor, feed, gain = replace(self.motor, rotor_viscous=viscous), self.feed, self.drive.gain
         if self.servo is not None and self.follows:
             motor, feed, gain, spring = self.servo.linear(motor, gain, spring, n)

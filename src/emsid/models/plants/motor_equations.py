@@ -33,7 +33,8 @@ def equations(motor: Motor, feed: Feed, rotor: str, load: str, by_sign: tuple[fl
         rotor, load: further terms of the torque on either.
         by_sign: further viscous friction backward, and the voltage drop against the current.
     """
-    back, drop = (" − ΔB·min(ω, 0)" if by_sign[0] else ""), (" − V_d·sgn(i)" if by_sign[1] else "")
+    back = "" if not by_sign[0] else " − ΔB·min(ω, 0)" if by_sign[0] > 0 else " + ΔB·max(ω, 0)"
+    drop = " − V_d·sgn(i)" if by_sign[1] else ""
     slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
     electrical = [f"{slope}D_v(v_a){drop} − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
     if feed is not Feed.VOLTAGE:

@@ -63,7 +63,7 @@ def motor_handles(
             found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
     torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
     found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
-    back = Parameter("viscous_backward", "ΔB", "N*m*s/rad", "further viscous friction in the negative direction")
+    back = Parameter("viscous_backward", "ΔB", "N*m*s/rad", "further viscous friction backward; below zero, forward")
     drop = Parameter("voltage_drop", "V_d", "V", "constant voltage drop of the bridge, against the current")
     found |= scalar(("viscous_backward",), back, Measure.DAMPING, -inf)
     found |= scalar(("voltage_drop",), drop, Measure.COMMAND)

@@ -1,7 +1,8 @@
 r"""Errors of a free run under a load that drifts.
 
-The effect of a slow disturbance of the force on the free run of a position never decays, and a fit to the plain error
-biases its parameters to compensate for it. So the load is the parameter of the plant plus a drift d(t), constant over
+The effect of a slow disturbance of the force on the free run of a position never decays, and that on a speed lasts as
+long as the disturbance. A fit to the plain error biases its parameters to compensate for it, and takes an effect that
+follows it by chance, such as a friction by direction. So the load is the parameter of the plant plus a drift d(t), constant over
 each of K pieces of a segment. The drift either returns to zero within a time τ that is short against the record, or it
 begins at zero at the start of every segment and walks,
 
@@ -103,7 +104,7 @@ class DriftingLoad:
 
         Args:
             plant: with its parameters.
-            segment: of a position.
+            segment: of a speed or a position.
             state: at its start.
             signals: of the output.
             drift: how the load drifts.
@@ -141,13 +142,15 @@ def by_sample(loads: Array, samples: int) -> Array:
 def load_effects(
     plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
 ) -> Array:
-    """(N, K) the derivative of the free run of a position by the load in every piece."""
+    """(N, K) the derivative of the free run by the load in every piece; a slow load does not see an inductance."""
+    if "inductance" in plant.handles:
+        plant = plant.with_values({"inductance": 0.0})
     drifts = [loads, *(loads + change * each for each in np.eye(PIECES))]
-    plain, *runs = (_position(plant, segment, state, signals, each) for each in drifts)
+    plain, *runs = (_free_run(plant, segment, state, signals, each) for each in drifts)
     return np.column_stack([(run - plain) / change for run in runs])
 
 
-def _position(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
+def _free_run(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
     """(N,) the free run of a segment under the load in every piece."""
     held = by_sample(loads, len(segment))
     return plant.simulate_each([plant], [segment.input], segment.dt, [[state]], signals, [held])[0][0, :, 0]

@@ -289,7 +289,7 @@ class FreeRunError:
                 here = [plant.of_record(record) for plant in plants]
                 segments, begin = [self.segments[k] for k in which], [[each[k] for k in which] for each in states]
                 loads: list[Array] = []
-                if isinstance(self.weighting, tuple):
+                if isinstance(self.weighting, tuple) and any(self.weighting[k].loads.any() for k in which):
                     loads = [by_sample(self.weighting[k].loads, len(self.segments[k])) for k in which]
                 inputs = [segment.input for segment in segments]
                 runs = here[0].simulate_each(here, inputs, dt, begin, self.signals, loads)

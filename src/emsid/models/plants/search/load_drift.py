@@ -82,7 +82,12 @@ def chosen(
         names: the parameters to estimate.
         states: initial states to begin with, by default what the first samples show.
     """
-    if trials.signals != (Signal.POSITION,) or max(len(segment) for segment in trials.segments) < LONG:
+    if len(trials.signals) != 1 or max(len(segment) for segment in trials.segments) < LONG:
+        return None
+    if trials.signals == (Signal.SPEED,):
+        found = _under_a_drift(trials, starts, names, states)
+        return found and found[0]
+    if trials.signals != (Signal.POSITION,):
         return None
     if agree(trials.seen, [np.zeros(2) for _ in trials.segments]):
         found = _under_a_drift(replace(trials, begins=InitialState.REST), starts, names, states)
@@ -164,6 +169,8 @@ def _estimated(
         if found is None:
             return ()
         drift, loads = found
+        if signals != (Signal.POSITION,):  # a speed forgets a load, and its free run stays near that without a drift
+            loads = drifted
         return tuple(
             DriftingLoad.around(plant, segment, state, signals, drift, at)
             for (segment, state), at in zip(around, loads, strict=True)

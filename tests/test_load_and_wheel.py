@@ -15,7 +15,6 @@ from emsid.identification.candidates import usual_for
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.neutral import neutral
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
@@ -212,7 +211,7 @@ def test_the_data_decide_whether_a_slow_output_without_a_name_is_a_position():
 def test_a_parameter_without_an_effect_at_the_end_of_a_search_has_no_interval():
     """The smoothing of the search gives an effect to the level of a friction that is never overcome."""
     measured = excerpt(axis(800, False, 2_000).fitted, 1_000)
-    motor = neutral(PLANTS["rigid-motor"].start.driven.for_command(measured))
+    motor = PLANTS["rigid-motor"].start.driven.for_command(measured)
     assert np.isfinite(simulation_error(motor, measured, max_iterations=5, find_start=False).cost)
 
 

@@ -231,9 +231,8 @@ def test_what_depends_on_a_sign_agrees_with_the_other_simulator_and_is_one_mass_
 
 def test_a_dead_zone_that_differs_by_direction_is_found():
     record = motor()
-    fit = choose(
-        RIGID, replace(record, input=record.input + 0.6 * (record.input > 0)), effects=("dead-zone-by-direction",)
-    )
+    moved = replace(record, input=record.input + 0.6 * (record.input > 0))
+    fit = choose(RIGID, moved, effects=("dead-zone", "dead-zone-by-direction"))
     found = [fit.model.plant.value(f"voltage_dead_zone.{side}") for side in ("b_l", "b_r")]
     assert found == pytest.approx([-0.5, 1.1], abs=0.05)
 
@@ -260,7 +259,7 @@ def test_an_inductance_is_found_where_the_sample_time_shows_it(henry, found):
     u[:8] = 0.0  # what rests at first has no current
     y = armature.speed(u, dt, 1.0, henry, 0.05, 2.5e-4, 6e-3, 0.4) + 0.3 * rng.standard_normal(450)
     record = Record(u, y, dt, output_units="rad/s")
-    fit = choose(RIGID, record, fixed={"resistance": 1.0}, effects=("delay", "lag", "inductance"))
+    fit = choose(RIGID, record, fixed={"resistance": 1.0}, effects=("dead-zone", "delay", "lag", "inductance"))
     assert ("inductance" in fit.names) is found
     assert not {"drive.delay", "sensor.lag"} & set(fit.names)
     if found:

@@ -326,7 +326,7 @@ BRIDGES = {
 def test_what_a_bridge_adds_is_found_where_it_is(name):
     changes, effects = BRIDGES[name]
     truth, fitted, unseen = bridge(**changes)
-    fit = choose(RIGID, fitted, effects=effects)
+    fit = choose(RIGID, fitted, effects=("dead-zone", *effects))
     assert name in fit.names
     error = float(np.sqrt(np.mean((unseen.output - fit.model.simulate(unseen).output)[100:] ** 2)))
     best = float(np.sqrt(np.mean((unseen.output[:, 0] - truth.run(unseen.input[:, 0], 1e-2)[0][:900])[100:] ** 2)))
@@ -335,7 +335,7 @@ def test_what_a_bridge_adds_is_found_where_it_is(name):
 
 def test_what_a_bridge_does_not_have_is_left_out():
     _, fitted, _ = bridge(seed=1)
-    fit = choose(RIGID, fitted, effects=("coasting", "supply", "knee", "gain-by-direction"))
+    fit = choose(RIGID, fitted, effects=("dead-zone", "coasting", "supply", "knee", "gain-by-direction"))
     assert not {"drive.freewheel", "drive.supply", "drive.knee", "voltage_dead_zone.m_l"} & set(fit.names)
 
 
@@ -347,7 +347,7 @@ def test_directions_of_which_one_was_hardly_seen_are_not_told_apart():
     assert 0 < np.mean(y < -1) < 0.02
     few = Record(u, y, 1e-2, output_units="rad/s")
     for record, found in ((fitted, True), (few, False)):
-        names = choose(RIGID, record, effects=("coulomb-by-direction", "viscous-by-direction")).names
+        names = choose(RIGID, record, effects=("dead-zone", "coulomb-by-direction", "viscous-by-direction")).names
         assert ("rotor_friction.coulomb.backward" in names) is found
 
 

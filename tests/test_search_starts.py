@@ -15,6 +15,7 @@ from emsid import Record
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.restarts import drawn
 from emsid.findings import Finding
+from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Measure, Signal
 from emsid.models.plants.plant import Sizes
@@ -112,7 +113,7 @@ def test_a_search_that_follows_a_rate_without_end_begins_again(most, again):
     u = 1.2 * levels(2000, rng, 60)
     record = Record(u, truth.run(u, 5e-3)[0][:2000] + 5e-3 * rng.standard_normal(2000), 5e-3, output_units="m/s")
     free = ("mass", "viscous_friction", "friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
-    start = AXIS.with_values({"friction.stribeck": 0.1, "friction.stribeck_rate": 3000.0})
+    start = LinearAxis().with_values({"friction.stribeck": 0.1, "friction.stribeck_rate": 3000.0})
     task = prepare(start, record, free=free, bounds={"friction.stribeck_rate": (0.0, np.inf)})  # no end
     short = continuation.search(task, task.plant, 3)
     finding = Finding("steps-used-up", "", {"steps": 60, "offset": 10.0})

@@ -37,13 +37,14 @@ from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting
+from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
 from emsid.models.plants.initial_state import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.moves import level_name
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.search.trials import Trial, Trials
+from emsid.selection.improvement import steady
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,8 @@ def chosen(
         return None
     if trials.signals == (Signal.SPEED,):
         found = _under_a_drift(trials, starts, names, states)
-        return found and found[0]
+        plain = found and replace(trials, weighting=all_alike).fitted([found[1].plant], names, states)
+        return found[0] if found and plain and steady(found[1].errors, plain.errors) else None
     if trials.signals != (Signal.POSITION,):
         return None
     if agree(trials.seen, [np.zeros(2) for _ in trials.segments]):

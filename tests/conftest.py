@@ -134,8 +134,8 @@ def motor_log(tmp_path_factory: pytest.TempPathFactory, command: Callable[..., i
 
 
 def try_few_refinements(patch: pytest.MonkeyPatch) -> None:
-    """Candidates that are plants try three additions: to try all takes seconds, and has tests of its own."""
-    patch.setattr("emsid.models.plants.search.choice.moves_of", lambda plant: ("delay", "lag", "load"))
+    """Candidates that are plants try four additions: to try all takes seconds, and has tests of its own."""
+    patch.setattr("emsid.models.plants.search.choice.moves_of", lambda plant: ("dead-zone", "delay", "lag", "load"))
 
 
 def pytest_collection_finish() -> None:

@@ -72,7 +72,7 @@ def test_every_load_is_recovered_with_one_motor(fit):
 
 def test_loads_are_recovered_that_are_far_apart_and_nothing_is_given():
     records = [experiment("bare", 1e-4), experiment("flywheel", 4e-3)]
-    fit = emsid.fit(rigid_motor(), records, per_record="rotor_inertia", search=False)
+    fit = emsid.fit(rigid_motor(), records, per_record="rotor_inertia", free=FREE)
     bare, flywheel = (rows["rotor_inertia"].value for rows in fit.by_record.values())
     assert flywheel / bare == pytest.approx(40, rel=0.02)
     assert emsid.compare(fit, records[1]).rows[0].simulation_rmse < 0.35  # noise of 0.3
@@ -80,7 +80,8 @@ def test_loads_are_recovered_that_are_far_apart_and_nothing_is_given():
 
 def test_a_load_adds_to_a_rotor_that_is_known():
     records = [experiment(name, inertia) for name, inertia in LOADS.items()]
-    fit = by_record(records, free=None, fixed={**KNOWN, "rotor_inertia": 1e-4}, per_record="load_inertia")
+    fit = free = [name for name in FREE if name != "rotor_inertia"]
+    fit = by_record(records, free=free, fixed={**KNOWN, "rotor_inertia": 1e-4}, per_record="load_inertia")
     for name, inertia in LOADS.items():
         assert fit.by_record[name]["load_inertia"].value == pytest.approx(inertia - 1e-4, rel=0.02)
 

@@ -12,7 +12,7 @@ from emsid.plants import choose, rigid_motor
 from independent.chopper import speed
 from independent.one_mass import OneMass
 
-EFFECTS = ("coasting", "current-rise")
+EFFECTS = ("dead-zone", "coasting", "current-rise")
 SIDES = np.repeat([1.0, -1.0], 6)
 
 

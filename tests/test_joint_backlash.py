@@ -78,8 +78,8 @@ def test_backlash_is_named_where_it_is_missing_and_found_where_it_is_asked_for()
     fit = emsid.fit(emsid.plants.joint(), record, search=False)
     effects = [{each.data["effect"], *each.data["or"]} for each in fit.findings if each.code == "effect-missing"]
     assert "backlash" in effects[0]
-    free = [*emsid.plants.joint().default_free, "rotor_friction.coulomb", "sensor.backlash"]
-    names = [name for name in dict.fromkeys(free) if name not in ("resistance", "motor_constant")]
+    free = [*emsid.plants.joint().for_command(record).default_free, "sensor.backlash"]
+    names = [name for name in free if name != "motor_constant"]
     begun = emsid.plants.joint().with_values({"sensor.backlash": 0.005})
     found = emsid.fit(begun, record, free=names)
     assert found["sensor.backlash"].value == pytest.approx(GAP, rel=0.02)

@@ -131,10 +131,10 @@ def test_a_measured_current_is_not_reported_missing():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(RIGID), record, free=("load_inertia", "resistance", *USUAL))
     assert {"load_inertia", "rotor_inertia"} - set(fit.names)
-    built_in, finding, searches = fit.findings
+    finding, searches = fit.findings
     assert (finding.code, searches.code) == ("not-identifiable", "searches-agreeing")
-    assert built_in.code == "built-in-values-kept"
-    assert [each["name"] for each in built_in.data["parameters"]] == ["rotor_viscous", "voltage_dead_zone.half_width"]
+    kept = [row.name for row in fit.table if row.status is Status.OF_PLANT]
+    assert kept == ["rotor_viscous", "voltage_dead_zone.half_width"]
     assert finding.data["parameters"] == ["load_inertia", "rotor_inertia"]
     assert finding.data["channels"] == ["voltage", "speed", "current"]
     assert not finding.data["current_missing"]
@@ -224,19 +224,21 @@ def test_a_supply_that_no_command_reaches_is_not_identifiable():
 @pytest.mark.parametrize("noise", [pytest.param(0.002, marks=pytest.mark.long), 0.05])
 def test_a_shaft_without_effect_on_the_record_is_a_finding(noise):
     record = driven(noise=noise)[:800]
-    fit = simulation_error(STARTS["motor"], record, max_iterations=20)
+    plant, rigid = (STARTS[name].with_values({"voltage_dead_zone.half_width": 0.4}) for name in ("motor", "rigid-motor"))
+    fit = simulation_error(plant, record, max_iterations=20)
     assert fit.findings[0].code == "no-shaft-seen"
-    rigid = simulation_error(STARTS["rigid-motor"], record)
+    rigid = simulation_error(rigid, record)
     assert 2 * (rigid.cost - fit.cost) < 12.0 * fit.noise_variance
     assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
 
 
 def test_a_shaft_with_an_effect_on_the_record_is_estimated():
     record = driven(noise=0.002, motor=Motor())
-    fit = simulation_error(STARTS["motor"], record, max_iterations=20)
+    plant, rigid = (STARTS[name].with_values({"voltage_dead_zone.half_width": 0.4}) for name in ("motor", "rigid-motor"))
+    fit = simulation_error(plant.with_values({"inductance": 1e-3}), record, max_iterations=20)
     assert {"shaft_stiffness", "shaft_damping"} <= set(fit.names)
     assert "no-shaft-seen" not in [finding.code for finding in fit.findings]
-    assert simulation_error(STARTS["rigid-motor"], record).cost > 20 * fit.cost
+    assert simulation_error(rigid, record).cost > 20 * fit.cost
 
 
 def test_an_interval_that_includes_zero_is_a_finding():

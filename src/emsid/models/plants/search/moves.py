@@ -349,9 +349,9 @@ def average(at: Situation) -> Iterator[Addition]:
 
 
 def may_have_inductance(plant: DrivenPlant) -> bool:
-    """Whether it is a motor without forces that cannot be simulated beside an inductance, or only slowly."""
+    """Whether a voltage drives it, and it is without forces that cannot be simulated beside an inductance, or only slowly."""
     forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
-    return plant.can_coast and not any(plant.value(name) for name in forces if name in plant.handles)
+    return bool(plant.can_coast or plant.secondary) and not any(plant.value(name) for name in forces if name in plant.handles)
 
 
 def inductance(at: Situation) -> Iterator[Addition]:
@@ -454,7 +454,7 @@ MOVES: dict[str, Moves] = {
 """All moves by the effect that they add."""
 OF_JOINT = (*BASIC, "load-friction")
 """Those of a joint: what its gear adds, and not what only a search over speeds of a motor tells apart."""
-OF_SHAFT = ("backlash",)
+OF_SHAFT = ("dead-zone", "inductance", "backlash")
 """Those of a motor with an elastic shaft, which is too slow to simulate for the others."""
 
 

@@ -31,7 +31,9 @@ def test_a_lag_behind_a_bridge_with_a_loss_is_no_mean_with_a_shorter_lag():
     speed = shown[: FINE * len(u) : FINE] + 4e-3 * rng.standard_normal(len(u))
     plant = RIGID.with_values({"drive.gain": 12 / 255, "drive.supply": 12.0})
     found = choose(
-        plant, Record(u, speed, 1e-2, output_units="rad/s"), effects=("dead-zone", "coasting", "switching-loss", *DELAYS)
+        plant,
+        Record(u, speed, 1e-2, output_units="rad/s"),
+        effects=("dead-zone", "coasting", "switching-loss", *DELAYS),
     ).model.plant
     assert found.value("sensor.average") == 0
     assert found.value("sensor.lag") == pytest.approx(late, rel=0.1)

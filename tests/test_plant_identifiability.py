@@ -22,11 +22,10 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.diagnostics import friction_curve
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Status
-from emsid.plant import Motor
+from emsid.plant import Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
 from simulated_plants import DT, LEVELS, RIGID, SPEED, USUAL, VOLTAGE, codes, driven, record_of
@@ -134,7 +133,7 @@ def test_a_measured_current_is_not_reported_missing():
     finding, searches = fit.findings
     assert (finding.code, searches.code) == ("not-identifiable", "searches-agreeing")
     kept = [row.name for row in fit.table if row.status is Status.OF_PLANT]
-    assert kept == ["rotor_viscous", "voltage_dead_zone.half_width"]
+    assert {"rotor_viscous", "voltage_dead_zone.half_width"} <= {*kept}
     assert finding.data["parameters"] == ["load_inertia", "rotor_inertia"]
     assert finding.data["channels"] == ["voltage", "speed", "current"]
     assert not finding.data["current_missing"]
@@ -221,24 +220,26 @@ def test_a_supply_that_no_command_reaches_is_not_identifiable():
     assert finding.code == "not-identifiable"
 
 
+WITH_SHAFT = DrivenMotor(replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction()))
+ONE_MASS = DrivenMotor(replace(WITH_SHAFT.motor, inductance=0.0, load_inertia=1e-15, load_viscous=0.0).rigid())
+
+
 @pytest.mark.parametrize("noise", [pytest.param(0.002, marks=pytest.mark.long), 0.05])
 def test_a_shaft_without_effect_on_the_record_is_a_finding(noise):
     record = driven(noise=noise)[:800]
-    plant, rigid = (STARTS[name].with_values({"voltage_dead_zone.half_width": 0.4}) for name in ("motor", "rigid-motor"))
-    fit = simulation_error(plant, record, max_iterations=20)
+    fit = simulation_error(WITH_SHAFT, record, max_iterations=20)
     assert fit.findings[0].code == "no-shaft-seen"
-    rigid = simulation_error(rigid, record)
+    rigid = simulation_error(ONE_MASS, record)
     assert 2 * (rigid.cost - fit.cost) < 12.0 * fit.noise_variance
     assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
 
 
 def test_a_shaft_with_an_effect_on_the_record_is_estimated():
     record = driven(noise=0.002, motor=Motor())
-    plant, rigid = (STARTS[name].with_values({"voltage_dead_zone.half_width": 0.4}) for name in ("motor", "rigid-motor"))
-    fit = simulation_error(plant.with_values({"inductance": 1e-3}), record, max_iterations=20)
+    fit = simulation_error(WITH_SHAFT, record, max_iterations=20)
     assert {"shaft_stiffness", "shaft_damping"} <= set(fit.names)
     assert "no-shaft-seen" not in [finding.code for finding in fit.findings]
-    assert simulation_error(rigid, record).cost > 20 * fit.cost
+    assert simulation_error(ONE_MASS, record).cost > 20 * fit.cost
 
 
 def test_an_interval_that_includes_zero_is_a_finding():

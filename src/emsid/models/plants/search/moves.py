@@ -351,7 +351,9 @@ def average(at: Situation) -> Iterator[Addition]:
 def may_have_inductance(plant: DrivenPlant) -> bool:
     """Whether a voltage drives it, and it is without forces that cannot be simulated beside an inductance, or only slowly."""
     forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
-    return bool(plant.can_coast or plant.secondary) and not any(plant.value(name) for name in forces if name in plant.handles)
+    return bool(plant.can_coast or plant.secondary) and not any(
+        plant.value(name) for name in forces if name in plant.handles
+    )
 
 
 def inductance(at: Situation) -> Iterator[Addition]:

@@ -168,6 +168,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 1023.0}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
     Finding("no-shaft-seen", "motor", {"model": "motor", "simpler": "rigid-motor"}),
+    Finding(
+        "effects-alike",
+        "rotor_friction.coulomb",
+        {"effects": ["dead-zone", "load"], "combinations": [["b + R·(T_c + T_d)/K", 0.3098, 0.0016, "V"]]},
+    ),
+    Finding("effects-alike", "friction.coulomb", {"effects": ["load"], "combinations": []}),
     Finding("no-shaft-needed", "motor", {"model": "motor", "simpler": "rigid-motor", "ratio": 0.0834}),
     Finding("nothing-identifiable", "rigid-motor", {"model": "rigid-motor", "channels": ["voltage", "speed"]}),
     Finding(

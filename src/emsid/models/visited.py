@@ -34,7 +34,7 @@ class RestsOn(NamedTuple):
 
     Attributes:
         needs: besides motion.
-        direction: in which it must be visited: 1 forward, −1 backward, 0 either.
+        direction: in which it moves, or it must be visited: 1 forward, −1 backward, 0 either.
     """
 
     needs: Needs = Needs.ANY
@@ -55,7 +55,7 @@ class Visited(NamedTuple):
     def shows(self, rests: RestsOn, value: float) -> bool:
         """Whether the records show a quantity of this value."""
         directions = (rests.direction,) if rests.direction else (1, -1)
-        return rests.needs is Needs.ANY or any(self._in_direction(rests.needs, way, value) for way in directions)
+        return rests == RestsOn() or any(self._in_direction(rests.needs, way, value) for way in directions)
 
     def _in_direction(self, needs: Needs, way: int, value: float) -> bool:
         if needs is Needs.THRESHOLD:
@@ -65,4 +65,4 @@ class Visited(NamedTuple):
         if not len(speeds):
             return True
         fastest = float(np.max(np.abs(speeds)))
-        return bool(speeds.max() >= MOVING * fastest and speeds.min() <= SLOW * speeds.max())
+        return bool(speeds.max() >= MOVING * fastest and (needs is Needs.ANY or speeds.min() <= SLOW * speeds.max()))

@@ -142,6 +142,15 @@ def effect_missing(f: Finding, argument: Spelling) -> str:
     return f"{effects} would lower the squared error by {100 * f.data['share']:.0f} %"
 
 
+@words("effects-alike")
+def effects_alike(f: Finding, argument: Spelling) -> str:
+    """Subject: a parameter. Data: effects, combinations (formula, value, half width, unit)."""
+    effects = " or ".join(EFFECTS[name] for name in f.data["effects"])
+    known = [f"{what} = {with_unit(f'{v:.4g} ± {half:.2g}', unit)}" for what, v, half, unit in f.data["combinations"]]
+    sure = f"; together they determine {listed(known)}" if known else ""
+    return f"these data do not tell {f.subject} from {effects}{sure}"
+
+
 @words("error-above-rounding", Severity.WARNING)
 def error_above_rounding(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: ratio (of the error to that of rounding), step, unit."""

@@ -2,9 +2,9 @@ r"""Errors of a free run under a load that drifts.
 
 The effect of a slow disturbance of the force on the free run of a position never decays, and that on a speed lasts as
 long as the disturbance. A fit to the plain error biases its parameters to compensate for it, and takes an effect that
-follows it by chance, such as a friction by direction. So the load is the parameter of the plant plus a drift d(t), constant over
-each of K pieces of a segment. The drift either returns to zero within a time τ that is short against the record, or it
-begins at zero at the start of every segment and walks,
+follows it by chance, such as a friction by direction. So the load is the parameter of the plant plus a drift d(t),
+constant over each of K pieces of a segment. The drift either returns to zero within a time τ that is short against the
+record, or it begins at zero at the start of every segment and walks,
 
     E d(t)·d(s) = q·τ/2·e^{−|t − s|/τ}      or      E d(t)·d(s) = q·min(t, s).
 

@@ -486,7 +486,7 @@ class MotorPlant(DrivenPlant):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
-        found = quantities(self.motor, self.feed, self.voltage_drop)
+        found = quantities(self.motor, self.feed, self.voltage_drop, self.load_torque)
         if self.gravity is None:
             return found
         return (*of_joint(self.motor, self.gravity.whole, self.inertia_of_all, self.sensor.ratio), *found)

@@ -106,9 +106,16 @@ SLIDING = RestsOn(Needs.SLIDING)
 FORWARD, BACKWARD = (RestsOn(Needs.SLIDING, way) for way in (1, -1))
 
 
-def quantities(motor: Motor, feed: Feed, drop: float = 0.0) -> tuple[Quantity, ...]:
-    """Quantities that input and speed alone identify; ``drop`` is a voltage against the current."""
-    return _of_voltage(motor, drop) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
+def quantities(motor: Motor, feed: Feed, drop: float = 0.0, load: float = 0.0) -> tuple[Quantity, ...]:
+    """Quantities that input and speed alone identify.
+
+    Args:
+        motor: the motor.
+        feed: what drives it.
+        drop: a voltage against the current.
+        load: a constant torque.
+    """
+    return _of_voltage(motor, drop, load) if feed is Feed.VOLTAGE else _of_torque(motor, feed)
 
 
 def of_joint(m: Motor, weight: float, inertia: float, ratio: float) -> tuple[Quantity, ...]:
@@ -146,7 +153,7 @@ def _of_torque(m: Motor, feed: Feed) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def _of_voltage(m: Motor, drop: float) -> tuple[Quantity, ...]:
+def _of_voltage(m: Motor, drop: float, load: float) -> tuple[Quantity, ...]:
     r, k = m.resistance, m.motor_constant
     inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
     damping = k**2 / r + viscous
@@ -161,11 +168,15 @@ def _of_voltage(m: Motor, drop: float) -> tuple[Quantity, ...]:
     ]
     zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
     for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
-        held = slide.breakaway[k_side]
-        volts = "R·(T_c + T_s)/K" if slope == 1 else "R·(T_c + T_s)/(K·m)"
-        symbol = "b + " + ("" if drop == 0 else "V_d + " if slope == 1 else "V_d/m + ") + volts
-        needs = RestsOn(Needs.THRESHOLD, 1 if side == "forward" else -1)
-        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + (r * held / k + drop) / slope, needs))
+        held, way = slide.breakaway[k_side], 1 if side == "forward" else -1
+        before = "b + " + ("" if drop == 0 else "V_d + " if slope == 1 else "V_d/m + ")
+        scale, torque = ("K" if slope == 1 else "(K·m)"), ("T_c + T_d" if way > 0 else "T_c − T_d")
+        lost = edge + (r * (slide.base[k_side] + way * load) / k + drop) / slope
+        found.append(
+            Quantity(f"voltage lost {side}", f"{before}R·({torque})/{scale}", "V", lost, RestsOn(direction=way))
+        )
+        leaves, needs = f"{before}R·(T_c + T_s)/{scale}", RestsOn(Needs.THRESHOLD, way)
+        found.append(Quantity(f"break-away voltage {side}", leaves, "V", edge + (r * held / k + drop) / slope, needs))
     if m.inductance > 0:
         found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
     if not m.is_rigid:

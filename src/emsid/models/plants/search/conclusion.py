@@ -23,7 +23,7 @@ from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import Reached, colour_of, identified_by
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
-from emsid.models.plants.search.missing import missing
+from emsid.models.plants.search.missing import acting_alike, missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.rounding import above_rounding
 from emsid.models.plants.search.slow_drift import slow_drift
@@ -58,7 +58,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     more: list[Finding] = []
     if reached.unended:
         more += [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)]
-        more += missing(task, problem, names, minimum)
+        more += [*missing(task, problem, names, minimum), *acting_alike(task, problem, names, together)]
         more += above_rounding(task, found.name, minimum)
         findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
     findings = (*(finding for each in others for finding in each.findings), *more, *findings)

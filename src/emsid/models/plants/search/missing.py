@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
@@ -32,10 +34,12 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.conditions import held_names
 from emsid.models.plants.search.moves import Addition, Situation, additions
+from emsid.models.plants.search.result import Combination
 from emsid.models.plants.search.scored import bounds_of, by_channel, effect_of, score_at
 from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.task import Task, cost_of
-from emsid.models.search.score import Promise, Score
+from emsid.models.search.score import INSEPARABLE, Promise, Score
+from emsid.models.visited import Needs
 from emsid.selection.improvement import NEGLIGIBLE
 
 Array = NDArray[np.float64]
@@ -163,6 +167,66 @@ def _kept_promise(
 def _score(task: Task, problem: FreeRunError, minimum: Minimum, beside: Sequence[Move]) -> Score:
     """The score at a minimum; moves beside it count as present."""
     return score_at(problem, minimum.free, [(move.columns, move.lower, move.upper) for move in beside])
+
+
+def acting_alike(
+    task: Task, problem: FreeRunError, names: Sequence[str], together: Sequence[Combination]
+) -> list[Finding]:
+    """Findings about effects that these records do not tell from a parameter that was estimated.
+
+    At two levels of the voltage, a dead zone changes the free run exactly as a Coulomb level does. What stays the same
+    where one of them takes the place of the other is determined.
+
+    Args:
+        task: what was asked.
+        problem: begun at the minimum.
+        names: (p,) the parameters that were estimated.
+        together: what the records identify.
+    """
+    plant = problem.plant
+    if not isinstance(plant, DrivenPlant) or not plant.is_one_mass or not names:
+        return []
+    at, known = Situation(plant, tuple(names), task.segments, task.signals), {*task.fixed, *task.asked} - {*names}
+    alike: dict[str, list[tuple[Addition, float]]] = {}
+    with suppress(EmsidError, Stopped):
+        slopes = np.concatenate([jacobian for _, jacobian in problem.exactly(problem.start)])[:, : len(names)]
+        for row in additions(at, known, fixed=task.fixed):
+            if len(row.names) > 1 or row.beside or row.probe or row.instead or row.kept or not row.scored:
+                continue
+            effect = np.concatenate(effect_of(problem, row.start, row.names))[:, 0]
+            for name, slope in zip(names, slopes.T, strict=True):
+                share = float(effect @ slope) / (float(slope @ slope) or inf)
+                if share and np.linalg.norm(effect - share * slope) <= INSEPARABLE * np.linalg.norm(effect):
+                    alike.setdefault(name, []).append((row, share))
+    found = []
+    for name, rows in alike.items():
+        same = [each for each in together if all(_is_kept(plant, name, row, share, each) for row, share in rows)]
+        data = {
+            "effects": sorted({row.effect for row, _ in rows}),
+            "combinations": [
+                [each.quantity.formula, each.quantity.value, HALF_WIDTH * each.standard_error, each.quantity.unit]
+                for each in same
+            ],
+        }
+        found.append(Finding("effects-alike", name, data))
+    return found
+
+
+def _is_kept(plant: DrivenPlant, name: str, row: Addition, share: float, combination: Combination) -> bool:
+    """Whether a quantity depends on an effect, but not where the effect takes the place of a parameter."""
+    value, (added,) = plant.value(name), row.names
+    if combination.quantity.rests_on.needs is not Needs.ANY or not value:
+        return False
+    begun = row.start.value(added)
+    plants = [
+        row.start.with_values({added: begun + 0.01 * abs(value / share), name: left})
+        for left in (value, value - 0.01 * abs(value / share) * share)
+    ]
+    alone, instead = (
+        next(each.value for each in moved.quantities() if each.name == combination.quantity.name) for moved in plants
+    )
+    before = combination.quantity.value
+    return not np.isclose(alone, before, rtol=1e-6, atol=0) and bool(np.isclose(instead, before, rtol=1e-6, atol=0))
 
 
 # --- the moves ------------------------------------------------------------------------------------------------------

@@ -207,9 +207,8 @@ def viscous(at: Situation) -> Iterator[Addition]:
 
 def dead_zone(at: Situation) -> Iterator[Addition]:
     """A command below which nothing moves."""
-    begins = [part * at.largest for part in WIDTHS]
     for name in ZONES:
-        yield Addition("dead-zone", at.plant, (name,), begins=tuple({name: each} for each in begins))
+        yield Addition("dead-zone", at.plant, (name,), begins=tuple({name: part * at.largest} for part in WIDTHS))
 
 
 def quadratic(at: Situation) -> Iterator[Addition]:
@@ -349,11 +348,10 @@ def average(at: Situation) -> Iterator[Addition]:
 
 
 def may_have_inductance(plant: DrivenPlant) -> bool:
-    """Whether a voltage drives it, and it is without forces that cannot be simulated beside an inductance, or only slowly."""
+    """Whether a voltage drives it, without forces that cannot be simulated beside an inductance, or only slowly."""
     forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
-    return bool(plant.can_coast or plant.secondary) and not any(
-        plant.value(name) for name in forces if name in plant.handles
-    )
+    driven = plant.can_coast or bool(plant.secondary)
+    return driven and not any(plant.value(name) for name in forces if name in plant.handles)
 
 
 def inductance(at: Situation) -> Iterator[Addition]:

@@ -48,6 +48,7 @@ from emsid.models.plants.search.between_samples import as_hold, holds_in, is_ope
 from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
+from emsid.models.plants.search.missing import ALIKE
 from emsid.models.plants.search.moves import MOVES, Addition, Situation, additions, moves_of
 from emsid.models.plants.search.reference import Reference
 from emsid.models.plants.search.result import GreyBoxFit, with_choices
@@ -272,7 +273,8 @@ class _Choice:
     def likely(self, state: Trial) -> list[tuple[Addition, Promise]]:
         """The additions whose promise may be worth a parameter, the best of each effect, the most promising first.
 
-        All of them where the present error is no noise: so far from the truth a derivative says little.
+        All of them where the present error is no noise: so far from the truth a derivative says little. In the place of
+        what was taken out, only what promises about as much: the same derivatives say what that one promises.
         """
         self._doing("scoring additions")
         problem = self._trials.problem(state.plant, state.names, state.states)
@@ -292,6 +294,10 @@ class _Choice:
         samples = sum(map(len, state.residuals))
         poor = effective_samples(state.residuals) < WHITE * samples  # far from the truth, where no derivative is right
         likely = [pair for pair in best.values() if poor or pair[1].gain > 0]
+        if state.without is not None:
+            own = [pair for pair in likely if pair[0].effect == state.without.effect]
+            least = ALIKE * max((promise.gain for _, promise in own), default=0.0)
+            likely = [pair for pair in likely if pair not in own and pair[1].gain >= least]
         return sorted(likely, key=lambda pair: -round(pair[1].gain, 3))  # equal promises in the order of the table
 
     def _promised(self, problem: FreeRunError, score: Score, row: Addition) -> Promise | None:
@@ -319,7 +325,8 @@ class _Choice:
         tried = self._fitted([
             ([plain], names, tuple(other for other in state.added if other is not row)) for row, (plain, names) in rest
         ], state)  # fmt: skip
-        return [each for each in tried if each is not None]
+        both = zip(rest, tried, strict=True)
+        return [replace(each, without=row) for (row, _), each in both if each is not None]
 
     def gain(self, simple: Trial, rich: Trial) -> float:
         """By how much the richer of two trials is preferred: by Schwarz's criterion, where it saves something steadily.
@@ -421,4 +428,4 @@ class _Choice:
         before, after = self.trial.names, trial.names
         kept = [name for name in self.asked if name not in before or name in after]
         self.asked = (*kept, *(name for name in after if name not in kept))
-        self.trial = trial
+        self.trial = replace(trial, without=None)

@@ -40,10 +40,8 @@ RATES = (5.0, 20.0, 60.0, 200.0)
 samples around rest show."""
 WIDER = 0.4
 """Rates of a Gaussian excess relative to these: it is flat near rest and then falls fast."""
-BREAKS = (0.9, 0.7, 0.4)
-"""Parts of the largest voltage at which a supply ends or a gain changes, to begin with."""
-WIDTHS = (0.02, 0.1)
-"""Half widths of a dead zone to begin with, as parts of the largest command."""
+BREAKS, WIDTHS = (0.9, 0.7, 0.4), (0.02, 0.1)
+"""Parts of the largest voltage where a supply ends or a gain changes, and half widths of a dead zone, to begin with."""
 LATE = (0.3, 1.0, 2.5)
 """Delays in samples to begin with: a held command has a kink at every whole number of them."""
 GAPS = (0.3, 1.0, 3.0, 10.0)
@@ -142,6 +140,11 @@ class Situation:
         return top_speed(self.segments, 0, self.signals[0] is Signal.POSITION)
 
     @property
+    def is_one_mass(self) -> bool:
+        """Whether a refit simulates one mass: an inductance may be zero at present, and estimated."""
+        return self.plant.is_one_mass and INDUCTANCE not in self.free
+
+    @property
     def dt(self) -> float:
         """The sample time in s."""
         return self.segments[0].dt
@@ -213,7 +216,7 @@ def dead_zone(at: Situation) -> Iterator[Addition]:
 
 def quadratic(at: Situation) -> Iterator[Addition]:
     """Friction that grows with the square of the speed."""
-    if at.plant.is_one_mass:  # beside an inductance or a shaft its free run takes twenty times as long
+    if at.is_one_mass:  # beside an inductance or a shaft its free run takes twenty times as long
         yield Addition("quadratic", at.plant, (QUADRATIC,))
 
 
@@ -223,7 +226,7 @@ def stribeck(at: Situation) -> Iterator[Addition]:
     if excess in at.free or rate not in at.plant.handles:
         return
     shapes: list[tuple[DrivenPlant, float, type[Friction] | None]] = [(at.plant, 1.0, None)]
-    if type(at.law) is Friction and not at.plant.turn and at.plant.is_one_mass:
+    if type(at.law) is Friction and not at.plant.turn and at.is_one_mass:
         shapes.append((with_law(at.plant, GaussianStribeck), WIDER, Friction))
     third = 0.3 * at.plant.value(at.level)
     for plant, factor, law in shapes:
@@ -256,7 +259,7 @@ def by_direction(at: Situation, effect: str, names: tuple[str, ...]) -> Iterator
     for name in names:
         if sides := at.both(name):
             yield Addition(effect, at.plant, sides[1:], instead={name: sides})
-    if names == VISCOUS and at.plant.is_one_mass:
+    if names == VISCOUS and at.is_one_mass:
         yield Addition(effect, at.plant, (BACKWARD,))
 
 
@@ -273,7 +276,7 @@ def cogging(at: Situation) -> Iterator[Addition]:
     position is the integral, which is not known in a second segment.
     """
     period = HARMONICS[0][0]
-    if not at.plant.is_one_mass:
+    if not at.is_one_mass:
         return
     if period in at.free:
         yield Addition("cogging", at.plant, HARMONICS[1])
@@ -358,8 +361,8 @@ def inductance(at: Situation) -> Iterator[Addition]:
     """The current follows the voltage after some time."""
     if may_have_inductance(at.plant) and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
         henry = at.dt * at.plant.value("resistance")
-        begins = tuple({INDUCTANCE: part * henry} for part in (0.5, 1.5))
-        yield Addition("inductance", at.plant, (INDUCTANCE,), probe={INDUCTANCE: 0.5 * henry}, begins=begins)
+        begins = {INDUCTANCE: 0.5 * henry}, {INDUCTANCE: 1.5 * henry}
+        yield Addition("inductance", at.plant, (INDUCTANCE,), probe=begins[0], begins=begins)
 
 
 def sensor_offset(at: Situation) -> Iterator[Addition]:
@@ -377,8 +380,6 @@ def gain_by_direction(at: Situation) -> Iterator[Addition]:
     At constant speed a smaller gain has the same effect as more friction: if both differ by direction, one of them
     alone may explain nothing.
     """
-    if SLOPE not in at.plant.handles:
-        return
     yield Addition("gain-by-direction", at.plant, (SLOPE,))
     if sides := at.levels:
         yield Addition("gain-by-direction", at.plant, (SLOPE, sides[1]), instead={at.level: sides})
@@ -386,7 +387,7 @@ def gain_by_direction(at: Situation) -> Iterator[Addition]:
 
 def voltage_drop(at: Situation) -> Iterator[Addition]:
     """The bridge, or the brushes, take a constant voltage that opposes the current."""
-    if at.plant.can_coast and at.plant.is_one_mass:
+    if at.plant.can_coast and at.is_one_mass:
         yield Addition("voltage-drop", at.plant, (DROP,), begins=({DROP: 0.05 * at.largest},))
 
 
@@ -409,9 +410,8 @@ def supply_limit(at: Situation) -> Iterator[Addition]:
 def knee(at: Situation) -> Iterator[Addition]:
     """Beyond some voltage the gain is another one, as that of a bridge near full duty, where it switches no more."""
     if at.plant.can_coast and not isfinite(at.plant.drive.knee):
-        largest = min(at.largest, at.plant.drive.supply)
         for part in BREAKS:
-            begun = at.plant.with_drive(knee=part * largest, beyond=1.0)
+            begun = at.plant.with_drive(knee=part * min(at.largest, at.plant.drive.supply), beyond=1.0)
             yield Addition("knee", begun, ("drive.beyond",), ("drive.knee",))
 
 

@@ -67,6 +67,7 @@ class Trial:
         residuals: that error, segment by segment.
         ends: where searches ended that began around it, each as its cost and the values of ``names``.
         added: what it has in addition to the plant that the search began with.
+        without: what was just taken out of it, if another addition may take its place.
     """
 
     plant: DrivenPlant
@@ -76,6 +77,7 @@ class Trial:
     residuals: list[Array]
     ends: tuple[tuple[float, Array], ...] = ()
     added: tuple[Addition, ...] = ()
+    without: Addition | None = None
 
     @property
     def errors(self) -> StretchErrors:

@@ -219,8 +219,8 @@ def test_a_fit_is_saved_with_its_table(plant_fit, linear_record, tmp_path):
 def test_what_if_a_parameter_were_another(plant_fit):
     warm = plant_fit.with_parameters(resistance=2.6)
     assert warm.plant.value("resistance") == 2.6
-    slower = emsid.simulate(warm, 3.0 * np.ones(200), dt=0.01).output[-1, 0]
-    assert slower < emsid.simulate(plant_fit, 3.0 * np.ones(200), dt=0.01).output[-1, 0]
+    slower, usual = (emsid.simulate(each, 3.0 * np.ones(200), dt=0.01).output[:, 0] for each in (warm, plant_fit))
+    assert slower[1] < usual[1]  # without friction, both end at one speed
 
 
 def test_the_recommended_fit_has_the_values_of_the_recommended_model(identification):

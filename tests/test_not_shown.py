@@ -44,7 +44,9 @@ def motor(u: np.ndarray, noise: float = 0.05) -> emsid.Record:
         (Needs.THRESHOLD, -1, 1.4, False),
         (Needs.SLIDING, 1, 0.3, False),  # an intercept far from the speeds
         (Needs.SLIDING, -1, 0.3, False),
-        (Needs.ANY, -1, 0.3, True),
+        (Needs.ANY, 0, 0.3, True),
+        (Needs.ANY, 1, 0.3, True),
+        (Needs.ANY, -1, 0.3, False),  # it never moves backward
     ],
 )
 def test_a_record_of_one_direction_shows_what_it_approaches(needs, way, value, shown):

@@ -2,7 +2,7 @@
 
 >>> import emsid
 >>> emsid.plants.rigid_motor().default_free[:3]
-('resistance', 'rotor_viscous', 'motor_constant')
+('resistance', 'motor_constant', 'rotor_inertia')
 """
 
 from emsid.models.plants.cogging import Cogging

@@ -36,6 +36,21 @@ EXAMPLES: tuple[Finding, ...] = (
         for low, high in ((0.049, 0.051), (0.049, None), (None, 0.051), (None, None))
     ),
     Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
+    Finding(
+        "model-failed",
+        "feedback",
+        {
+            "model": "feedback",
+            "reason": "an error inside the program (IndexError: index 3 is out of bounds)",
+            "arguments": ["debug"],
+        },
+    ),
+    Finding("part-failed", "check of arx", {"model": "arx", "reason": "too few samples", "internal": False}),
+    Finding(
+        "part-failed",
+        "section of the page: arx",
+        {"model": "arx", "reason": "an error inside the program (KeyError: 'gain')", "internal": True},
+    ),
     *(Finding("models-out-of-time", data={"models": models}) for models in (["wiener"], ["wiener", "feedback"])),
     Finding("quick-look", "log.csv", {"without": ["wiener-hammerstein", "rigid-motor"]}),
     *(
@@ -168,7 +183,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding(
         "no-bootstrap",
         "armax",
-        {"model": "armax", "problem": "armax: the records make 3 pieces, but a bootstrap needs 6"},
+        {"model": "armax", "reason": "the records make 3 pieces, but a bootstrap needs 6", "arguments": []},
     ),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 6, "needed": 50}),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 1, "needed": 50}),

@@ -23,6 +23,7 @@ from emsid.cli.terminal import (
 )
 from emsid.estimation.estimates import Status
 from emsid.identification.characteristics import determined
+from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
 from emsid.units import in_unit, plain_unit
 from emsid.wording import Severity, sentence, severity
@@ -162,7 +163,7 @@ def _not_known(result: Identification) -> None:
 def _open(result: Identification) -> list[str]:
     """Names of the values that the chosen model has and the data do not determine."""
     known = {row.name for row in determined(result.chosen)}
-    table = getattr(result.chosen, "shared", ())
+    table = capabilities_of(result.chosen.model).physical_rows(result.chosen)
     of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN)
     names = [row.name for row in table if row.name not in known and row.status not in of_search]
     return [*names, *(each.name for each in result.characteristics if not (each.shown and each.significant))]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from logging import StreamHandler
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
@@ -172,11 +173,26 @@ def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
     raise problems[0]
 
 
+def print_tracebacks(asked: bool) -> None:
+    """Print what `emsid.estimation.borders` logs on standard error, if that is asked for."""
+    if asked:
+        from emsid.estimation.borders import LOG
+
+        LOG.setLevel("DEBUG")
+        LOG.addHandler(StreamHandler())
+
+
 Transient = Annotated[
     int | None,
     typer.Option(metavar="N", help="Samples that start a free run in motion and are left out of errors.", min=0),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]
+Debug = Annotated[
+    bool,
+    typer.Option(
+        "--debug", help="Print the traceback of whatever fails inside.", is_eager=True, callback=print_tracebacks
+    ),
+]
 Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]

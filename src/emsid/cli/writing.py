@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from emsid.cli.interruption import INTERRUPTION, print_notice
-from emsid.cli.terminal import say, working
+from emsid.cli.options import option
+from emsid.cli.terminal import say, warn, working
 from emsid.errors import DataError, EmsidError
+from emsid.wording import sentence
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -66,15 +68,16 @@ def write(
 
 
 def attempted(work: Callable[[], object]) -> EmsidError | None:
-    """Do what writes files, and return the error if that fails, to raise it after the result was printed.
+    """Do what writes files or prints, and return the error if that fails, to raise it after everything else.
 
     A full disk must not take a result away that was computed for minutes.
     """
-    try:
+    from emsid.estimation.borders import border
+
+    problems: list[EmsidError] = []
+    with border("output", report=problems.append, passing=(OSError,)):
         work()
-    except EmsidError as problem:
-        return problem
-    return None
+    return problems[0] if problems else None
 
 
 def as_json(content: Any) -> bytes:
@@ -138,10 +141,14 @@ def draw(
     """
     try:
         INTERRUPTION.raise_again()
+        from emsid.estimation.borders import border, collected
+        from emsid.report.document import Report
         from emsid.report.page import report_files, write_files
 
-        with working(LEFT_OUT) as control:
-            content = report()
+        with working(LEFT_OUT) as control, collected() as noted:
+            content = Report("Report", ("The report could not be made; the results are in the other files.",), ())
+            with border("report"):
+                content = report()
             if interrupted or INTERRUPTION.late:
                 print_notice(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
             files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
@@ -151,6 +158,8 @@ def draw(
         return False
     with INTERRUPTION.put_off():
         write_files(files, folder)
+    for each in noted:
+        warn(sentence(each, option))
     return True
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
@@ -25,7 +24,7 @@ def determined(fit: Fit[Any]) -> list[Estimate]:
 
     None for a model without a table of such parameters.
     """
-    rows: Sequence[Estimate] = getattr(fit, "shared", ())
+    rows = capabilities_of(fit.model).physical_rows(fit)
     return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and _excludes_zero(row)]
 
 

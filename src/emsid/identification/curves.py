@@ -7,12 +7,11 @@ without any. See `emsid.validation.bands` for the meaning of every curve and its
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
 from itertools import product
 from typing import Any
 
-from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Fit
 from emsid.models.curves import BandedCurve, banded_curve, output_of
 from emsid.models.kinds import capabilities_of
@@ -29,7 +28,7 @@ def curves(fit: Fit[Any], record: Record) -> tuple[BandedCurve, ...]:
     """
     found: list[BandedCurve] = []
     for view in _views(fit, record):
-        with suppress(EmsidError):
+        with border(f"curves of {fit.model.name}", fit.model.name, expected=True):
             found += view()
     return tuple(found)
 

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.identification.conclusions import RELATED
 from emsid.identification.ranking import Ranked, compared, deviations, within_noise
 from emsid.models.extrapolation import with_other_inputs
@@ -88,9 +88,10 @@ class Probes:
         """(3, `SAMPLES`, ny) the outputs of a model over the probes, over their deviations; None where it diverges."""
         found = []
         for each in self.records:
-            try:
+            run = None
+            with border(f"run of {model.name} with other inputs", model.name, expected=True):
                 run = model.simulate(each)
-            except EmsidError:
+            if run is None:
                 return None
             if run.diverged_at is not None:
                 return None
@@ -163,12 +164,14 @@ class Undetermined:
             y = own[each.name]
             assert y is not None
             error = max(sqrt(each.errors.mean), LEAST) if np.isfinite(each.errors.mean) else np.inf
-            found = _of_rivals(each, [(one, own[one.name]) for one in rivals if one is not each], y, error, probes)
-            found += _of_itself(each, y, error, probes)
-            if _bend(each.refit or each.fit.model, probes) <= LARGEST * error:
-                straight.add(each.name)
-            elif levels is not None:
-                found.append({"code": "few-levels", "levels": levels})
+            found = []
+            with border(f"comparison of {each.name} with other inputs", each.name):
+                found += _of_rivals(each, [(one, own[one.name]) for one in rivals if one is not each], y, error, probes)
+                found += _of_itself(each, y, error, probes)
+                if _bend(each.refit or each.fit.model, probes) <= LARGEST * error:
+                    straight.add(each.name)
+                elif levels is not None:
+                    found.append({"code": "few-levels", "levels": levels})
             if found:
                 reasons[each.name] = found
         return cls(reasons, frozenset(straight), levels)

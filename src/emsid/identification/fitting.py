@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.estimation.threads import sharing_cores
@@ -208,9 +209,10 @@ class Searches:
     def with_rest(self, found: Fits) -> Fits:
         """The same with the models that were left out; unchanged where none of them can be fitted."""
         names = [name for each in found.not_needed for name in each.data["models"]]
-        try:
+        more = None
+        with suppress(Stopped), border("models that were left out at first", expected=True):
             more = replace(self, names=names, by_need=False).all()
-        except (EmsidError, Stopped):
+        if more is None:
             return found
         return Fits((*found.fits, *more.fits), (*found.failed, *more.failed), more.stopped, more.missing)
 
@@ -226,7 +228,9 @@ class Searches:
     def _not_needed(self, names: Sequence[str], found: _UnderWay) -> Finding | None:
         """That models are left out, as the inputs explain nothing of what the best of the others leaves."""
         self.control.report(Activity("what the models leave"))
-        best = leaves_nothing(list(found.fits.values()), self.record)
+        best = None
+        with border("what the models leave"):
+            best = leaves_nothing(list(found.fits.values()), self.record)
         if best is None:
             return None
         return Finding("models-not-needed", best.model.name, {"model": best.model.name, "models": list(names)})
@@ -244,21 +248,21 @@ class Searches:
     def _search(self, name: str, there: Future[Fit[Any]] | None, control: Control, found: _UnderWay) -> None:
         """Add the fit of a model to what was found, or why there is none."""
         try:
-            control.report(Activity("fitting"))
-            fit = _answer(there, control)
-            with sharing_cores(2 if self.elsewhere else 1):
-                found.fits[name] = fit = fit or self._fitted_here(name, control)
-            if fit.ending is Ending.INTERRUPTED:
-                found.end = Stopped(Ending.INTERRUPTED)
-            if self.finished is not None:
-                self.finished(fit)
+            with border(name, report=lambda problem: found.problems.update({name: problem})):
+                control.report(Activity("fitting"))
+                fit = _answer(there, control)
+                with sharing_cores(2 if self.elsewhere else 1):
+                    found.fits[name] = fit = fit or self._fitted_here(name, control)
+                if fit.ending is Ending.INTERRUPTED:
+                    found.end = Stopped(Ending.INTERRUPTED)
+            if name in found.fits and self.finished is not None:
+                with border(f"use of {name} while others are fitted", name):
+                    self.finished(found.fits[name])
         except Stopped as stop:
             if stop.ending is Ending.INTERRUPTED:
                 found.end = stop
             else:
                 found.late.append(name)
-        except EmsidError as problem:
-            found.problems[name] = problem
 
     def _fitted_here(self, name: str, control: Control) -> Fit[Any]:
         control.check()
@@ -282,10 +286,14 @@ def with_bootstrap(found: Fits, record: Record, count: int, seed: int, control: 
     fits, failed = list(found.fits), list(found.failed)
     for k, fit in enumerate(fits):
         own = of_one_model(control, f"{fit.model.name} (bootstrap {k + 1} of {len(fits)})")
+        name = fit.model.name
+
+        def left_out(problem: EmsidError, name: str = name) -> None:
+            failed.append(failure(name, problem, "no-bootstrap"))
+
         try:
-            fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
+            with border(name, report=left_out):
+                fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
         except Stopped as stop:
             return replace(found, fits=tuple(fits), failed=tuple(failed), stopped=stop.ending is Ending.INTERRUPTED)
-        except EmsidError as problem:
-            failed.append(Finding("no-bootstrap", fit.model.name, {"model": fit.model.name, "problem": str(problem)}))
     return replace(found, fits=tuple(fits), failed=tuple(failed), missing=())

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.map_ranges import BEYOND, about_the_maps
@@ -47,14 +48,23 @@ def observations(
         tests: whether the residuals of the best model are tested.
     """
     seen = has_common_samples(unseen, record)
+    best = comparison.best
+    checks: dict[str, Callable[[], Iterable[Finding | None]]] = {
+        "error of the free run": lambda: _about_the_best(comparison, unseen, seen, choice),
+        "residual test": lambda: about_the_residual(best) if tests else (),
+        "test of nonlinear terms": lambda: about_nonlinear_terms(best) if tests else (),
+        "errors by region": lambda: [worst_region(best)],
+        "number of samples": lambda: _about_few_samples(max(best.row.samples, ranked_on), unseen),
+        "unseen input": lambda: about_the_unseen_input(record, unseen, seen),
+        "ranges of the maps": lambda: about_the_maps(best.fit.model, record, unseen, seen),
+    }
+    found: list[Finding] = []
+    for name, check in checks.items():
+        with border(f"check of {best.row.model}: {name}", best.row.model):
+            found += filter(None, check())
     return [
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
-        *_about_the_best(comparison, unseen, seen, choice),
-        *([*about_the_residual(comparison.best), *about_nonlinear_terms(comparison.best)] if tests else []),
-        *([found] if (found := worst_region(comparison.best)) else []),
-        *_about_few_samples(max(comparison.best.row.samples, ranked_on), unseen),
-        *about_the_unseen_input(record, unseen, seen),
-        *about_the_maps(comparison.best.fit.model, record, unseen, seen),
+        *found,
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
             for row in comparison.rows
@@ -215,9 +225,12 @@ def about_the_fits(fits: Iterable[Fit[Any]], record: Record) -> list[Finding]:
     found: list[Finding] = []
     plausibility = Plausibility(record)
     for fit in fits:
-        noticed = [*fit.findings, *capabilities_of(fit.model).advice(fit, record)]
-        found += [each.about(fit.model.name) for each in noticed]
-        found += plausibility.findings(fit)
+        name = fit.model.name
+        found += [each.about(name) for each in fit.findings]
+        with border(f"check of {name}", name):
+            found += [each.about(name) for each in capabilities_of(fit.model).advice(fit, record)]
+        with border(f"check whether {name} is plausible", name):
+            found += plausibility.findings(fit)
     return found
 
 
@@ -228,7 +241,7 @@ def about_a_profile(model: str, profile: Profile) -> Finding:
     return Finding("profile-interval", profile.name, data)
 
 
-def failure(name: str, problem: EmsidError) -> Finding:
-    """A model that could not be fitted."""
+def failure(name: str, problem: EmsidError, code: str = "model-failed") -> Finding:
+    """A model that could not be fitted, or not again for its intervals."""
     reason = str(problem).removeprefix(f"{name}: ")
-    return Finding("model-failed", name, {"model": name, "reason": reason, "arguments": list(problem.arguments)})
+    return Finding(code, name, {"model": name, "reason": reason, "arguments": list(problem.arguments)})

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
@@ -38,13 +40,16 @@ def profiles_of(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control
             try:
                 own = of_one_model(control, f"{model} (profile {number} of {len(asked)})")
                 own.doing(name)
-                profile = likelihood_profile(fit, name, control=own)
-                profiles[model] = (*profiles.get(model, ()), profile)
+                with border(name, report=partial(_failed, failed, model, name)):
+                    profile = likelihood_profile(fit, name, control=own)
+                    profiles[model] = (*profiles.get(model, ()), profile)
             except Stopped:
                 return Profiles(profiles, tuple(failed), stopped=True)
-            except EmsidError as problem:
-                failed.append(Finding("profile-failed", name, {"model": model, "reason": str(problem)}))
     return Profiles(profiles, tuple(failed))
+
+
+def _failed(failed: list[Finding], model: str, name: str, problem: EmsidError) -> None:
+    failed.append(Finding("profile-failed", name, {"model": model, "reason": str(problem).removeprefix(f"{name}: ")}))
 
 
 def _parts_of(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:

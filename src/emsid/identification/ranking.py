@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.first_look.data_advice import advice_by_code
@@ -378,9 +378,10 @@ class _Folds:
     @contextmanager
     def failing(self, errors: list[StretchErrors], samples: int) -> Iterator[None]:
         """Adds infinite errors where the data do not suit a model."""
-        try:
+        before = len(errors)
+        with border("ranking over parts of the data", expected=True):
             yield
-        except EmsidError:
+        if len(errors) == before:
             errors.append(StretchErrors.of(np.full(samples, np.inf), STRETCHES // FOLDS))
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from emsid.estimation.borders import border, collected
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import characteristics
 from emsid.identification.conclusions import next_steps, verdicts
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from emsid.models.model import Model
     from emsid.models.plants.search.diagnostics import Profile
     from emsid.validation.comparison import Comparison, Row
+
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,7 +111,9 @@ class Identification(Presented):
         """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
         verdict = self.model_verdicts[0]
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
-        return (why,) if self.interrupted else (why, self._experiment(verdict))
+        if self.interrupted:
+            return (why,)
+        return (why, *self._part("the next experiment", lambda: (self._experiment(verdict),), ()))
 
     def _experiment(self, verdict: Finding) -> Finding:
         one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)
@@ -122,12 +127,13 @@ class Identification(Presented):
     @cached_property
     def front(self) -> tuple[FrontRow, ...]:
         """Accuracy against number of parameters of the models that were compared, from simple to complex."""
-        return front_rows(self.ranking, self.chosen.model.name if self.is_recommended else "")
+        name = self.chosen.model.name if self.is_recommended else ""
+        return self._part("accuracy against number of parameters", lambda: front_rows(self.ranking, name), ())
 
     @cached_property
     def by_region(self) -> tuple[RegionError, ...]:
         """The errors of the models on the unseen data by operating region, the smallest error of all first."""
-        return by_region(self.on_unseen.by_error)
+        return self._part("errors by region", lambda: by_region(self.on_unseen.by_error), ())
 
     @cached_property
     def seen(self) -> bool:
@@ -153,7 +159,7 @@ class Identification(Presented):
         """
         if any(finding.code == "unstable-in-loop" for finding in self.findings):
             return ()
-        return characteristics(self.on_unseen, self.record)
+        return self._part("characteristics", lambda: characteristics(self.on_unseen, self.record), ())
 
     @cached_property
     def curves(self) -> tuple[BandedCurve, ...]:
@@ -161,12 +167,12 @@ class Identification(Presented):
 
         There are none where the identification was interrupted.
         """
-        return () if self.interrupted else curves(self.chosen, self.record)
+        return () if self.interrupted else self._part("curves", lambda: curves(self.chosen, self.record), ())
 
     @cached_property
     def verdicts(self) -> tuple[Finding, ...]:
         """Whether the residual of the best free run depends on the input, for every output; none if interrupted."""
-        return () if self.interrupted else verdicts(self.on_unseen.best)
+        return () if self.interrupted else self._part("residual test", lambda: verdicts(self.on_unseen.best), ())
 
     @cached_property
     def next_steps(self) -> tuple[Finding, ...]:
@@ -175,7 +181,20 @@ class Identification(Presented):
         over_folds = own.fit_percent if len(own.folds) > 1 else -inf
         found = (*self.verdicts, *self.findings)
         is_best = self.on_unseen.by_error.best.row.model == own.name
-        return tuple(next_steps(self.on_unseen.best, found, self.fits, self.record, over_folds, is_best=is_best))
+        best = self.on_unseen.best
+
+        def steps() -> tuple[Finding, ...]:
+            return tuple(next_steps(best, found, self.fits, self.record, over_folds, is_best=is_best))
+
+        return self._part("next steps", steps, ())
+
+    def _part(self, name: str, work: Callable[[], Part], otherwise: Part) -> Part:
+        """What follows from the models; where that fails, `otherwise`, and a finding more."""
+        with collected() as noted, border(name):
+            otherwise = work()
+        new = [each for each in noted if each not in self.findings]
+        object.__setattr__(self, "findings", (*self.findings, *new))
+        return otherwise
 
     def to_data(self) -> dict[str, Any]:
         """The content of ``result.json``; see `emsid.identification.result_format`."""
@@ -193,7 +212,6 @@ class Identification(Presented):
             "regions": [asdict(each) for each in self.by_region],
             "records": [asdict(each) for each in self.by_record],
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
-            "findings": [finding.to_data() for finding in self.findings],
             "characteristics": [each.to_data() for each in self.characteristics],
             "curves": [each.to_data() for each in self.curves],
             "recommendation": [finding.to_data() for finding in self.recommendation],
@@ -201,5 +219,6 @@ class Identification(Presented):
             "residual": [finding.to_data() for finding in self.verdicts],
             "next": [finding.to_data() for finding in self.next_steps],
         }
+        content["findings"] = [finding.to_data() for finding in self.findings]  # last: those of all parts above
         data: dict[str, Any] = plain(content)
         return data

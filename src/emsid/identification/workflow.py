@@ -7,10 +7,12 @@ data, which no step of a fit uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.borders import border, collected
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -35,7 +37,7 @@ from emsid.models.plants.drive import Bridge, Hold
 from emsid.record import Record
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison
-from emsid.validation.regions import by_record
+from emsid.validation.regions import RecordError, by_record
 
 
 @one_blas_thread()
@@ -130,7 +132,7 @@ def identify(
     chosen = {name: value for name, value in locals().items() if name in KEYWORDS}
     options = options_of(options, chosen)
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
-    with cancelled_with(control):
+    with cancelled_with(control), collected() as noted:
         task = Task.of(records, unseen, names, options, transient, reading, control)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget or quick else elsewhere
@@ -143,18 +145,25 @@ def identify(
         if found.not_needed and fails_on_unseen(judged.on_unseen.best, judged.on_record):
             found = with_bootstrap(searches.with_rest(found), task.train, bootstrap, seed, control)
             judged = _compared(task, found.fits, control)
-    return _judged(task, asked, found, judged, control, excerpt=one_more)
+        result = _judged(task, asked, found, judged, control, excerpt=one_more)
+    return replace(result, findings=(*result.findings, *noted))
 
 
 def _judged(
     task: Task, asked: Sequence[Finding], found: Fits, judged: Compared, control: Control, *, excerpt: bool
 ) -> Identification:
     """The result of the searches, ranked: the models judged, and the recommended one fitted to all data."""
+    name = judged.best.model.name
     if excerpt and not found.stopped:
-        judged = on_all_samples(judged, task.to_fit, task.options, control)
+        with border(f"fit of {name} to all samples", name):
+            judged = on_all_samples(judged, task.to_fit, task.options, control)
     taken = profiles_of(judged.fits, () if found.stopped else task.options.profile, control)
     no_final = found.stopped or bool(task.others) or task.pole is not None
-    final = None if no_final else from_all_data(judged, task.unseen, task.record, task.options, control)
+    final, by_records = None, tuple[RecordError, ...]()
+    with border(f"fit of {name} to all data", name):
+        final = None if no_final else from_all_data(judged, task.unseen, task.record, task.options, control)
+    with border("errors by record"):
+        by_records = by_record(judged.fits, (*task.records, *task.others), task.transient)
     stopped = found.stopped or taken.stopped or control.cancelled()
     return Identification(
         record=task.train,
@@ -165,19 +174,20 @@ def _judged(
         profiles=taken.profiles,
         interrupted=stopped,
         on_choice=judged.on_choice,
-        model_verdicts=model_verdicts(
-            judged.on_record,
-            judged.on_unseen,
-            judged.findings,
-            judged.undetermined.reasons,
-            tests=not stopped,
-            pole=judged.pole,
-        ),
+        model_verdicts=_verdicts(judged, tests=not stopped),
         ranking=judged.ranking,
         on_all_data=final and final[0],
-        by_record=by_record(judged.fits, (*task.records, *task.others), task.transient),
+        by_record=by_records,
         whole=judged.whole,
     )
+
+
+def _verdicts(judged: Compared, *, tests: bool) -> tuple[Finding, ...]:
+    """The verdict on every model; without residual tests where these fail."""
+    of = judged.on_record, judged.on_unseen, judged.findings, judged.undetermined.reasons
+    with border("residual tests of the models"):
+        return model_verdicts(*of, tests=tests, pole=judged.pole)
+    return model_verdicts(*of, tests=False, pole=judged.pole)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
@@ -205,6 +215,26 @@ def _limited(control: Control, budget: float | None) -> Control:
 
 
 def _compared(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compared:
+    """The models compared; where that fails, without those that cannot be compared even alone.
+
+    Raises:
+        EmsidError: where none can be compared.
+    """
+    problems: list[EmsidError] = []
+    with border("comparison of the models", report=problems.append):
+        return _compared_together(task, fits, control)
+    alone: list[Compared] = []
+    for fit in fits if len(fits) > 1 else ():
+        with border(f"comparison of {fit.model.name} with the others", fit.model.name):
+            alone.append(_compared_together(task, [fit], control))
+    if not alone:
+        raise problems[0]
+    with border("comparison of the other models"):
+        return _compared_together(task, [each.best for each in alone], control)
+    return min(alone, key=lambda each: each.on_unseen.best.row.simulation_mse)
+
+
+def _compared_together(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compared:
     return Compared.of(
         fits,
         task.train,
@@ -249,8 +279,11 @@ def _findings(
     if final is not None:
         yield final[1]
     if not stopped:
-        yield from length_trusted(judged.best, final[0] if final else judged.best.model, task.record)
-        yield from _difference_of_records(on_unseen, (*task.records, *task.others))
+        model = final[0] if final else judged.best.model
+        with border(f"check of {model.name}: for how long it is trusted", model.name):
+            yield from length_trusted(judged.best, model, task.record)
+        with border("differences between records"):
+            yield from _difference_of_records(on_unseen, (*task.records, *task.others))
     yield from taken.failed
 
 

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError, ModelError
+from emsid.errors import ModelError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
@@ -123,9 +124,10 @@ def _check_repeated(fit: Fit[Any], records: Sequence[Record]) -> None:
 def _estimate(fit: Fit[Any], cut: Sequence[Record], draw: Sequence[int]) -> Array | None:
     """The estimate from one draw of pieces; None where it gives no model."""
     drawn = concatenate([cut[k] for k in draw], "drawn pieces")
-    try:
+    again = None
+    with border(f"fit of {fit.model.name} to drawn pieces", fit.model.name, expected=True):
         again = refitted(fit, Data((drawn,)), Budget.MINIMUM)
-    except EmsidError:
+    if again is None:
         return None
     return again.estimate if again.names == fit.names and np.isfinite(again.estimate).all() else None
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import Estimate
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.models.bands import Band, banded
@@ -202,6 +203,10 @@ class Capabilities(Generic[M]):
         return [banded_curve(fit, record, "friction", band, output_of(record), input_of(record))]
 
     # --- what is known of a fit --------------------------------------------------------------------------------------
+
+    def physical_rows(self, fit: Fit[M]) -> Sequence[Estimate]:
+        """The rows of the physical parameters that hold in every record; of a model without such parameters none."""
+        return ()
 
     def characteristics(self, fit: Fit[M], record: Record) -> tuple[Characteristic, ...]:
         """Gain, time constants, dead zone and friction with intervals, as far as it has them."""

@@ -11,7 +11,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from emsid.errors import EmsidError, ModelError
+from emsid.errors import ModelError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.models.extrapolation import Extremes, diverges, diverges_held
@@ -62,14 +63,13 @@ def usable_refit(fit: Fit[Any], data: Data, budget: Budget = Budget.FEW) -> Fit[
         Stopped: if the control of the data stops it.
     """
     (whole,) = data.records
-    try:
+    with border(f"fit of {fit.model.name} to other data", fit.model.name, expected=True):
         again = refitted(fit, data, budget)
         few = budget is Budget.FEW
         if few and not free_run_error(again.model, (whole,)) < free_run_error(fit.model, (whole,)):
             return None
         return again if is_safe(again.model, whole, fit.model) else None
-    except EmsidError:  # the data do not suit it
-        return None
+    return None
 
 
 def is_safe(model: Model, record: Record, known: Model | None = None) -> bool:

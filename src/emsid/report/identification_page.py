@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from emsid.errors import EmsidError, listed
+from emsid.errors import listed
+from emsid.estimation.borders import border, collected
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.identification.characteristics import determined
 from emsid.identification.result import Identification
@@ -29,8 +30,11 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.bands import Band
 
+Part = TypeVar("Part")
+
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, BANDED_VALUES = 3, 1_000_000
+VERDICTS = "Verdicts"
 DRAWN, BASELINE = 3, "arx"
 """Free runs and residuals of this many of the best models and of the linear one are drawn."""
 # At most this many physical parameters, values together, and notices about data and model, are on the first screen.
@@ -43,35 +47,63 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
     Args:
         result: what to show.
         argument: how names of arguments are written in its findings.
+
+    Returns:
+        The page; what of it fails is left out, and a notice says so.
     """
     best = result.on_unseen.best
-    limits = [each for each in (*result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
+    with collected() as noted:
+        opening = _tried("the first figure", lambda: _opening(result), Section(""))
+        values = _tried("values on the page", lambda: tuple(facts(result)), ())
+        sections = tuple(_sections(result, argument))
+    after = next((k for k, each in enumerate(sections, 1) if each.title == VERDICTS), 0)
+    limits = [each for each in (*noted, *result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
     limits.sort(key=lambda each: severity(each) is not Severity.PROBLEM)
     own = [each for each in limits if each.model in ("", best.row.model)]
     first, rest = own[:NOTICES], [*own[NOTICES:], *(each for each in limits if each not in own)]
     notes = [each for each in result.findings if severity(each) is Severity.INFO]
     others = tuple(sentence(each, argument) for each in (*rest, *notes))
+    more = [Section("More findings", remarks=others)] if others else []
     return Report(
         title=f"Identification of {result.record.name}",
         summary=(summary(result),),
-        facts=tuple(facts(result)),
-        opening=Section(
-            "",
-            terms=(terms.FREE_RUN, terms.FIT),
-            figures=(views.measured_and_simulated(best, band=_band(result), name="best-free-run"),),
-        ),
+        facts=values,
+        opening=opening,
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
-        sections=(
-            which_model(result),
-            *(each for each in (where_errors_are(result),) if each is not None),
-            verdicts(result, argument),
-            *([Section("More findings", remarks=others)] if others else []),
-            *([] if result.interrupted else in_detail(result)),
-            *(_model(result, fit, argument, with_bands=k < BANDED) for k, fit in enumerate(result.fits)),
-        ),
+        sections=(*sections[:after], *more, *sections[after:]),
         imprint=f"emsid identify, from {result.record.name}: {in_words(result.record)}",
     )
+
+
+def _tried(part: str, work: Callable[[], Part], otherwise: Part, model: str = "") -> Part:
+    """A part of the page, or another one where that fails."""
+    with border(part, model):
+        return work()
+    return otherwise
+
+
+def _opening(result: Identification) -> Section:
+    """The free run of the best model."""
+    best = result.on_unseen.best
+    drawn = views.measured_and_simulated(best, band=_band(result), name="best-free-run")
+    return Section("", terms=(terms.FREE_RUN, terms.FIT), figures=(drawn,))
+
+
+def _sections(result: Identification, argument: Spelling) -> Iterator[Section]:
+    """The sections that can be made."""
+    parts: dict[str, Callable[[], Iterable[Section | None]]] = {
+        "table of models": lambda: [which_model(result)],
+        "errors by region": lambda: [where_errors_are(result)],
+        "verdicts": lambda: [verdicts(result, argument)],
+        "figures of free runs": lambda: () if result.interrupted else in_detail(result),
+    }
+    for part, make in parts.items():
+        yield from filter(None, _tried(f"section of the page: {part}", make, ()))
+    for k, fit in enumerate(result.fits):
+        name = fit.model.name
+        with border(f"section of the page: {name}", name):
+            yield _model(result, fit, argument, with_bands=k < BANDED)
 
 
 def _model(result: Identification, fit: Fit[Any], argument: Spelling, *, with_bands: bool) -> Section:
@@ -91,10 +123,9 @@ def _band(result: Identification) -> Band | None:
     large = len(best.record) * max(len(best.fit.estimate), 1) > BANDED_VALUES
     if result.interrupted or large or not best.fit.has_bands:
         return None
-    try:
+    with border("band of the free run", best.row.model, expected=True):
         return free_run_band(best.fit, best.record, transient=best.transient)
-    except EmsidError:
-        return None
+    return None
 
 
 def summary(result: Identification) -> str:
@@ -238,7 +269,7 @@ def verdicts(result: Identification, argument: Spelling) -> Section:
     remarks = tuple(sentence(each, argument) for each in result.model_verdicts)
     tested = any(each.data["tests"] for each in result.model_verdicts)
     table = Table(head, tuple(rows), f"Residual tests on {result.unseen.name}.", note)
-    return Section("Verdicts", tables=(table,) if tested else (), remarks=remarks)
+    return Section(VERDICTS, tables=(table,) if tested else (), remarks=remarks)
 
 
 def _tested(tests: Sequence[Mapping[str, Any]], kind: str) -> tuple[str, str]:

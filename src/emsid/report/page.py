@@ -13,10 +13,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from emsid.estimation.borders import border
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
-from emsid.report.page_plots import page_figure
+from emsid.report.page_plots import PageFigure, page_figure
 from emsid.report.palette import DARK, LIGHT, variable
 
 if TYPE_CHECKING:
@@ -29,7 +30,14 @@ def page(report: Report) -> str:
     """The report as HTML."""
     template = templates().get_template("page.html.j2")
     colours = {"light": LIGHT, "dark": DARK}
-    return template.render(report=report, plots=page_figure, script=any(report.figures), colours=colours)
+    plots: dict[str, PageFigure] = {}
+    for figure in report.figures:
+        with border(f"figure {figure.name}"):
+            plots[figure.name] = page_figure(figure)
+    report = report.with_figures(plots)
+    return template.render(
+        report=report, plots=lambda figure: plots[figure.name], script=any(report.figures), colours=colours
+    )
 
 
 @cache
@@ -95,7 +103,8 @@ def report_files(
     files: dict[str, str | bytes] = {}
     for k, figure in enumerate(figures):
         control.doing(f"drawing {figure.name}", k, len(figures))
-        files |= {f"figures/{figure.name}.{suffix}": content for suffix, content in draw(figure, formats).items()}
+        with border(f"figure {figure.name}"):
+            files |= {f"figures/{figure.name}.{suffix}": content for suffix, content in draw(figure, formats).items()}
     control.check()
     return files | {PAGE: contents}
 

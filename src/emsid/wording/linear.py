@@ -45,9 +45,8 @@ def intervals_by_bootstrap(f: Finding, argument: Spelling) -> str:
 
 @words("no-bootstrap", Severity.WARNING)
 def no_bootstrap(f: Finding, argument: Spelling) -> str:
-    """Data: model, problem (why)."""
-    problem = f.data["problem"].removeprefix(f"{f.data['model']}: ")
-    return f"{f.data['model']}: its intervals are those of its fit and not by bootstrap: {problem}"
+    """Data: model, reason, arguments."""
+    return f"{f.data['model']}: its intervals are those of its fit and not by bootstrap: {f.data['reason']}"
 
 
 @words("few-samples", Severity.WARNING)

@@ -12,6 +12,7 @@ from emsid.cli.app import app
 from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
+    Debug,
     Details,
     Json,
     Out,
@@ -187,6 +188,7 @@ def identify(
     details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
+    debug: Debug = False,
 ) -> None:
     """Fit models to a record and rank them.
 
@@ -305,12 +307,12 @@ def _run(
             )
         result, data = completed(result)
         with kept(result, "identification") as result:
-            unwritten = attempted(lambda: files(result, data))
+            unwritten, unshown = attempted(lambda: files(result, data)), None
             with reader_may_leave():
                 if json:
                     say_json(as_json(data))
                 else:
-                    first_screen(result, details)
+                    unshown = attempted(lambda: first_screen(result, details))
         if unwritten is not None:
             raise unwritten
         drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
@@ -319,6 +321,8 @@ def _run(
         possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
         with reader_may_leave():
             say_where(out, drawn, "result.json", *written, possible=possible)
+    if unshown is not None:
+        raise unshown
     INTERRUPTION.end(result.interrupted or not drawn)
 
 

@@ -47,6 +47,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import (
     COMPARED,
@@ -222,6 +223,10 @@ def _without_line(model: FeedbackModel, i: int, z: Array, g: Array) -> tuple[Fee
     at = np.linspace(2 * low - high, 2 * high - low, COMPARED)  # beyond the data, too, so that every knot moves
     line, maps = slope * at + level, list(model.maps)
     maps[i] = map_.with_parameters(map_.parameters - within(map_, at, line))
+    try:
+        maps[i].check()
+    except Infeasible:  # ordered ends would cross, where the data lie on one side of both
+        return none
     before, after = map_.value(at), maps[i].value(at)
     if np.abs(before - after - line).max() > CONTAINED * np.abs(line).max() + ROUNDING * np.abs(before).max():
         return none  # also where a family contains lines to first order only

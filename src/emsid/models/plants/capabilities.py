@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import Estimate
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.findings import Finding
@@ -86,6 +87,10 @@ class OfPlants(Capabilities[GreyBox]):
     def curves(self, fit: Fit[GreyBox], record: Record) -> Iterator[Callable[[], list[BandedCurve]]]:
         if isinstance(fit, GreyBoxFit):
             yield partial(_friction_and_zone, fit, record)
+
+    def physical_rows(self, fit: Fit[GreyBox]) -> list[Estimate]:
+        """The rows without a record of the table."""
+        return [row for row in fit.table if not row.record]
 
     def characteristics(self, fit: Fit[GreyBox], record: Record) -> tuple[Characteristic, ...]:
         return of_plant(fit) if isinstance(fit, GreyBoxFit) else ()

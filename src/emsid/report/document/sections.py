@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 
 from emsid.report.document.diagrams import Diagram
 from emsid.report.document.plots import Figure
@@ -145,3 +145,11 @@ class Report:
     def diagrams(self) -> Iterator[Diagram]:
         """All diagrams of all sections, in order."""
         return (diagram for section in (self.opening, *self.sections) for diagram in section.diagrams)
+
+    def with_figures(self, names: Collection[str]) -> Report:
+        """The same with only the figures of these names."""
+
+        def kept(section: Section) -> Section:
+            return replace(section, figures=tuple(each for each in section.figures if each.name in names))
+
+        return replace(self, opening=kept(self.opening), sections=tuple(map(kept, self.sections)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import number, slug
 from emsid.report.views.conventions import BAND, channel_axis
@@ -57,7 +56,7 @@ def banded(fit: Fit[Any], record: Record) -> tuple[Figure, ...]:
         views.append(lambda: regression_friction(fit, record, name=f"{prefix}-friction"))
     figures = []
     for view in views:
-        with suppress(EmsidError):
+        with border(f"a figure of {fit.model.name}", fit.model.name, expected=True):
             figures.append(view())
     return tuple(figures)
 

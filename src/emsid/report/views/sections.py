@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from emsid.errors import EmsidError
+from emsid.estimation.borders import border
 from emsid.report.document import Figure, Section, Table
 from emsid.report.numbers import sentence, slug
 from emsid.report.views.tables import parameter_table, regressor_column
@@ -57,7 +56,7 @@ def model_section(
     remarks = tuple(sentence(worded(finding, argument)) for finding in fit.findings)
     parts = SECTIONS[capabilities_of(model).section(fit)](fit, record, prefix, profiles)
     drawings: list[Drawing] = [*parts.drawings, *(partial(view, fit, record, prefix) for view in VIEWS)]
-    figures = _drawable(drawings if drawn else ())
+    figures = _drawable(fit.model.name, drawings if drawn else ())
     return Section(name or model.name, parts.paragraphs, parts.equations, parts.tables, figures, remarks)
 
 
@@ -117,10 +116,10 @@ SECTIONS: dict[str, Callable[..., Parts]] = {
 are shown, the beginning of the names of its figures, and the likelihood profiles of its parameters."""
 
 
-def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:
+def _drawable(model: str, drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:
     """The figures that can be drawn."""
     figures = []
     for drawing in drawings:
-        with suppress(EmsidError):
+        with border(f"a figure of {model}", model, expected=True):
             figures.append(drawing())
     return tuple(figure for figure in figures if figure is not None)

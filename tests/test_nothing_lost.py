@@ -1,0 +1,165 @@
+"""Whatever one model, check, refit, figure or section of the page raises costs that part only."""
+
+import json
+from html.parser import HTMLParser
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import emsid
+from command_line import FIRST_ORDER, IDENTIFY, table
+from emsid.estimation.borders import LOG, InternalError, border, collected
+from emsid.estimation.nonlinear.control import Stopped
+from emsid.identification.candidates import CANDIDATES
+from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.feedback.coordinates import Visited
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.normal_form import normal_form
+
+pytestmark = pytest.mark.usefixtures("ctrl_c_heard")
+
+DEFECT = "an error inside the program (RuntimeError: of the test)"
+
+
+def fails(*_, **__):
+    raise RuntimeError("of the test")
+
+
+@pytest.fixture
+def model_that_fails(monkeypatch) -> str:
+    """The name of a model whose search has a defect."""
+    monkeypatch.setitem(CANDIDATES, "friction-narx", fails)
+    return "friction-narx"
+
+
+@pytest.fixture(autouse=True)
+def quiet_log():
+    """The log as it was before, also after ``--debug``."""
+    handlers, level = LOG.handlers[:], LOG.level
+    yield
+    LOG.handlers[:], LOG.level = handlers, level
+
+
+def test_a_defect_of_one_model_leaves_the_others(run, tmp_path, model_that_fails) -> None:
+    log = table(tmp_path / "log.csv", samples=300)
+    words = "identify", log, *IDENTIFY, *FIRST_ORDER, "--models", f"arx,{model_that_fails}", "--details", "--out"
+    status, out, err = run(*words, tmp_path / "out")
+    assert status == 0
+    assert f"{model_that_fails}: could not be fitted: {DEFECT}; everything else is complete" in out
+    assert "--debug" in out
+    assert "Traceback" not in out + err
+    written = json.loads((tmp_path / "out" / "result.json").read_text())
+    (failed,) = [each for each in written["findings"] if each["code"] == "model-failed"]
+    assert failed["subject"] == model_that_fails
+    assert DEFECT in (tmp_path / "out" / "report.html").read_text()
+    status, _, err = run(*words, tmp_path / "out", "--debug")
+    assert status == 0
+    assert "Traceback" in err
+    assert 'raise RuntimeError("of the test")' in err
+
+
+def test_without_any_model_one_line_says_why(run, tmp_path, model_that_fails) -> None:
+    log = table(tmp_path / "log.csv", samples=300)
+    status, out, err = run("identify", log, *IDENTIFY, "--models", model_that_fails, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err == f"emsid: {model_that_fails}: {DEFECT} (--debug)\n"
+
+
+PARTS = {
+    "refit to all data": "emsid.identification.workflow.from_all_data",
+    "refit for the ranking": "emsid.models.refitting.refitted",
+    "runs with other inputs": "emsid.identification.determined.Probes.difference",
+    "errors by record": "emsid.identification.workflow.by_record",
+    "plausibility": "emsid.identification.plausibility.Plausibility.findings",
+    "region": "emsid.identification.observations.worst_region",
+    "nonlinear terms": "emsid.identification.observations.about_nonlinear_terms",
+    "length trusted": "emsid.identification.workflow.length_trusted",
+    "characteristics": "emsid.identification.result.characteristics",
+    "curves": "emsid.identification.curves.step_response_band",
+    "residual test": "emsid.identification.result.verdicts",
+    "next steps": "emsid.identification.result.next_steps",
+    "next experiment": "emsid.identification.result.experiment",
+    "band of the free run": "emsid.validation.bands.free_run_band",
+    "section of a model": "emsid.report.views.model_section",
+    "section of figures": "emsid.report.identification_page.in_detail",
+    "facts": "emsid.report.identification_page.facts",
+    "figure on the page": "emsid.report.page.page_figure",
+    "figure as a file": "emsid.report.figures.draw",
+    "page": "emsid.report.identification_page.report",
+}
+
+
+class Reader(HTMLParser):
+    """Counts the elements of a page, and refuses one whose elements do not close."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in {"meta", "br", "wbr", "link", "img", "hr", "input"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_defect_of_one_part_leaves_everything_else(run, tmp_path, monkeypatch, part) -> None:
+    where, _, name = PARTS[part].rpartition(".")
+    module, _, kind = where.rpartition(".")
+    inside = getattr(import_module(module), kind) if kind[0].isupper() else import_module(where)
+    monkeypatch.setattr(inside, name, fails)
+    log = table(tmp_path / "log.csv", samples=300)
+    words = "--models", "arx,output-error", *FIRST_ORDER, "--details"
+    status, out, err = run("identify", log, *IDENTIFY, *words, "--out", tmp_path / "out")
+    assert status == 0, err
+    written = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert {row["model"] for row in written["rows"]} == {"arx", "output-error"}
+    for name in ("arx.json", "output-error.json", "recommended.json"):
+        assert emsid.load(tmp_path / "out" / name).parameters is not None
+    page = (tmp_path / "out" / "report.html").read_text()
+    Reader(page)
+    said = [each for each in written["findings"] if each["code"] == "part-failed"]
+    assert said or DEFECT in page or DEFECT in err
+    assert all(each["data"]["reason"] == DEFECT and each["data"]["internal"] for each in said)
+    assert "Traceback" not in out + err
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, MemoryError, Stopped(emsid.estimation.fit.Ending.INTERRUPTED)])
+def test_what_ends_a_run_on_purpose_passes_the_border(raised) -> None:
+    with pytest.raises(BaseException) as found, collected() as noted, border("part"):  # noqa: PT011
+        raise raised
+    assert found.type in (KeyboardInterrupt, MemoryError, Stopped)
+    assert noted == []
+
+
+def test_a_border_notes_a_failure_once_and_not_what_is_expected() -> None:
+    with collected() as noted:
+        for _ in range(2):
+            with border("part", "arx"):
+                raise ValueError("odd")
+        with border("other part", expected=True):
+            raise emsid.ModelError("these data do not suit it")
+    (finding,) = noted
+    assert (finding.code, finding.subject, finding.model) == ("part-failed", "part", "arx")
+    reported: list[emsid.EmsidError] = []
+    with border("part", report=reported.append):
+        raise ValueError
+    assert isinstance(reported[0], InternalError)
+    assert str(reported[0]) == "part: an error inside the program (ValueError)"
+
+
+def test_the_ends_of_a_dead_zone_do_not_cross_in_the_normal_form() -> None:
+    """The data are on the right of both ends; without its level, the map would have its ends in the other order."""
+    zone = DeadZone(-0.02, 0.0, 1.0, 3.0)
+    model = FeedbackModel(np.array([[0.5, 0.2, 0.4], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), (zone,))
+    u = np.random.default_rng(1).uniform(0.5, 2.0, 300)
+    run = model.trajectory(u, np.zeros(1))
+    form = normal_form(model, Visited.of(model, [u], [np.zeros(1)]))
+    form.model.check()
+    again = form.model.output(u, form.state(np.zeros(1)))
+    assert again == pytest.approx(run.y, abs=1e-9)

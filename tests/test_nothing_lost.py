@@ -12,10 +12,12 @@ from command_line import FIRST_ORDER, IDENTIFY, table
 from emsid.estimation.borders import LOG, InternalError, border, collected
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.blocks.static_maps import DeadZone
-from emsid.models.feedback.coordinates import Visited
+from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.normal_form import normal_form
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_heard")
 
@@ -153,13 +155,32 @@ def test_a_border_notes_a_failure_once_and_not_what_is_expected() -> None:
     assert str(reported[0]) == "part: an error inside the program (ValueError)"
 
 
-def test_the_ends_of_a_dead_zone_do_not_cross_in_the_normal_form() -> None:
-    """The data are on the right of both ends; without its level, the map would have its ends in the other order."""
-    zone = DeadZone(-0.02, 0.0, 1.0, 3.0)
-    model = FeedbackModel(np.array([[0.5, 0.2, 0.4], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), (zone,))
-    u = np.random.default_rng(1).uniform(0.5, 2.0, 300)
-    run = model.trajectory(u, np.zeros(1))
-    form = normal_form(model, Visited.of(model, [u], [np.zeros(1)]))
-    form.model.check()
-    again = form.model.output(u, form.state(np.zeros(1)))
-    assert again == pytest.approx(run.y, abs=1e-9)
+class Overlapping(DeadZone):
+    """A dead zone whose ends have crossed: around zero both slopes act."""
+
+    def check(self) -> None:
+        """Not refused."""
+
+
+LOOP = np.array([[0.6, 0.0, 0.3], [0.2, 1.0, 0.0], [1.0, 0.0, 0.0]])
+LAG = Rational([0.4], [-0.6])
+
+
+@pytest.mark.parametrize("kind", ["feedback", "cascade"])
+def test_ends_of_a_dead_zone_that_the_data_would_cross_meet(kind) -> None:
+    """The error is smallest where the ends have crossed; the search goes on along their meeting, and ends there."""
+
+    def model(zone):
+        return FeedbackModel(LOOP, (zone,), dt=0.01) if kind == "feedback" else Cascade((zone, LAG), dt=0.01)
+
+    rng = np.random.default_rng(3)
+    u, count = np.repeat(rng.uniform(-2, 2, 60), 5), 300
+    truth = model(Overlapping(0.3, -0.3, 1.0, 1.0))
+    y = truth.output(u, np.zeros(truth.states)) + 0.002 * rng.standard_normal(count)
+    record = emsid.Record(u, y, 0.01)
+    fit = (fit_feedback if kind == "feedback" else fit_cascade)(model(DeadZone(-0.2, 0.2)), record)
+    zone = fit.model.maps[0] if kind == "feedback" else fit.model.blocks[0]
+    zone.check()
+    assert 0 <= zone.b_r - zone.b_l < 0.02
+    values = fit.model.parameter_values()
+    assert fit.estimate == pytest.approx([values[name] for name in fit.names])

@@ -75,7 +75,7 @@ def attempted(work: Callable[[], object]) -> EmsidError | None:
     from emsid.estimation.borders import border
 
     problems: list[EmsidError] = []
-    with border("output", report=problems.append, passing=(OSError,)):
+    with border("output", report=problems.append, passing=OSError):
         work()
     return problems[0] if problems else None
 

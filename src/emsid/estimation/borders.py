@@ -39,7 +39,7 @@ def border(
     *,
     report: Callable[[EmsidError], object] | None = None,
     expected: bool = False,
-    passing: tuple[type[Exception], ...] = (),
+    passing: type[Exception] = Stopped,
 ) -> Iterator[None]:
     """Let what is raised within cost this part only.
 
@@ -48,7 +48,7 @@ def border(
         model: the model that it is about, if there is one.
         report: called with the problem, in place of a finding.
         expected: whether an `EmsidError` only says that the data do not suit the part, so that there is no finding.
-        passing: further exceptions that are raised.
+        passing: a further kind of exception that is raised.
 
     Raises:
         Stopped: as it is raised within.
@@ -56,7 +56,7 @@ def border(
     """
     try:
         yield
-    except (Stopped, MemoryError, *passing):
+    except (Stopped, MemoryError, passing):
         raise
     except Exception as problem:
         known = problem if isinstance(problem, EmsidError) else InternalError(part, problem)

@@ -113,7 +113,8 @@ class Identification(Presented):
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
         if self.interrupted:
             return (why,)
-        return (why, *self._part("the next experiment", lambda: (self._experiment(verdict),), ()))
+        nothing: tuple[Finding, ...] = ()
+        return (why, *self._part("the next experiment", lambda: (self._experiment(verdict),), nothing))
 
     def _experiment(self, verdict: Finding) -> Finding:
         one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from emsid.errors import listed
 from emsid.estimation.borders import border, collected
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.bands import Band
 
-Part = TypeVar("Part")
-
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, BANDED_VALUES = 3, 1_000_000
 VERDICTS = "Verdicts"
@@ -53,8 +51,12 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
     """
     best = result.on_unseen.best
     with collected() as noted:
-        opening = _tried("the first figure", lambda: _opening(result), Section(""))
-        values = _tried("values on the page", lambda: tuple(facts(result)), ())
+        opening = Section("")
+        with border("the first figure"):
+            opening = _opening(result)
+        found = list[Fact]()
+        with border("values on the page"):
+            found += facts(result)
         sections = tuple(_sections(result, argument))
     after = next((k for k, each in enumerate(sections, 1) if each.title == VERDICTS), 0)
     limits = [each for each in (*noted, *result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
@@ -67,20 +69,13 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
     return Report(
         title=f"Identification of {result.record.name}",
         summary=(summary(result),),
-        facts=values,
+        facts=tuple(found),
         opening=opening,
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
         sections=(*sections[:after], *more, *sections[after:]),
         imprint=f"emsid identify, from {result.record.name}: {in_words(result.record)}",
     )
-
-
-def _tried(part: str, work: Callable[[], Part], otherwise: Part, model: str = "") -> Part:
-    """A part of the page, or another one where that fails."""
-    with border(part, model):
-        return work()
-    return otherwise
 
 
 def _opening(result: Identification) -> Section:
@@ -99,7 +94,8 @@ def _sections(result: Identification, argument: Spelling) -> Iterator[Section]:
         "figures of free runs": lambda: () if result.interrupted else in_detail(result),
     }
     for part, make in parts.items():
-        yield from filter(None, _tried(f"section of the page: {part}", make, ()))
+        with border(f"section of the page: {part}"):
+            yield from filter(None, make())
     for k, fit in enumerate(result.fits):
         name = fit.model.name
         with border(f"section of the page: {name}", name):

@@ -94,6 +94,11 @@ class DeadZone(NumberedMap):
         """Two hinges."""
         return sum_of_terms([(self.m_r, f"max({x}{-self.b_r:+.6g}, 0)"), (self.m_l, f"min({x}{-self.b_l:+.6g}, 0)")])
 
+    def with_parameters(self, theta: Array) -> DeadZone:
+        """The map with other parameters; edges that would cross meet halfway, where the zone has closed."""
+        b_l, b_r, m_l, m_r = theta.tolist()
+        return DeadZone(b_l, b_r, m_l, m_r) if b_l <= b_r else DeadZone(0.5 * (b_l + b_r), 0.5 * (b_l + b_r), m_l, m_r)
+
     def check(self) -> None:
         """Refuse edges that have crossed."""
         if not self.b_l <= self.b_r:

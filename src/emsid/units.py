@@ -35,7 +35,9 @@ _LOGGED = (
     "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm rev/s rad deg rev count count/s count/sample "
     "m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
 )
-_SPELLINGS = {unit.lower(): unit for unit in _LOGGED.split()} | {
+_SPELLINGS = {unit.lower(): unit for unit in (*(si for si in SI if si != "1"), *_LOGGED.split())} | {
+    "-": "1",
+    "ω": "ohm",
     "°": "deg",
     "°/s": "deg/s",
     "degree": "deg",
@@ -60,6 +62,9 @@ _SPELLINGS = {unit.lower(): unit for unit in _LOGGED.split()} | {
     "n·m": "N*m",
     "rad/s²": "rad/s^2",
     "m/s²": "m/s^2",
+    "turn": "rev",
+    "turns": "rev",
+    "turns/s": "rev/s",
     "counts": "count",
     "ticks": "count",
     "counts/s": "count/s",

@@ -27,7 +27,7 @@ from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
-from emsid.io.files import gunzipped, read_bytes
+from emsid.io.files import gunzipped, looks_like, read_bytes
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.long_form import one_column_per_signal
@@ -106,7 +106,7 @@ class _Signal:
 
 
 def read_columns(path: str | os.PathLike[str]) -> Columns:
-    """The columns of a file, by the reader for its suffix, or for the one before ``.gz``.
+    """The columns of a file, by the reader for its suffix, or for the one before ``.gz``; a text of another as a table.
 
     Raises:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
@@ -119,6 +119,8 @@ def read_columns(path: str | os.PathLike[str]) -> Columns:
         reader, content = read_bag_folder, archived(path)
     else:
         reader, content = READERS.get(suffix), read_bytes(path)
+    if reader is None and looks_like(content) == "text":
+        reader = read_table
     if reader is None:
         known = ", ".join(READERS)
         raise FormatError(f"{path}: no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")

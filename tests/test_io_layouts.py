@@ -145,7 +145,9 @@ def test_a_unit_is_converted_in_every_style_of_header(tmp_path, header, separato
     np.testing.assert_allclose(record.output[:, 0], conversion(unit_y, "rad/s").gain * Y, atol=1e-5)
 
 
-@pytest.mark.parametrize("units", [("V", "rad/s"), ("A", "rad"), ("1", "m/s"), ("N*m", "kg*m^2"), ("", "ohm"), ("", "")])
+@pytest.mark.parametrize(
+    "units", [("V", "rad/s"), ("A", "rad"), ("1", "m/s"), ("N*m", "kg*m^2"), ("", "ohm"), ("", "")]
+)
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz"])
 def test_a_written_record_is_read_back_with_its_units(tmp_path, units, suffix) -> None:
     record = emsid.Record(U, Y, 0.01, "command", "answer", units[0], units[1])

@@ -142,7 +142,13 @@ def test_a_scale_may_change_the_unit(log: Log) -> None:
 
 @pytest.mark.parametrize(
     ("header", "unit"),
-    [("u,q [rad]", "rad/s"), ("u,q [m]", "m/s"), ("u,q\nV,rad/s", "rad/s^2"), ("u,q [V]", "V/s"), ("u,q [deg]", "rad/s")],
+    [
+        ("u,q [rad]", "rad/s"),
+        ("u,q [m]", "m/s"),
+        ("u,q\nV,rad/s", "rad/s^2"),
+        ("u,q [V]", "V/s"),
+        ("u,q [deg]", "rad/s"),
+    ],
 )
 def test_a_derivative_has_the_unit_of_its_column_per_second(log: Log, header: str, unit: str) -> None:
     record = read(log(header), input="u", output="d(q)", dt=0.1)

@@ -80,7 +80,7 @@ def known_unit(text: str) -> str:
     ('rpm', 'deg/s', '')
     """
     text = text.strip("()[]{}<> ")
-    return text if text in _SPELLINGS.values() else _SPELLINGS.get(text.lower(), "")
+    return text if text in _SPELLINGS.values() and text != "1" else _SPELLINGS.get(text.lower(), "")
 
 
 BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")

@@ -128,7 +128,9 @@ _DEVICES = "pump pumpe pompe bomba pompa valve ventil vanne heater heating heizu
 _OPEN = re.compile(r"(?:\s*/\s*|\s+in\s+|\s+(?=\S+/))(\S+)$")
 """A unit after a slash, as in *U/V*, after *in*, or one with a slash after a blank."""
 _PER_SECOND = r"(?:rad|deg|rev|m|mm|l|counts?)(?:_per_|_p_|_|p)s(?:ec)?"
-_SUFFIX = re.compile(rf"[_ ]({_PER_SECOND}|(?:rad|m)_(?:per_)?s2|rpm_s|ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
+_SUFFIX = re.compile(
+    rf"[_ ]({_PER_SECOND}|(?:rad|m)_(?:per_)?s2|rpm_s|ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$"
+)
 """The search goes from left to right, so that the longest unit is found."""
 _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
 _UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}

@@ -349,8 +349,9 @@ def _commented_header(comments: Sequence[_Line], first: int, separator: str, wid
 
     def cells(number: int) -> list[str]:
         text = next((comment.text for comment in comments if comment.number == number), "")
-        (text,) = _with_marks([number], _without_end([re.sub(r"^\s*[#%]+\s*", "", text)]), separator)
-        found = cells_of(text)
+        text = re.sub(r"^\s*[#%]+\s*", "", text).rstrip()
+        (text,) = _with_marks([number], [text if separator == ";" else text.removesuffix(";")], separator)
+        found = _shortened(text, width)
         return found if _are_names(found, width) else []
 
     nearest, above = cells(first - 1), cells(first - 2)

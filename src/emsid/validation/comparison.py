@@ -17,8 +17,8 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.free_run import mean_squared_error
 from emsid.models.model import Model, Run
-from emsid.presentation import Presented
 from emsid.models.verbs import for_model
+from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.frames import frame
 from emsid.validation.metrics import Array, fit_percent

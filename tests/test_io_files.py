@@ -155,6 +155,6 @@ def test_a_name_loses_a_unit_that_is_not_that_of_the_channel(tmp_path: Path) -> 
     samples = np.arange(4.0)
     names = ("Spannung [V]",), ("Drehzahl [U/min]",), "V", "rad/s"
     write_record(Record(samples, samples, 0.01, *names), tmp_path / "x.csv")
-    assert (tmp_path / "x.csv").read_text().splitlines()[:2] == ["t,Spannung [V],Drehzahl", "[s],[V],[rad/s]"]
+    assert (tmp_path / "x.csv").read_text().splitlines()[:2] == ["t [s],Spannung [V],Drehzahl [rad/s]", "0.0,0.0,0.0"]
     write_record(Record(samples, samples, 0.01, ("n (rpm)",), ("n [U/min]",), "rad/s", "rad/s"), tmp_path / "y.csv")
-    assert (tmp_path / "y.csv").read_text().splitlines()[0] == "t,n (rpm),n [U/min]"
+    assert (tmp_path / "y.csv").read_text().splitlines()[0] == "t [s],n (rpm),n [U/min]"

@@ -569,7 +569,7 @@ class TestFiles:
         assert "the file is empty" in failure(write(""), input="u", output="y", dt=1)
 
     def test_suffix(self, write: Write) -> None:
-        message = failure(write("u,y\n1,2\n", "log.doc"), input="u", output="y", dt=1)
+        message = failure(write("u,y\n1,2\n\x00", "log.doc"), input="u", output="y", dt=1)
         assert message == f"no reader for the suffix '.doc'; there are {', '.join(READERS)}, also packed (.csv.gz)"
         assert len(read(write("u,y\n1,2\n", "LOG.CSV"), input="u", output="y", dt=1)) == 1
 

@@ -37,26 +37,31 @@ def units(record: Record) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize(
-    ("column", "name", "unit"),
+    ("column", "name", "unit", "size"),
     [
-        ("speed [rad/s]", "speed", "rad/s"),
-        ("speed(rad/s)", "speed", "rad/s"),
-        ("speed {RAD/S}", "speed", "rad/s"),
-        ("speed / (rad/s)", "speed", "rad/s"),
-        ("torque (Nm)", "torque", "N*m"),
-        ("voltage [Volt]", "voltage", "V"),
-        ("a [m/s²]", "a", "m/s^2"),
-        ("speed [rpm]", "speed", ""),  # known, but no SI unit: the numbers remain as they are
-        ("angle (°)", "angle", ""),
-        ("duty [%]", "duty", ""),
+        ("speed [rad/s]", "speed", "rad/s", 1),
+        ("speed(rad/s)", "speed", "rad/s", 1),
+        ("speed {RAD/S}", "speed", "rad/s", 1),
+        ("speed / (rad/s)", "speed", "rad/s", 1),
+        ("torque (Nm)", "torque", "N*m", 1),
+        ("voltage [Volt]", "voltage", "V", 1),
+        ("voltage [mV]", "voltage", "V", 1e-3),
+        ("a [m/s²]", "a", "m/s^2", 1),
+        ("speed [rpm]", "speed", "rad/s", np.pi / 30),
+        ("angle (°)", "angle", "rad", np.pi / 180),
+        ("duty [%]", "duty", "1", 0.01),
+        ("encoder [counts]", "encoder", "count", 1),  # of unknown size: the numbers remain, and so does the unit
+        ("duty [pwm]", "duty", "pwm", 1),
     ],
 )
-def test_a_channel_has_the_si_unit_in_the_name_of_its_column(log: Log, column: str, name: str, unit: str) -> None:
+def test_a_channel_is_converted_from_the_unit_in_the_name_of_its_column_to_si(
+    log: Log, column: str, name: str, unit: str, size: float
+) -> None:
     path = log(f"u,{column}")
     for asked in (name, column):
         record = read(path, input="u", output=asked, dt=0.1)
         assert (record.output_names, units(record)) == ((column,), ("", unit))
-        np.testing.assert_array_equal(record.output[:, 0], 2 * np.arange(20))
+        np.testing.assert_allclose(record.output[:, 0], size * 2 * np.arange(20), rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +94,7 @@ def test_columns_that_differ_by_their_units_are_named_with_them(log: Log) -> Non
         )
     with pytest.raises(DataError, match="the mask 'speed > 1' uses 'speed', which is the name of several columns"):
         read(path, input="u", output="speed2", dt=0.1, mask="speed > 1")
-    assert read(path, input="u", output="speed (rpm)", dt=0.1).output[1, 0] == 2
+    assert read(path, input="u", output="speed (rpm)", dt=0.1).output[1, 0] == pytest.approx(2 * np.pi / 30)
     assert read(path, input="u", output="speed2", dt=0.1).output[1, 0] == 5  # one column has that very name
 
 
@@ -120,7 +125,8 @@ def test_a_unit_that_is_given_decides_then_a_row_of_units_then_the_name(log: Log
     in_name, in_row = log("u [V],y [rad/s]"), log("u [V],y [rad/s]\n[mV],[Nm]", "row.csv")
     given: dict[str, Any] = {"input": "u", "output": "y", "dt": 0.1}
     assert units(read(in_name, **given)) == ("V", "rad/s")
-    assert units(read(in_row, **given)) == ("", "N*m")  # mV is no SI unit
+    record = read(in_row, **given)
+    assert (units(record), record.input[1, 0]) == (("V", "N*m"), pytest.approx(1e-3))
     record = read(in_row, **given, units={"u": "mV", "y [rad/s]": "rpm"})
     assert units(record) == ("V", "rad/s")
     np.testing.assert_allclose((record.input[1, 0], record.output[1, 0]), (1e-3, 2 * np.pi / 30))
@@ -136,13 +142,19 @@ def test_a_scale_may_change_the_unit(log: Log) -> None:
 
 @pytest.mark.parametrize(
     ("header", "unit"),
-    [("u,q [rad]", "rad/s"), ("u,q [m]", "m/s"), ("u,q\nV,rad/s", "rad/s^2"), ("u,q [V]", "V/s"), ("u,q [deg]", "")],
+    [
+        ("u,q [rad]", "rad/s"),
+        ("u,q [m]", "m/s"),
+        ("u,q\nV,rad/s", "rad/s^2"),
+        ("u,q [V]", "V/s"),
+        ("u,q [deg]", "rad/s"),
+    ],
 )
 def test_a_derivative_has_the_unit_of_its_column_per_second(log: Log, header: str, unit: str) -> None:
     record = read(log(header), input="u", output="d(q)", dt=0.1)
     column = header.split("\n")[0].removeprefix("u,")
     assert (record.output_names, record.output_units) == ((f"d({column})",), (unit,))
-    np.testing.assert_allclose(record.output, 20, rtol=1e-9)
+    np.testing.assert_allclose(record.output, np.deg2rad(20) if "deg" in header else 20, rtol=1e-9)
     assert repr(record).endswith("d(q) [rad/s])") is (unit == "rad/s")
     assert read(log(header), input="u", output="d(q)", dt=0.1, units={"d(q)": "rpm"}).output_units == ("rad/s",)
 

@@ -24,6 +24,8 @@ SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/s
 
 
 # Exponents of more than one digit are refused: pint would compute such a power exactly, which may never end.
+SMALLEST, LARGEST = 1e-15, 1e12
+"""Units outside this range of SI units are refused: no drive is measured in electron volts or parsecs."""
 _LONG_POWER = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?:\^|\*\*)[^*^/]*(?:\^|\*\*)")
 MOST_LETTERS = 80
 _WORDS_OF_POWERS = re.compile(r"\b(squared|cubed|square|cubic|sq)\b")
@@ -33,7 +35,9 @@ _LOGGED = (
     "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm rev/s rad deg rev count count/s count/sample "
     "m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
 )
-_SPELLINGS = {unit.lower(): unit for unit in _LOGGED.split()} | {
+_SPELLINGS = {unit.lower(): unit for unit in (*(si for si in SI if si != "1"), *_LOGGED.split())} | {
+    "-": "1",
+    "ω": "ohm",
     "°": "deg",
     "°/s": "deg/s",
     "degree": "deg",
@@ -58,6 +62,9 @@ _SPELLINGS = {unit.lower(): unit for unit in _LOGGED.split()} | {
     "n·m": "N*m",
     "rad/s²": "rad/s^2",
     "m/s²": "m/s^2",
+    "turn": "rev",
+    "turns": "rev",
+    "turns/s": "rev/s",
     "counts": "count",
     "ticks": "count",
     "counts/s": "count/s",
@@ -73,7 +80,7 @@ def known_unit(text: str) -> str:
     ('rpm', 'deg/s', '')
     """
     text = text.strip("()[]{}<> ")
-    return text if text in _SPELLINGS.values() else _SPELLINGS.get(text.lower(), "")
+    return text if text in _SPELLINGS.values() and text != "1" else _SPELLINGS.get(text.lower(), "")
 
 
 BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
@@ -289,7 +296,29 @@ def conversion(
             f"unit {unit!r} is not understood ({str(problem) or type(problem).__name__}); write it as V, rpm, deg/s, "
             "count/sample, pwm, …"
         ) from None
-    return Conversion(float(one - zero), float(zero), target)
+    gain = float(one - zero)
+    if not (SMALLEST <= abs(gain) <= LARGEST or registry.Unit(_spelling(unit)) == wanted):
+        raise DataError(f"unit {unit!r} is {gain:.3g} {target}, which no drive is measured in; write V, rpm, deg/s, …")
+    return Conversion(gain, float(zero), target)
+
+
+def si_unit(unit: str, **sizes: float) -> str:
+    """The SI unit that values in ``unit`` can be converted to; empty where there is none, or a size is not known.
+
+    >>> si_unit("rpm"), si_unit("mV"), si_unit("count"), si_unit("furlong per lamp")
+    ('rad/s', 'V', '', '')
+
+    Args:
+        unit: as `conversion` reads it.
+        sizes: those of counts, samples and PWM, as for `conversion`.
+    """
+    if unit in SI:
+        return unit
+    try:
+        found = conversion(unit, **sizes).unit if unit else ""
+    except DataError:
+        return ""
+    return found if found in SI else ""
 
 
 def _several_powers(unit: str) -> bool:

@@ -13,6 +13,7 @@ from emsid.errors import DataError, EmsidError
 
 SPELLINGS = {
     "units": "unit",
+    "signals": "signal",
     "fixed": "fix",
     "profiles": "profile",
     "plant.codes": "brake",

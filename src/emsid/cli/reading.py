@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -15,6 +15,7 @@ from emsid.errors import DataError
 
 if TYPE_CHECKING:
     from emsid.io import ParsedFile
+    from emsid.io.columns import Columns
     from emsid.record import Record
 
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -28,11 +29,15 @@ class Reader:
         given: arguments by name.
         usual: defaults of the command.
         recalled_dt: whether the sample time is that of a model file: the clock of a file replaces it.
+        recalled_units: columns whose unit is that of a model file: a unit in the header of another file replaces it.
+        recalled_from: the columns that the model was identified from, whose headers do not replace it.
     """
 
     given: Mapping[str, Any]
     usual: Mapping[str, Any]
     recalled_dt: bool = False
+    recalled_units: frozenset[str] = frozenset()
+    recalled_from: frozenset[str] = frozenset()
 
     def __call__(self, path: Path) -> "Record":
         """Read a file; another sample time stated in it is a finding of the record."""
@@ -40,26 +45,38 @@ class Reader:
         from emsid.io import ParsedFile, read, read_columns
 
         parsed = ParsedFile(path, read_columns(path))
-        if self.recalled_dt and (other := self._by_its_clock(parsed)) is not None:
+        given = self.for_columns(parsed.columns)
+        if self.recalled_dt and (other := self._by_its_clock(parsed, given)) is not None:
             return other
-        record, dt = read(parsed, **self.given), self.given.get("dt")
-        if dt is None or "time" in self.given:
+        record, dt = read(parsed, **given), given.get("dt")
+        if dt is None or "time" in given:
             return record
         return replace(
             record, findings=(*record.findings, *contradiction(stated_clock(parsed.columns, path.name), path.name, dt))
         )
 
-    def _by_its_clock(self, parsed: "ParsedFile") -> "Record | None":
+    def for_columns(self, columns: "Columns") -> dict[str, Any]:
+        """The arguments for a file, without recalled units of columns whose header in it gives one."""
+        from emsid.units import column_of
+
+        given = dict(self.given)
+        if self.recalled_units and given.get("units"):
+            named = {name: columns.called(column_of(name, columns.series)) for name in self.recalled_units}
+            stated = {name for name, each in named.items() if each not in self.recalled_from and columns.unit(each)}
+            given["units"] = {name: unit for name, unit in given["units"].items() if name not in stated}
+        return given
+
+    def _by_its_clock(self, parsed: "ParsedFile", options: Mapping[str, Any]) -> "Record | None":
         """The record with the clock of its file, where that has another sample time; None where it has not."""
         from emsid.findings import Finding
         from emsid.first_look.clock import clock_of_file, differs
         from emsid.io import read
 
-        before = self.given["dt"]
-        clock = clock_of_file(parsed.columns, (*self.given["input"], *self.given["output"]))
+        before = options["dt"]
+        clock = clock_of_file(parsed.columns, (*options["input"], *options["output"]))
         if clock is None or not differs(clock, before):
             return None
-        given: dict[str, Any] = {name: value for name, value in self.given.items() if name != "dt"}
+        given: dict[str, Any] = {name: value for name, value in options.items() if name != "dt"}
         if clock.unit and clock.unit_confidence < 1:
             given["time_unit"] = clock.unit
         record = read(parsed, **given, time=clock.column)
@@ -97,15 +114,38 @@ class Reader:
         """The arguments that also suit other files of the same kind: all but the rows. A model file keeps them."""
         return {name: value for name, value in self.given.items() if name != "rows"}
 
-    def after(self, remembered: Mapping[str, Any] | None) -> "Reader":
+    def after(self, remembered: Mapping[str, Any] | None, channels: Collection[str] = ()) -> "Reader":
         """A reader that takes arguments that are not given from a model file.
 
-        Gains, offsets and units are merged column by column, whether a column is named with its unit or without it. A
-        sample time replaces a time column, and vice versa. An empty text removes an argument of the file.
+        Gains, offsets and units are merged column by column, whether a column is named with its unit or without it. An
+        option of a column holds for the column in the same place where other inputs or outputs are given. A sample time
+        replaces a time column, and vice versa. An empty text removes an argument of the file.
+
+        Args:
+            remembered: arguments of `emsid.io.read` in the model file.
+            channels: the names of the channels of the model there.
         """
-        from emsid.units import called
+        from emsid.units import called, column_of
 
         before = dict(remembered or {})
+        moved = {
+            column_of(old): column_of(new)
+            for side in ("input", "output")
+            if len(self.given.get(side, ())) == len(before.get(side, ()))
+            for old, new in zip(before.get(side, ()), self.given.get(side, ()), strict=True)
+        }
+
+        def in_place(name: str) -> str:
+            """The name of the column that is given in the place of another."""
+            column = column_of(name)
+            new = next((moved[old] for old in moved if called(column, {old: ""}) or called(old, {column: ""})), column)
+            return name.replace(column, new)
+
+        before |= {
+            name: {in_place(column): each for column, each in value.items()}
+            for name, value in before.items()
+            if isinstance(value, Mapping)
+        }
         if "dt" in self.given and "time" not in self.given:
             before = {name: value for name, value in before.items() if name not in ("time", "time_unit", "resample")}
         elif "time" in self.given:
@@ -123,7 +163,13 @@ class Reader:
             name: with_others(name, value) if isinstance(value, dict) else value for name, value in self.given.items()
         }
         recalled = "dt" in before and not {"dt", "time"} & set(self.given)
-        return Reader({name: value for name, value in (before | merged).items() if value not in ("", [])}, {}, recalled)
+        return Reader(
+            {name: value for name, value in (before | merged).items() if value not in ("", [])},
+            {},
+            recalled,
+            frozenset(set(before.get("units", {})) - set(self.given.get("units", {}))),
+            frozenset(map(column_of, channels)),
+        )
 
 
 def _rows(text: str) -> slice:
@@ -171,6 +217,14 @@ Unit = Annotated[
     list[str],
     typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI."),
 ]
+SignalOption = Annotated[
+    list[str],
+    typer.Option(
+        "--signal",
+        metavar="COL=SIGNAL",
+        help="What an output measures: rotor_speed, load_speed, speed, position, current.",
+    ),
+]
 CountsPerRevolution = Annotated[
     float | None, typer.Option(metavar="N", help="Encoder counts in one revolution, for the unit count.")
 ]
@@ -215,6 +269,7 @@ def _reader(
     scale: Scale = [],  # noqa: B006
     offset: Offset = [],  # noqa: B006
     unit: Unit = [],  # noqa: B006
+    signal: SignalOption = [],  # noqa: B006
     counts_per_revolution: CountsPerRevolution = None,
     supply_voltage: SupplyVoltage = None,
     pwm_full_scale: PwmFullScale = None,
@@ -239,6 +294,7 @@ def _reader(
         "scale": numbers(scale, "--scale"),
         "offset": numbers(offset, "--offset"),
         "units": pairs(unit, "--unit"),
+        "signals": pairs(signal, "--signal"),
         "counts_per_revolution": counts_per_revolution,
         "supply_voltage": supply_voltage,
         "pwm_full_scale": pwm_full_scale,

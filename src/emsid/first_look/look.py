@@ -263,7 +263,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
 def _with_hanging_angle(look: FirstLook, parsed: ParsedFile, given: set[str]) -> FirstLook:
     """The look with a position as its output where that is an angle that hangs, which its speed alone does not show."""
     position = look.roles.output
-    if "output" in given or look.reading.get("output") != f"d({position})":
+    if "output" in given or not look.reading.get("input") or look.reading.get("output") != f"d({position})":
         return look
     reading = {**look.reading, "output": position}
     with suppress(EmsidError):

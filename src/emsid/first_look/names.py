@@ -127,7 +127,11 @@ _OF_PROCESSES = (
 _DEVICES = "pump pumpe pompe bomba pompa valve ventil vanne heater heating heizung tank boiler lamp"
 _OPEN = re.compile(r"(?:\s*/\s*|\s+in\s+|\s+(?=\S+/))(\S+)$")
 """A unit after a slash, as in *U/V*, after *in*, or one with a slash after a blank."""
-_SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
+_PER_SECOND = r"(?:rad|deg|rev|m|mm|l|counts?)(?:_per_|_p_|_|p)s(?:ec)?"
+_SUFFIX = re.compile(
+    rf"[_ ]({_PER_SECOND}|(?:rad|m)_(?:per_)?s2|rpm_s|ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$"
+)
+"""The search goes from left to right, so that the longest unit is found."""
 _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
 _UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}
 """Words of a name that say the unit."""
@@ -190,6 +194,12 @@ def _words(bare: str) -> list[str]:
     return words + [part for word in words if (found := _COMPOUND.fullmatch(word)) for part in found.groups() if part]
 
 
+def _spelt(suffix: str) -> str:
+    """A unit at the end of a name as units are written: that of ``rad_per_s`` is ``rad/s``."""
+    found = re.fullmatch(r"(rad|deg|rev|mm|m|l|counts?|rpm)(?:_per_|_p_|_|p)s(?:ec)?(2?)", suffix)
+    return f"{found[1]}/s{'^2' if found[2] else ''}" if found else suffix
+
+
 def without_unit(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit; empty where it has none that is known.
 
@@ -204,5 +214,5 @@ def without_unit(name: str) -> tuple[str, str]:
         return name[: after.start()], unit_in_name(after[1])
     suffix = _SUFFIX.search(name)
     if suffix:
-        return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1], suffix[1]))
+        return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1]) or _spelt(suffix[1]))
     return name, ""

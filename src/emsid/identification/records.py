@@ -22,7 +22,7 @@ READING = tuple(name for name in read.__annotations__ if name not in ("path", "r
 
 
 def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record, ...]:
-    """All given records; paths are read.
+    """All given records, in SI; paths are read.
 
     Args:
         records: one record or path, or several.
@@ -45,7 +45,7 @@ def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record,
 
 def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:
     if isinstance(given, Record):
-        return given
+        return given.in_si()
     if not isinstance(given, str | os.PathLike):
         raise DataError(f"a {type(given).__name__} is no record; give emsid.Record(input, output, dt=…), or a path")
     missing = [name for name in ("input", "output") if name not in reading]

@@ -37,7 +37,8 @@ def read_mat(content: bytes) -> Columns:
     """The vectors and matrices of a MAT file.
 
     The fields of a struct are called ``struct.field``, the cells of a cell array ``cell{1}``, and the fields of an
-    array of structs ``struct(1).field``, at any depth up to `DEEPEST`.
+    array of structs ``struct(1).field``, at any depth up to `DEEPEST`. The signals of a capture of dSPACE (a struct
+    with ``X`` and ``Y``) have their own names.
 
     Raises:
         FormatError: for content that is no MAT file of version 5 to 7.3, or a damaged one.
@@ -128,6 +129,8 @@ def _inside(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     elif depth == DEEPEST or value.size > MOST_OF_ARRAY:
         kind = "structs" if value.dtype.names else "cells"
         yield name, f"an array of {value.size} {kind}" if depth < DEEPEST else f"{kind} inside many others"
+    elif value.dtype.names and _is_capture(value):
+        yield from _captured(name, value.ravel()[0])
     elif value.dtype.names:
         for k, item in enumerate(value.ravel(order="F"), start=1):
             owner = name if value.size == 1 else f"{name}({k})"
@@ -136,6 +139,38 @@ def _inside(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     else:
         for k, item in enumerate(value.ravel(order="F"), start=1):
             yield from _inside(f"{name}{{{k}}}", item, depth + 1)
+
+
+def _is_capture(value: Any) -> bool:
+    """Whether a struct is a capture of dSPACE: its fields ``X`` and ``Y`` are structs with names and data."""
+    if value.size != 1 or not {"X", "Y"} <= set(value.dtype.names):
+        return False
+    parts = [value.ravel()[0][field] for field in "XY"]
+    return all(
+        isinstance(part, np.ndarray) and {"Name", "Data"} <= set(part.dtype.names or ()) and part.size <= MOST_OF_ARRAY
+        for part in parts
+    )
+
+
+def _captured(owner: str, capture: Any) -> Iterator[tuple[str, Any]]:
+    """The signals of a capture by their names, without the parts of a path that all have: ``time`` where there is none.
+
+    Args:
+        owner: the name of the variable, for a signal without a name.
+        capture: the struct.
+    """
+    signals = capture["Y"].ravel(order="F")
+    paths = [str(each["Name"].item() if each["Name"].size else "").replace('"', "").split("/") for each in signals]
+    while len(paths) > 1 and min(map(len, paths)) > 1 and len({path[0] for path in paths}) == 1:
+        paths = [path[1:] for path in paths]
+    while len(paths) > 1 and min(map(len, paths)) > 1 and len({path[-1] for path in paths}) == 1:
+        paths = [path[:-1] for path in paths]
+    names = ["/".join(path) or f"{owner}.Y({k})" for k, path in enumerate(paths, start=1)]
+    for k, axis in enumerate(capture["X"].ravel(order="F"), start=1):
+        said = str(axis["Name"].item()) if axis["Name"].size else ""
+        yield said or ("time" if k == 1 else f"time_{k}"), axis["Data"]
+    for name, signal in zip(names, signals, strict=True):
+        yield name if names.count(name) == 1 else f"{owner}.{name}", signal["Data"]
 
 
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:

@@ -90,6 +90,11 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         return cls(channels.dt, channels.inputs, channels.outputs)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names of inputs and outputs."""
+        return tuple(name for name, _ in (*self.inputs, *self.outputs))
+
+    @property
     def channels(self) -> ChannelNames:
         """The channels without the fingerprint."""
         return ChannelNames(self.dt, self.inputs, self.outputs)

@@ -6,8 +6,8 @@ and becomes ``scale·x + offset``. Masked samples are removed; the others are ch
 Derivatives are computed within each segment. Units are converted to SI.
 
 A column may be named without the unit in brackets of its header; its channel has the name of the column. A unit that is
-given decides; else the channel has the unit that the file gives, if that is an SI unit. Numbers in another unit of the
-file remain as they are, without a unit, until that unit is given.
+given decides; else the channel has the unit that the file gives, and is converted from it to SI. Only counts and PWM
+whose size is not given, and units that are not of a drive, remain as they are, with their unit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
-from emsid.io.files import gunzipped, read_bytes
+from emsid.io.files import gunzipped, looks_like, read_bytes
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.long_form import one_column_per_signal
@@ -48,7 +48,7 @@ from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
 from emsid.record import Record, argument_types, concatenate
-from emsid.units import SI, column_of
+from emsid.units import column_of
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 
 MOST_EXACT = 2**53
 """Whole numbers up to this one are floats without rounding; NumPy refuses larger ones than 2⁶³."""
-_BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units")
+_BY_COLUMN = ("wrap", "shift", "direction", "scale", "offset", "units", "signals")
 """The arguments of `read` that are given by column."""
 
 _KINDS = {
@@ -90,7 +90,7 @@ _KINDS = {
     **dict.fromkeys(("resample", "skip_bad_rows"), argument_types.SWITCH),
     **dict.fromkeys(("derivative_window", "decimate", "detrend"), argument_types.WHOLE),
     **dict.fromkeys(("wrap", "shift", "scale", "offset"), argument_types.NUMBERS),
-    **dict.fromkeys(("direction", "units"), argument_types.TEXTS),
+    **dict.fromkeys(("direction", "units", "signals"), argument_types.TEXTS),
     "rows": argument_types.SLICE,
 }
 """The types of the arguments of `read`."""
@@ -106,7 +106,7 @@ class _Signal:
 
 
 def read_columns(path: str | os.PathLike[str]) -> Columns:
-    """The columns of a file, by the reader for its suffix, or for the one before ``.gz``.
+    """The columns of a file, by the reader for its suffix, or for the one before ``.gz``; a text of another as a table.
 
     Raises:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
@@ -119,6 +119,8 @@ def read_columns(path: str | os.PathLike[str]) -> Columns:
         reader, content = read_bag_folder, archived(path)
     else:
         reader, content = READERS.get(suffix), read_bytes(path)
+    if reader is None and looks_like(content) == "text":
+        reader = read_table
     if reader is None:
         known = ", ".join(READERS)
         raise FormatError(f"{path}: no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")
@@ -181,6 +183,7 @@ def read(
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
+    signals: Mapping[str, str] | None = None,
     counts_per_revolution: float | None = None,
     supply_voltage: float | None = None,
     pwm_full_scale: float = 255.0,
@@ -222,9 +225,10 @@ def read(
         direction: by column without sign, such as the duty of a bridge, the column that says its direction: the sign is
             negative where that is not above 0 (0 and 1, or −1 and 1).
         scale, offset: by column; ``scale·x + offset`` replaces x.
-        units: by column, the unit it is in after that; the channel is then converted to SI. By default an SI unit that
+        units: by column, the unit it is in after that; the channel is then converted to SI. By default the unit that
             the file gives, in a row of units or in brackets in the name of the column, unless ``scale`` changes it. A
             derivative has the unit of its column per second, if not given under its own name.
+        signals: by output, what it measures, see `emsid.Record`; by default its unit says it.
         counts_per_revolution, supply_voltage, pwm_full_scale: define the units ``count`` and ``pwm``.
         resample: resample an irregular time axis to a regular one (zero-order hold of inputs, linear interpolation of
             outputs). A gap of 10 sample times or more ends a segment.
@@ -342,24 +346,25 @@ def _record(
     scale: Mapping[str, float],
     offset: Mapping[str, float],
     units: Mapping[str, str],
+    signals: Mapping[str, str],
     derivative_window: int,
     meanings: Mapping[str, float | None],
 ) -> Record:
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
-    signals = _signals(inputs, outputs, columns)
-    used = [s.column for s in signals]
+    channels = _signals(inputs, outputs, columns)
+    used = [s.column for s in channels]
     by_column: dict[str, Any] = {"wrap": wrap, "shift": shift, "direction": direction, "scale": scale, "offset": offset}
-    sources = {s.name: s.column for s in signals}
+    sources = {s.name: s.column for s in channels}
     unused = surplus_units(units, sources, columns)
     check_options({**by_column, "units": {unit: units[unit] for unit in units if unit not in unused}}, sources)
     apart = shifted(continuous(columns, wrap), shift, direction)
     columns, clock = _on_one_clock(apart, clock, used, {*used[: len(inputs)], *direction.values()})
-    used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
+    used = [*(s.column for s in channels), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
         values = [
             selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0), direction.get(s.column))
-            for s in signals
+            for s in channels
         ]
         record = sampled(
             selection,
@@ -370,15 +375,18 @@ def _record(
                 dt=1.0,
                 input_names=tuple(inputs),
                 output_names=tuple(outputs),
-                input_units=tuple(_unit(s, units, scale, columns) for s in signals[: len(inputs)]),
-                output_units=tuple(_unit(s, units, scale, columns) for s in signals[len(inputs) :]),
+                input_units=tuple(_unit(s, units, scale, columns) for s in channels[: len(inputs)]),
+                output_units=tuple(_unit(s, units, scale, columns) for s in channels[len(inputs) :]),
                 name=name,
                 findings=selection.findings,
-                conversions={s.name: (scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals},
+                signals=signals,
+                conversions={s.name: (scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in channels},
             ),
         )
-        record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
-        record = record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
+        record = _differentiated(record, [s.name for s in channels if s.is_derivative], derivative_window)
+        sizes = {key: value for key, value in meanings.items() if value is not None}
+        given = {s.name: None for s in channels if units.get(s.name) or units.get(s.column)}
+        record = record.convert(given, **sizes).in_si(**sizes)
         moved = [Finding("data-resampled", name, {"dt": record.dt})] if columns is not apart else []
         notes = [*unused.values(), *about_sample_time(record.dt, name)]
         return replace(record, findings=(*moved, *record.findings, *notes))
@@ -461,12 +469,12 @@ def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _unit(signal: _Signal, units: Mapping[str, str], scale: Mapping[str, float], columns: Columns) -> str:
-    """The unit given for a channel, else the one that the file gives for its column, if that is an SI unit.
+    """The unit given for a channel, else the one that the file gives for its column.
 
     A scale other than −1 may change the unit, so that the one in the file is no longer known to be right.
     """
     if units.get(signal.name):
         return units[signal.name]
     in_file = columns.unit(signal.column) if abs(scale.get(signal.column, 1.0)) == 1 else ""
-    unit = units.get(signal.column) or (in_file if in_file in SI else "")
+    unit = units.get(signal.column) or in_file
     return f"{unit}/s" if unit and signal.is_derivative else unit

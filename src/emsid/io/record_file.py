@@ -16,7 +16,7 @@ from emsid.io.columns import UNITS, units_as_json
 from emsid.io.files import atomic_write
 from emsid.io.table import read_table
 from emsid.record import Record
-from emsid.units import name_and_unit
+from emsid.units import name_and_unit, unit_in_name
 
 if TYPE_CHECKING:
     import polars as pl
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     """Write a record of one segment as a table of time, inputs and outputs.
 
-    Numbers and SI units are read back exactly. A CSV file has a row of units under its names if all are known, Parquet
-    has them in its metadata, NPZ in an additional array. A name with another unit in brackets loses that.
+    Numbers and SI units are read back exactly. The names in the one header line of a CSV file end with their units,
+    ``voltage [V]``; Parquet has them in its metadata, NPZ in an additional array. A name with another unit in brackets
+    loses that.
 
     Args:
         record: the record.
@@ -70,14 +71,15 @@ def _in_units(names: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]
 
 
 def _csv(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:
+    named = {
+        name: name if name_and_unit(name)[1] or not unit_in_name(short) else f"{name} [{short}]"
+        for name, short in ((name, "-" if unit == "1" else unit) for name, unit in units.items())
+    }
+    frame = frame.rename(named)
     start = frame.head(2).write_csv().encode()
     if list(read_table(start).series) != frame.columns:
         raise DataError(f"the names {', '.join(frame.columns[1:])} cannot head a CSV file; write Parquet, or rename")
-    content = frame.write_csv()
-    if not all(units.values()):
-        return content.encode()
-    header, line, rest = content.partition("\n")
-    return f"{header}{line}{','.join(f'[{unit}]' for unit in units.values())}{line}{rest}".encode()
+    return frame.write_csv().encode()
 
 
 def _parquet(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:

@@ -32,6 +32,9 @@ from emsid.units import known_unit
 _BRACKETED = re.compile(r"\(.*\)|\[.*\]|\{.*\}")
 TIME = "time"
 """The name of the column with the times before an arrow."""
+_BROKEN = re.compile(r'(?:(?<=[,;\t\n])|^)"((?:[^"]|""){0,200})"(?=[ ]*(?:[,;\t\n]|$))')
+_BREAK = "\v"
+"""Stands for a line break in a quoted cell until the lines are counted."""
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -76,6 +79,7 @@ def _read_by_lines(content: bytes) -> Columns:
 
     _refuse_can_frames(texts[-LAST_LINES:])
     texts, times, labels, units = monitor_lines(texts)
+    texts = _without_end(texts)
     tail = [text for text in texts[-LAST_LINES:] if _DIGIT.search(text)]
     separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
     texts = _with_marks(numbers, texts, separator)
@@ -120,7 +124,13 @@ def _lines(content: bytes) -> tuple[list[_Line], list[int], list[str]]:
     comments: list[_Line] = []
     numbers: list[int] = []
     texts: list[str] = []
-    for number, text in enumerate(_decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
+    whole = _decode(content).replace("\r\n", "\n").replace("\r", "\n")
+    if '"' in whole:
+        whole = _BROKEN.sub(lambda cell: re.sub(r"\s*\n\s*", _BREAK, cell[0]), whole)
+    broken = 0
+    for number, text in enumerate(whole.split("\n"), start=1):
+        number, broken = number + broken, broken + text.count(_BREAK)
+        text = text.replace(_BREAK, " ")
         first = text.lstrip()[:1]
         if first and first in "#%":
             comments.append(_Line(number, text))
@@ -145,6 +155,25 @@ def _decode(content: bytes) -> str:
             f"this is not a text table; it looks like {what}: give the file its right suffix or repair it"
         )
     return text
+
+
+def _without_end(texts: Sequence[str]) -> list[str]:
+    """The lines without the separator at their end, where the last ones all have it and it ends no named column.
+
+    It is the only one of its kind in a line (``0.1,2,3;``), or no line without it at the end has as many.
+    """
+    filled = [text.rstrip(" ") for text in texts]
+    last = [text for text in filled[-LAST_LINES:] if _DIGIT.search(text)]
+    last = last[len(last) // 2 :]
+    if not last:
+        return list(texts)
+    for end in (";", ",", "\t"):
+        if not all(text.endswith(end) and not text.endswith(2 * end) for text in last):
+            continue
+        alone = all(text.count(end) == 1 and re.search(r"[,;\t ]", text[:-1].strip()) for text in last)
+        if alone or not any(text.count(end) == last[-1].count(end) and text[-1:] != end for text in filled):
+            return [text.removesuffix(end) for text in filled]
+    return list(texts)
 
 
 def _refuse_can_frames(texts: Sequence[str]) -> None:
@@ -306,19 +335,29 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
         units = [unit if _is_unit(unit) else "" for unit in cells_of(texts[start - 1])]
         return _Header(start - 2, names(start - 2), units, constants)
     nearest, above = names(start - 1), names(start - 2)
-    if nearest and above and all(map(_is_unit, nearest)):
-        return _Header(start - 2, above, [unit.strip("()[]{} ") for unit in nearest])
-    return _Header(start - 1, nearest, [""] * width) if nearest else None
+    units = nearest if nearest and above and all(map(_is_unit, nearest)) else []
+    at = start - 2 if units else start - 1
+    found = above if units else nearest
+    over = names(at - 1)
+    if over and len(set(found)) < len(found) and len(set(zip(over, found, strict=True))) > len(set(found)):
+        at, found = at - 1, [f"{group} {name}".strip() for group, name in zip(over, found, strict=True)]
+    return _Header(at, found, [unit.strip("()[]{} ") for unit in units] or [""] * width) if found else None
 
 
 def _commented_header(comments: Sequence[_Line], first: int, separator: str, width: int) -> _Header | None:
-    """The names in the comment directly above line ``first`` of the file (``# t u y``), if it has any."""
-    above = next((comment for comment in comments if comment.number == first - 1), None)
-    if above is None:
-        return None
-    (text,) = _with_marks([above.number], [above.text.strip().lstrip("#% ")], separator)
-    cells = cells_of(text)
-    return _Header(None, cells, [""] * width) if _are_names(cells, width) else None
+    """The names in the comment directly above line ``first`` of the file (``# t u y``), or above one of units."""
+
+    def cells(number: int) -> list[str]:
+        text = next((comment.text for comment in comments if comment.number == number), "")
+        text = re.sub(r"^\s*[#%]+\s*", "", text).rstrip()
+        (text,) = _with_marks([number], [text if separator == ";" else text.removesuffix(";")], separator)
+        found = _shortened(text, width)
+        return found if _are_names(found, width) else []
+
+    nearest, above = cells(first - 1), cells(first - 2)
+    if nearest and above and all(map(_is_unit, nearest)):
+        return _Header(None, above, [unit.strip("()[]{} ") for unit in nearest])
+    return _Header(None, nearest, [""] * width) if nearest else None
 
 
 def _shortened(text: str, width: int) -> list[str]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from emsid.models.kinds import capabilities_of
 from emsid.models.stepping import Stepper
-from emsid.models.verbs import as_model
+from emsid.models.verbs import as_model, for_model
 from emsid.record import Record
 
 
@@ -36,6 +36,7 @@ def start(model: Any, level: ArrayLike = 0.0, dt: float | None = None, *, record
         ModelError: for something that is no model, another number of inputs, or a missing sample time.
         DataError: for a record that is too short or has no outputs.
     """
+    record = record and for_model(model, record)
     subject = as_model(model, record)
     kind = capabilities_of(subject)
     if record is None:

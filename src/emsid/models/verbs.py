@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, get_args, get_type_hints
 
@@ -206,13 +206,13 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
 
 
 def as_records(records: Any) -> Any:
-    """The records, checked.
+    """The records in SI, checked.
 
     Raises:
         DataError: for anything else, with advice.
     """
     if isinstance(records, Record):
-        return records
+        return records.in_si()
     if isinstance(records, str | os.PathLike):
         raise DataError(f"{str(records)!r} is a path; read it first: emsid.read({str(records)!r}, input=…, output=…)")
     if isinstance(records, np.ndarray) or not isinstance(records, Iterable):
@@ -225,7 +225,31 @@ def as_records(records: Any) -> Any:
                 raise DataError(f"a {type(record).__name__} among the records; give emsid.Record(input, output, dt=…)")
         if not records:
             raise DataError("no record to fit to; give one, or a list of them")
-    return records
+        return [record.in_si() for record in records]
+    return records if isinstance(records, _InSI) else _InSI(records)
+
+
+class _InSI:
+    """Records in SI, each converted when it is its turn, as often as they are asked for."""
+
+    def __init__(self, records: Iterable[Any]) -> None:
+        self._records = records
+
+    def __iter__(self) -> Iterator[Any]:
+        return (record.in_si() if isinstance(record, Record) else record for record in self._records)
+
+
+def for_model(model: Any, record: Record) -> Record:
+    """A record in the units that a model was fitted to, by position; in those of a plant, which are SI.
+
+    Args:
+        model: a fit, a model or a plant; of another model the units are not known, and the record remains.
+        record: to run the model on.
+    """
+    if isinstance(model, Fit) and model.channels is not None:
+        return model.channels.in_these_units(record)
+    physical = isinstance(model.model if isinstance(model, Fit) else model, GreyBox) or is_plant(model)
+    return record.in_si() if physical else record
 
 
 def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> Record:
@@ -238,8 +262,8 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
 
     Args:
         model: a model, a `Fit`, a plant such as ``emsid.plants.rigid_motor()``, or an `emsid.Motor`.
-        input: (N,) or (N, nu), in the units of the data that the model was fitted to; or a record. Where the record
-            has outputs, those at the start of every segment give the initial state and are repeated in the result;
+        input: (N,) or (N, nu), in the units of the data that the model was fitted to, SI where these had units; or a
+            record, which is converted to them. Where the record has outputs, those at the start of every segment give the initial state and are repeated in the result;
             otherwise every segment starts at rest.
         dt: sample time of the input in seconds, for a model without its own; a record has its own.
 
@@ -257,6 +281,8 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
         raise DataError("the model comes first and the input second: emsid.simulate(model, voltage, dt=1e-3)")
     if isinstance(input, Record) and dt is not None and not np.isclose(dt, input.dt, rtol=1e-6, atol=0.0):
         raise DataError(f"{input.name} has a sample time of {input.dt:g} s and dt is {dt:g} s; leave dt out")
+    if isinstance(input, Record):
+        input = for_model(model, input)
     subject = as_model(model, input if isinstance(input, Record) else None)
     record = _named(as_record(subject, input, dt), model, subject)
     run = subject.simulate(record)

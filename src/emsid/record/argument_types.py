@@ -101,6 +101,7 @@ WHOLE_LIST = Kind(_all(_is_whole), "a list of whole numbers")
 NUMBER_LIST = Kind(_all(_is_number), "a list of numbers")
 PAIRS = Kind(_by_name(_is_pair), "a dictionary from names to pairs of gain and offset")
 TEXTS = Kind(_by_name(TEXT.fits), "a dictionary from names to texts")
+UNITS = Kind(_by_name(lambda value: value is None or TEXT.fits(value)), "a dictionary from names to texts")
 
 
 def check_types(values: Mapping[str, object], kinds: Mapping[str, Kind], where: str = "") -> None:

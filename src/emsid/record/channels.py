@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
+from emsid.errors import DataError
 from emsid.record.record import Record
+from emsid.units import channel_and_unit
 
 
 @dataclass(frozen=True)
@@ -28,3 +31,20 @@ class ChannelNames:
             tuple(zip(record.input_names, record.input_units, strict=True)),
             tuple(zip(record.output_names, record.output_units, strict=True)),
         )
+
+    def in_these_units(self, record: Record) -> Record:
+        """A record in the units of these channels, by position; channels of another quantity remain in SI.
+
+        Args:
+            record: its channels may have other names.
+        """
+        record = record.in_si()
+        for side in ("input", "output"):
+            names, wanted = getattr(record, f"{side}_names"), getattr(self, f"{side}s")
+            units = getattr(record, f"{side}_units")
+            for name, unit, channel in zip(names, units, wanted, strict=False):
+                target = channel_and_unit(*channel)[1]
+                if unit and target not in ("", unit):
+                    with suppress(DataError):
+                        record = record.convert({name: target})
+        return record

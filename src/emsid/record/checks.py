@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.record.argument_types import NUMBER_LIST, PAIRS, TEXT, TEXT_LIST, WHOLE_LIST, Kind, brief, items_of
+from emsid.record.argument_types import NUMBER_LIST, PAIRS, TEXT, TEXT_LIST, TEXTS, WHOLE_LIST, Kind, brief, items_of
 from emsid.record.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
@@ -52,7 +52,29 @@ def real_numbers(values: ArrayLike, side: str) -> Array:
     return array
 
 
+SIGNALS = ("speed", "rotor speed", "load speed", "position", "current")
+"""What an output may measure; a speed of a plant with two masses is that of its load."""
+
+
+def signal_called(signal: str, name: str) -> str:
+    """A signal in its spelling; ``rotor_speed`` and ``rotor-speed`` are the rotor's speed.
+
+    Args:
+        signal: as it is given.
+        name: of the output, for the message.
+
+    Raises:
+        DataError: for something else.
+    """
+    spelt = signal.strip().lower().replace("_", " ").replace("-", " ")
+    if spelt not in SIGNALS:
+        known = ", ".join(each.replace(" ", "_") for each in SIGNALS)
+        raise DataError(f"{name!r} cannot be the signal {signal!r}; there are {known}", arguments=("signals",))
+    return spelt
+
+
 KINDS = {
+    "signals": TEXTS,
     "name": TEXT,
     "breaks": WHOLE_LIST,
     "times": NUMBER_LIST,

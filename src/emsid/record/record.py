@@ -21,15 +21,23 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
-from emsid.record.argument_types import NUMBER, SLICE, TEXT, TEXTS, WHOLE, brief, check_types, items_of, names_of, typed
-from emsid.record.checks import KINDS, as_channels, check_finite, real_numbers, segments_of, whole_number
+from emsid.record.argument_types import NUMBER, SLICE, TEXT, UNITS, WHOLE, brief, check_types, items_of, names_of, typed
+from emsid.record.checks import (
+    KINDS,
+    as_channels,
+    check_finite,
+    real_numbers,
+    segments_of,
+    signal_called,
+    whole_number,
+)
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
 from emsid.record.frames import FrameMethods, numbers, seconds
 from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import TimeAxis, about_time, time_axis
 from emsid.record.timer import on_timer
-from emsid.units import called, name_and_unit, readable_unit
+from emsid.units import SI, called, name_and_unit, readable_unit, si_unit
 
 Array = NDArray[np.float64]
 
@@ -56,6 +64,8 @@ class Record(Presented, FrameMethods):
         before: by segment, the samples right before it, or None; empty where nothing is known before any. They are no
             part of the record. A free run begins with them, so that it enters the segment in the state that the inputs
             have led to (see `part`).
+        signals: by output, what it measures, where its unit does not say it to a plant: ``"rotor speed"``,
+            ``"load speed"``, ``"speed"``, ``"position"`` or ``"current"``.
 
     Raises:
         DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
@@ -77,6 +87,7 @@ class Record(Presented, FrameMethods):
     findings: tuple[Finding, ...] = ()
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     before: tuple[Record | None, ...] = ()
+    signals: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_types(self.__dict__, KINDS | {"before": items_of(Record)})
@@ -123,6 +134,14 @@ class Record(Presented, FrameMethods):
             self._put(f"{side}_units", units)
             check_finite(getattr(self, side), names, self.name)
         channels = self.input_names + self.output_names
+        self._put("signals", {name: signal_called(signal, name) for name, signal in self.signals.items()})
+        strange = next((name for name in self.signals if name not in self.output_names), None)
+        if strange is not None:
+            raise DataError(
+                f"{self.name}: a signal is given for {strange!r}, which is no output; these are "
+                f"{', '.join(self.output_names)}",
+                arguments=("signals",),
+            )
         twice = next((name for name in channels if channels.count(name) > 1), None)
         if twice is not None:
             raise DataError(f"{self.name}: two channels are called {twice!r}; every channel needs its own name")
@@ -470,12 +489,12 @@ class Record(Presented, FrameMethods):
         closest = float(samples[np.argmin(np.abs(samples - value))])
         return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
 
-    @typed(units=TEXTS)
-    def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
+    @typed(units=UNITS)
+    def convert(self, units: Mapping[str, str | None] | None = None, **scales: float) -> Record:
         """Convert every channel with a unit to SI, or the named channels to the given units.
 
         Args:
-            units: the new unit of each channel to convert; None converts all to SI.
+            units: the new unit of each channel to convert, None for SI; without this argument all become SI.
             scales: the scales of counts and PWM, see `emsid.units.conversion`: ``counts_per_revolution``,
                 ``supply_voltage``, ``pwm_full_scale``.
         """
@@ -489,3 +508,17 @@ class Record(Presented, FrameMethods):
             gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
             result = result.scale(name, gain, offset, unit)
         return result
+
+    def in_si(self, **scales: float) -> Record:
+        """The record with every channel in SI whose unit can be converted; the record itself where all are.
+
+        Counts and PWM of unknown size, and units that are not understood, remain. `emsid.fit`, `emsid.identify`,
+        `emsid.simulate` and the functions that judge a fit convert their records in this way.
+
+        Args:
+            scales: as in `convert`.
+        """
+        sizes = {"sample_time": self.dt, **scales}
+        units = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
+        other = [name for name, unit in units.items() if unit and unit not in SI and si_unit(unit, **sizes)]
+        return self.convert(dict.fromkeys(other), **scales) if other else self

@@ -25,7 +25,7 @@ from emsid.models.bands import Band, with_error
 from emsid.models.kinds import capabilities_of
 from emsid.models.linear.system import LinearSystem
 from emsid.models.starting import start
-from emsid.models.verbs import as_model
+from emsid.models.verbs import as_model, for_model
 from emsid.record import Record
 from emsid.validation.bands import (
     LONGEST,
@@ -215,6 +215,7 @@ def predict(model: Any, record: Record, horizon: int = 1) -> Record:
         ModelError: for a record of other channels, or a prediction that diverges.
         DataError: for a record without outputs.
     """
+    record = for_model(model, record)
     subject = as_model(model, record)
     run = subject.predict(record, horizon)
     if run.diverged_at is not None:
@@ -238,6 +239,7 @@ def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.
         ModelError: for a record of other channels.
         DataError: for a record that is too short or has no outputs.
     """
+    record = for_model(model, record)
     fit = model if isinstance(model, Fit) else as_fit(as_model(model, record))
     u = np.asarray(inputs, dtype=float)
     u = u[:, None] if u.ndim == 1 else u
@@ -325,6 +327,7 @@ def residuals(model: Any, record: Record) -> Residuals:
         ModelError: for a record of other channels, or a run that diverges.
         DataError: where no sample is left after the start of the model.
     """
+    record = for_model(model, record)
     fit = model if isinstance(model, Fit) else as_fit(as_model(model, record))
     found = assess(fit, record)
     if found.simulation.diverged_at is not None:

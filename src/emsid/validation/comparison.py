@@ -17,6 +17,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.free_run import mean_squared_error
 from emsid.models.model import Model, Run
+from emsid.models.verbs import for_model
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.frames import frame
@@ -230,7 +231,7 @@ def validate(
 
     Args:
         model: the model, or a fit of it.
-        record: the data. The first ``transient`` samples of a segment in motion start the model and are left out of
+        record: the data, which are converted to the units of the fit. The first ``transient`` samples of a segment in motion start the model and are left out of
             errors; a segment that begins at rest counts whole.
         transient: in samples; by default as many as the model needs.
         experiment, data: labels of the row.
@@ -240,6 +241,7 @@ def validate(
         DataError: where no sample is left for an error.
     """
     fit = as_fit(model)
+    record = for_model(fit, record)
     simulation = fit.model.simulate(record, transient)
     prediction = fit.model.predict(record, 1, transient)
     counted = simulation.counted
@@ -364,7 +366,7 @@ def _one_record(record: Record | Sequence[Record]) -> Record:
     if isinstance(record, Record):
         return record
     if isinstance(record, Sequence) and record and all(isinstance(each, Record) for each in record):
-        return record[0] if len(record) == 1 else concatenate(record)
+        return record[0] if len(record) == 1 else concatenate(each.in_si() for each in record)
     if isinstance(record, Fit | Model):
         raise DataError("the record comes last, after the models: compare([linear, motor], record)")
     raise DataError(f"a {type(record).__name__} is no record to compare on; give emsid.Record(input, output, dt=…)")

@@ -16,7 +16,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.models.kinds import capabilities_of
 from emsid.models.plants.by_name import full_names
-from emsid.models.verbs import as_model, fit
+from emsid.models.verbs import as_model, fit, for_model
 from emsid.validation.comparison import Assessment, Row, assess, assess_model
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ def reestimate(
         )
     if not 0 < part < 1:
         raise ModelError(f"a part of {part:g}; give a fraction between 0 and 1", arguments=("part",))
+    record = for_model(model, record)
     grey.check_record(record)
     first, rest = record.split(part)
     plant = grey.plant.of_record(grey.plant.record_of(record.segments[0]))

@@ -30,7 +30,8 @@ def _give_unit(f: Finding, argument: Spelling) -> str:
 @words("command-unit-assumed", Severity.WARNING)
 def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
-    return f"{d['channel']} has no unit and is read as {d['unit']}{_give_unit(f, argument)} or drive.gain"
+    given = {"": "has no unit", "1": "is a share"}.get(d.get("given", ""), f"is in {d.get('given')}")
+    return f"{d['channel']} {given} and is read as {d['unit']}{_give_unit(f, argument)} or drive.gain"
 
 
 @words("command-may-be-duty", Severity.INFO)

@@ -105,12 +105,14 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
 
     The file is read as the model file remembers and as is given; its outputs are read only to estimate the start.
     """
-    from emsid.io import load_model, origin, read, read_options
+    from emsid.io import ParsedFile, load_model, origin, read, read_columns, read_options
     from emsid.models.verbs import simulate as run
     from emsid.units import column_of, name_and_unit
 
     model, source = load_model(path), origin(path)
-    reading = reader.after(read_options(path)).given
+    reader = reader.after(read_options(path), () if source is None else source.names)
+    parsed = ParsedFile(file, read_columns(file))
+    reading = reader.for_columns(parsed.columns)
     if source is None or "input" not in reading:
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
     outputs = reading["output"] if start is Start.ESTIMATED else ()
@@ -122,7 +124,7 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
         else value
         for name, value in reading.items()
     }
-    record = read(file, **(options | {"output": outputs}))
+    record = read(parsed, **(options | {"output": outputs}))
     driven = run(model, record)
     names, units = zip(*source.outputs, strict=True)
     begun = f"begins at rest; if {file.name} has outputs, --start estimated takes the initial state from them"

@@ -71,7 +71,7 @@ def validate(
     from emsid.validation.regions import errors_by_region
 
     loaded, source = load_model(model), origin(model)
-    reader = reader.after(read_options(model))
+    reader = reader.after(read_options(model), () if source is None else source.names)
     if "input" not in reader.given or "output" not in reader.given:
         raise DataError(
             f"{model}: the file does not say how its record was read; give the columns of input and output",

@@ -214,9 +214,11 @@ _BY_UNIT = {
 
 
 def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
-    """The signals of the outputs of a record, by their units; without a unit, the default signal of the plant."""
+    """The signals of the outputs of a record: as given, else by units; without a unit, the default of the plant."""
     default = Signal.SPEED if plant.channels is None else plant.channels.default_signal
-    return tuple(_BY_UNIT.get(unit, default) for unit in record.output_units)
+    by_unit = (_BY_UNIT.get(unit, default) for unit in record.output_units)
+    named = (record.signals.get(name, "").removeprefix("load ") for name in record.output_names)
+    return tuple(Signal(name) if name else signal for name, signal in zip(named, by_unit, strict=True))
 
 
 _NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
@@ -232,6 +234,14 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
         return
     if record.output.shape[1] != len(signals):
         raise DataError(f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals given for them")
+    twice = next((signal for signal in signals if signals.count(signal) > 1), None)
+    if twice is not None:
+        alike = [name for name, signal in zip(record.output_names, signals, strict=True) if signal is twice]
+        raise DataError(
+            f"{record.name}: {listed([*map(repr, alike)])} are both read as the {twice.value} of {plant.name}; say what "
+            "each measures, such as rotor_speed and load_speed, or leave one out",
+            arguments=("signals",),
+        )
     if channels is None:
         return
     for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):
@@ -255,12 +265,9 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
         for name, unit, signal in zip(record.output_names, record.output_units, signals_of(plant, record), strict=True)
         if not unit
     ]
-    if not record.input_units[0]:
-        findings.append(
-            Finding(
-                "command-unit-assumed", plant.name, {"channel": record.input_names[0], "unit": channels.default_unit}
-            )
-        )
+    if (given := record.input_units[0]).lower() in _NO_QUANTITY:
+        data = {"channel": record.input_names[0], "unit": channels.default_unit, "given": given}
+        findings.append(Finding("command-unit-assumed", plant.name, data))
         if channels.bridge and (full := _full_duty(record, channels)):
             findings.append(
                 Finding("command-may-be-duty", plant.name, {"channel": record.input_names[0], "full": full})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -60,3 +61,18 @@ class Estimate:
     def how(self) -> str:
         """The source of the value, in a few words for a table."""
         return f"given {', '.join(self.given)}" if self.given else str(self.status)
+
+
+BY_NOBODY = (Status.KEPT, Status.BUILT_IN, Status.AT_BOUND)
+"""Values that nobody gave, unless a datasheet has them, and that no data determine."""
+
+
+def assumed_in(table: Sequence[Estimate], more: Iterable[str] = ()) -> tuple[Estimate, ...]:
+    """The rows whose values nobody gave or measured, and on which others of the table depend.
+
+    Args:
+        table: the parameters of a fit.
+        more: names on which other results of the fit depend.
+    """
+    needed = {*(name for row in table for name in row.given), *more}
+    return tuple(row for row in table if row.name in needed and row.status in BY_NOBODY and row.datasheet is None)

@@ -4,9 +4,10 @@ A minimum moves with a value h that is held by
 
     dθ̂/dh = −(JᵀJ)⁻¹Jᵀ ∂r/∂h,      J = ∂r/∂θ,
 
-and a function q(θ, h) by ∂q/∂h + ∂q/∂θ·dθ̂/dh. An estimate is *given* h if a change of h by `PART` moves it by more than
-`TOLERABLE` standard errors. Where h has a tolerance, from a datasheet or with its fixed value, the covariance includes
-it instead: the limits of the tolerance are those of a uniform distribution.
+and a function q(θ, h) by ∂q/∂h + ∂q/∂θ·dθ̂/dh. An estimate is *given* h if a change of h moves it by more than
+`TOLERABLE` standard errors. A value that the user gave changes by `PART`. One that nobody gave is doubled; of zero, it
+changes by its plausible size. Where h has a tolerance, from a datasheet or with its fixed value, the covariance
+includes it instead: the limits of the tolerance are those of a uniform distribution.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ from emsid.errors import EmsidError
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.grey_box import with_effect
 from emsid.models.plants.plant import Plant
+from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.task import Task
 
 Array = NDArray[np.float64]
 
 PART = 0.1
-"""The assumed relative error of held values; for a value of zero, relative to its plausible size."""
+"""The assumed relative error of values that the user gave; for a value of zero, relative to its plausible size."""
 TOLERABLE = 0.5
 """With an error of half a standard error, 95 % intervals hold the truth in 92 % of cases."""
 ROUNDING = 1e-4
@@ -41,19 +43,16 @@ class Conditions:
     Attributes:
         names: (h,) of the values held.
         shifts: (p, h) dθ̂/dh of every estimated parameter.
+        sizes: (h,) the size of every value held, or what is plausible of one that is zero.
         changes: (h,) by how much the values may be wrong.
         tolerated: (h,) standard deviation that a datasheet gives them; zero where it gives none.
     """
 
     names: tuple[str, ...]
     shifts: Array
+    sizes: Array
     changes: Array
     tolerated: Array
-
-    @property
-    def sizes(self) -> Array:
-        """(h,) the size of every value held, or what is plausible of one that is zero."""
-        return self.changes / PART
 
     @property
     def covariance(self) -> Array:
@@ -92,6 +91,12 @@ def unasked(task: Task, plant: Plant) -> list[str]:
     paths = {path for name in (*task.asked, *task.fixed) for path, _ in plant.handles[name].paths}
     found = with_effect(plant, task.signals)
     return [name for name in found if paths.isdisjoint(path for path, _ in plant.handles[name].paths)]
+
+
+def is_built_in(plant: Plant, name: str) -> bool:
+    """Whether a parameter has the value that a search without other knowledge begins with."""
+    kind = PLANTS.get(plant.name)
+    return kind is not None and name in kind.start.handles and kind.start.value(name) == plant.value(name)
 
 
 def _is_physical_bound(plant: Plant, name: str) -> bool:
@@ -149,9 +154,12 @@ def conditions(
     tolerances = [task.sheet[name].tolerance if name in task.sheet else None for name in held]
     tolerated = [abs(plant.value(n)) * (each or 0.0) / sqrt(3) for n, each in zip(held, tolerances, strict=True)]
     values = np.array([abs(plant.value(name)) for name in held])
-    return Conditions(held, shifts, PART * np.where(values > 0, values, scales), np.array(tolerated))
+    sizes = np.where(values > 0, values, scales)
+    given = {*task.fixed, *task.known, *(name for name in unasked(task, plant) if not is_built_in(plant, name))}
+    parts = np.array([PART if name in given else 1.0 for name in held])
+    return Conditions(held, shifts, sizes, parts * sizes, np.array(tolerated))
 
 
 def unconditional(parameters: int) -> Conditions:
     """Nothing was held, or it is not known what depends on it."""
-    return Conditions((), np.zeros((parameters, 0)), np.zeros(0), np.zeros(0))
+    return Conditions((), np.zeros((parameters, 0)), np.zeros(0), np.zeros(0), np.zeros(0))

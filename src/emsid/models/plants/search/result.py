@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.estimates import Estimate as Estimate
 from emsid.estimation.estimates import Status as Status
+from emsid.estimation.estimates import assumed_in
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
@@ -26,9 +27,8 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
-from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import holds_in
-from emsid.models.plants.search.conditions import TOLERABLE, Conditions, unasked
+from emsid.models.plants.search.conditions import TOLERABLE, Conditions, is_built_in, unasked
 from emsid.models.plants.search.task import Task
 from emsid.models.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
@@ -131,6 +131,11 @@ class GreyBoxFit(Fit[GreyBox]):
         ]
         data: dict[str, Any] = super().to_data() | plain({"parameters": parameters, "combinations": combinations})
         return data
+
+    @property
+    def assumed(self) -> tuple[Estimate, ...]:
+        """See `Fit.assumed`; here combinations may depend on them, too."""
+        return assumed_in(self.table, [name for each in self.combinations for name in each.given])
 
     @property
     def shared(self) -> tuple[Estimate, ...]:
@@ -318,7 +323,7 @@ def table(
         if name in fixed or (name in rest and name in task.known):
             status = Status.FIXED
         elif name in rest:
-            status = Status.BUILT_IN if _is_built_in(plant, name) else Status.OF_PLANT
+            status = Status.BUILT_IN if is_built_in(plant, name) else Status.OF_PLANT
         elif name not in names:
             status = Status.KEPT
         elif not minimum.free[names.index(name)]:
@@ -347,12 +352,6 @@ def with_choices(fit: GreyBoxFit, start: Plant) -> tuple[Estimate, ...]:
         else row
         for row in fit.table
     )
-
-
-def _is_built_in(plant: Plant, name: str) -> bool:
-    """Whether a parameter has the value that a search without other knowledge begins with."""
-    kind = PLANTS.get(plant.name)
-    return kind is not None and name in kind.start.handles and kind.start.value(name) == plant.value(name)
 
 
 def _described(parameter: Any) -> tuple[str, str, str, str]:

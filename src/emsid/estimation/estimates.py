@@ -11,7 +11,8 @@ class Status(StrEnum):
     """The source of the value of a parameter."""
 
     ESTIMATED = "estimated"
-    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
+    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what was given
+    ASSUMING = "depends on assumed values"  # with what nobody gave or measured
     KEPT = "not identifiable: kept at start"
     FIXED = "fixed"  # by the user
     AT_BOUND = "at a bound"
@@ -60,7 +61,14 @@ class Estimate:
     @property
     def how(self) -> str:
         """The source of the value, in a few words for a table."""
-        return f"given {', '.join(self.given)}" if self.given else str(self.status)
+        if self.given:
+            return f"{'assuming' if self.status is Status.ASSUMING else 'given'} {', '.join(self.given)}"
+        return str(self.status)
+
+    @property
+    def estimated(self) -> bool:
+        """Whether it is an estimate, whatever it depends on."""
+        return self.status in (Status.ESTIMATED, Status.CONDITIONAL, Status.ASSUMING)
 
 
 BY_NOBODY = (Status.KEPT, Status.BUILT_IN, Status.AT_BOUND)

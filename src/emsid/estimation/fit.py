@@ -243,6 +243,7 @@ class Fit(Presented, Generic[M]):
                 "condition": float(self.condition),
                 "rank": int(self.rank),
                 "parameters": parameters,
+                "assumed": [row.name for row in self.assumed],
                 "findings": [finding.to_data() for finding in self.findings],
             }
         )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import characteristics
-from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.conclusions import measurements, next_steps, verdicts
 from emsid.identification.curves import curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
@@ -105,10 +105,13 @@ class Identification(Presented):
 
     @cached_property
     def recommendation(self) -> tuple[Finding, ...]:
-        """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
+        """The recommended model with the reasons for it, and unless interrupted what to do next.
+
+        First comes what to measure instead of assuming it, if estimates depend on that, then the experiment to run.
+        """
         verdict = self.model_verdicts[0]
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
-        return (why,) if self.interrupted else (why, self._experiment(verdict))
+        return (why,) if self.interrupted else (why, *measurements(self.chosen), self._experiment(verdict))
 
     def _experiment(self, verdict: Finding) -> Finding:
         one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)

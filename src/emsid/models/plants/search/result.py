@@ -138,6 +138,12 @@ class GreyBoxFit(Fit[GreyBox]):
         return assumed_in(self.table, [name for each in self.combinations for name in each.given])
 
     @property
+    def known_combinations(self) -> tuple[Combination, ...]:
+        """The combinations that depend on no value which nobody gave."""
+        by_nobody = {row.name for row in self.assumed}
+        return tuple(each for each in self.combinations if by_nobody.isdisjoint(each.given))
+
+    @property
     def shared(self) -> tuple[Estimate, ...]:
         """The rows of the table that hold in every record."""
         return tuple(row for row in self.table if not row.record)
@@ -186,7 +192,7 @@ def findings_of(
     including_zero = [
         row.name
         for row in rows
-        if row.status in (Status.ESTIMATED, Status.CONDITIONAL)
+        if row.estimated
         if row.standard_error is not None and isfinite(row.standard_error)
         if plant.handles[row.name].lower >= 0 and abs(row.value) < HALF_WIDTH * row.standard_error
         if row.name not in {each.subject for each in unseen}
@@ -339,7 +345,8 @@ def table(
         own = plant.own_parameter(name)
         record = "" if own is None else name[len(own[0]) + 1 : -1]
         rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval, record))
-    return tuple(rows)
+    by_nobody = {row.name for row in assumed_in(rows)}
+    return tuple(row if by_nobody.isdisjoint(row.given) else replace(row, status=Status.ASSUMING) for row in rows)
 
 
 def with_choices(fit: GreyBoxFit, start: Plant) -> tuple[Estimate, ...]:

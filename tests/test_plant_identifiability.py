@@ -269,3 +269,22 @@ def test_what_is_not_known_to_its_physical_scale_is_a_finding():
     assert weakly.data["kept"] == []
     clean = simulation_error(STICTION, simulated_record(rng, noise=3.0, motor=STICTION), free=free)
     assert "weakly-identified" not in [finding.code for finding in clean.findings]
+
+
+# --- values that nobody gave -----------------------------------------------------------------------------------------
+
+
+def test_estimates_depend_on_every_value_that_nobody_gave_and_moves_them():
+    """A Stribeck level and an inductance scale with the resistance as the inertia does."""
+    record = record_of(STICTION, noise=0.05)
+    fit = simulation_error(STICTION, record, free=("resistance", *FREE, EXCESS))
+    assert [row.name for row in fit.assumed] == ["resistance"]
+    scaling = ("rotor_inertia", "rotor_friction.coulomb", "rotor_friction.stribeck")
+    assert all("resistance" in fit[name].given for name in scaling)
+    assert fit["rotor_friction.stribeck_rate"].given == fit["voltage_dead_zone.half_width"].given == ()
+    given = simulation_error(STICTION, record, free=(*FREE, EXCESS), fixed={"resistance": 2.0})
+    assert not given.assumed
+    assert "resistance" in given["rotor_inertia"].given
+    sheet = simulation_error(STICTION, record, free=("resistance", *FREE, EXCESS), datasheet={"resistance": 2.0})
+    assert sheet["resistance"].status is Status.KEPT
+    assert not sheet.assumed

@@ -207,6 +207,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("error-above-rounding", "joint", {"ratio": 2.1, "step": 0.001534, "unit": "rad"}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
+    Finding("damping-open", "rotor_viscous", {"parameters": ["motor_constant"], "most": 1.2e-4, "unit": "N*m*s/rad"}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["sensor.lag"], "without": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"parameters": ["a", "b"], "without": []}),
     *(

@@ -175,6 +175,8 @@ EXAMPLES: tuple[Finding, ...] = (
         "late.csv",
         {"output": "speed", "delay": 0.0094, "samples": 0.47, "rmse": 11.7, "shifted": 4.33, "unit": "deg/s"},
     ),
+    Finding("next-measure", "rigid-motor", {"parameters": ["resistance"], "current": True}),
+    Finding("next-measure", "joint", {"parameters": ["motor_constant", "gravity.mass"], "current": False}),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-reduce-noise", "log.csv", {"fit_percent": 28.3}),
     Finding("next-physical-model", "arx"),

@@ -25,9 +25,18 @@ from emsid.estimation.estimates import Status
 from emsid.identification.characteristics import determined
 from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
+from emsid.report.numbers import both_directions
 from emsid.units import in_unit, plain_unit
 from emsid.wording import Severity, sentence, severity
-from emsid.wording.first_screen import NOTHING_KNOWN, NOTHING_UNKNOWN, further, more, not_determined, other_reasons
+from emsid.wording.first_screen import (
+    NOTHING_KNOWN,
+    NOTHING_UNKNOWN,
+    assumed,
+    further,
+    more,
+    not_determined,
+    other_reasons,
+)
 from emsid.wording.lists import listed
 from emsid.wording.verdict import IN_SHORT
 
@@ -71,6 +80,7 @@ def first_screen(result: Identification, details: bool = False) -> None:
     say(*(sentence(finding, option) for finding in (*said, why, *_first(result))))
     show(text_table(models_table(result, ROWS)))
     _known(result)
+    say(*filter(None, [assumed(result.chosen)]))
     _not_known(result)
     steps = [*then, *result.next_steps] if result.is_recommended else [*result.next_steps, *then]
     most = 2 - len(said)
@@ -105,9 +115,10 @@ def _known(result: Identification) -> None:
     show(plain_table(f"known, with 95 % intervals{left}", headings, rows[:VALUES]))
 
 
-def _values(result: Identification) -> list[tuple[str, str, str, str, str]]:
+def _values(result: Identification) -> list[tuple[str, ...]]:
     """Name, value, half of the interval, unit and source of every value that the data determine.
 
+    Where some parameters depend on values that nobody gave, quantities that do not come first.
     A model that cannot be used says nothing about the drive.
     """
     if not result.is_recommended:
@@ -130,7 +141,9 @@ def _values(result: Identification) -> list[tuple[str, str, str, str, str]]:
         for each in result.characteristics
         if each.shown and each.significant and each.half_width is not None and isfinite(each.half_width)
     ]
-    return [*inside, *of_drive, *plant[len(inside) :]]
+    of_drive = both_directions(of_drive)
+    first = (*of_drive, *inside) if result.chosen.assumed else (*inside, *of_drive)
+    return [*first, *plant[len(inside) :]]
 
 
 def _source(model: str, given: Sequence[str]) -> str:
@@ -164,7 +177,7 @@ def _open(result: Identification) -> list[str]:
     """Names of the values that the chosen model has and the data do not determine."""
     known = {row.name for row in determined(result.chosen)}
     table = capabilities_of(result.chosen.model).physical_rows(result.chosen)
-    of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN)
+    of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN, *((Status.ASSUMING,) if result.chosen.assumed else ()))
     names = [row.name for row in table if row.name not in known and row.status not in of_search]
     return [*names, *(each.name for each in result.characteristics if not (each.shown and each.significant))]
 

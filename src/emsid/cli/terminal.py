@@ -178,7 +178,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
 
     rows: list[tuple[str, str, float | None, str, str, str]]
     rows = [(row.name, row.symbol, row.value, half_width(row), row.unit, row.how) for row in fit.shared]
-    if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
+    if any(row.status in (Status.KEPT, Status.CONDITIONAL, Status.ASSUMING) for row in fit.table):
         rows += [
             (each.name, each.formula, each.value, _half(error), each.unit, together.how)
             if fit.shows(each)

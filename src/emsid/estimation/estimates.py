@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,7 +11,8 @@ class Status(StrEnum):
     """The source of the value of a parameter."""
 
     ESTIMATED = "estimated"
-    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
+    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what was given
+    ASSUMING = "depends on assumed values"  # with what nobody gave or measured
     KEPT = "not identifiable: kept at start"
     FIXED = "fixed"  # by the user
     AT_BOUND = "at a bound"
@@ -59,4 +61,26 @@ class Estimate:
     @property
     def how(self) -> str:
         """The source of the value, in a few words for a table."""
-        return f"given {', '.join(self.given)}" if self.given else str(self.status)
+        if self.given:
+            return f"{'assuming' if self.status is Status.ASSUMING else 'given'} {', '.join(self.given)}"
+        return str(self.status)
+
+    @property
+    def estimated(self) -> bool:
+        """Whether it is an estimate, whatever it depends on."""
+        return self.status in (Status.ESTIMATED, Status.CONDITIONAL, Status.ASSUMING)
+
+
+BY_NOBODY = (Status.KEPT, Status.BUILT_IN, Status.AT_BOUND)
+"""Values that nobody gave, unless a datasheet has them, and that no data determine."""
+
+
+def assumed_in(table: Sequence[Estimate], more: Iterable[str] = ()) -> tuple[Estimate, ...]:
+    """The rows whose values nobody gave or measured, and on which others of the table depend.
+
+    Args:
+        table: the parameters of a fit.
+        more: names on which other results of the fit depend.
+    """
+    needed = {*(name for row in table for name in row.given), *more}
+    return tuple(row for row in table if row.name in needed and row.status in BY_NOBODY and row.datasheet is None)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError, some
-from emsid.estimation.estimates import Estimate, Status
+from emsid.estimation.estimates import Estimate, Status, assumed_in
 from emsid.findings import Finding, plain
 from emsid.presentation import Presented, analysis
 from emsid.record.channels import ChannelNames
@@ -123,6 +123,15 @@ class Fit(Presented, Generic[M]):
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter with value, standard error, 95 % interval, unit and status, by name."""
         return {row.name: row for row in self.table or self._rows()}
+
+    @property
+    def assumed(self) -> tuple[Estimate, ...]:
+        """The rows of the table whose values nobody gave or measured, and on which estimates depend.
+
+        They were kept, are built in, or ended at a bound that holds others. An estimate depends on one if it moves by
+        more than half a standard error where the value is doubled; of zero, where it changes by its plausible size.
+        """
+        return assumed_in(self.table)
 
     def _rows(self) -> tuple[Estimate, ...]:
         """A row for every estimate, from estimates and covariance alone."""
@@ -234,6 +243,7 @@ class Fit(Presented, Generic[M]):
                 "condition": float(self.condition),
                 "rank": int(self.rank),
                 "parameters": parameters,
+                "assumed": [row.name for row in self.assumed],
                 "findings": [finding.to_data() for finding in self.findings],
             }
         )

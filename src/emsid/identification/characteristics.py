@@ -22,7 +22,7 @@ NEARLY = 1.5
 def determined(fit: Fit[Any]) -> list[Estimate]:
     """The physical parameters of a model that the data determine: their intervals do not include zero.
 
-    None for a model without a table of such parameters.
+    None of them depends on a value that nobody gave. A model without a table of such parameters has none.
     """
     rows = capabilities_of(fit.model).physical_rows(fit)
     return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and _excludes_zero(row)]

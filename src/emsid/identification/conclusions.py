@@ -136,6 +136,16 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
     return np.hstack(columns)[usable], usable
 
 
+def measurements(fit: Fit[Any]) -> tuple[Finding, ...]:
+    """What to measure because estimates of a model depend on values that nobody gave; nothing without such values."""
+    if not fit.assumed:
+        return ()
+    current = any(each.data.get("current_missing") for each in fit.findings)
+    return (
+        Finding("next-measure", fit.model.name, {"parameters": [row.name for row in fit.assumed], "current": current}),
+    )
+
+
 def next_steps(
     chosen: Assessment,
     found: Sequence[Finding],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from emsid.estimation.borders import border, collected
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import characteristics
-from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.conclusions import measurements, next_steps, verdicts
 from emsid.identification.curves import curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
@@ -108,13 +108,17 @@ class Identification(Presented):
 
     @cached_property
     def recommendation(self) -> tuple[Finding, ...]:
-        """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
+        """The recommended model with the reasons for it, and unless interrupted what to do next.
+
+        First comes what to measure instead of assuming it, if estimates depend on that, then the experiment to run.
+        """
         verdict = self.model_verdicts[0]
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
         if self.interrupted:
             return (why,)
         nothing: tuple[Finding, ...] = ()
-        return (why, *self._part("the next experiment", lambda: (self._experiment(verdict),), nothing))
+        what = lambda: (*measurements(self.chosen), self._experiment(verdict))  # noqa: E731
+        return (why, *self._part("what to measure next", what, nothing))
 
     def _experiment(self, verdict: Finding) -> Finding:
         one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)

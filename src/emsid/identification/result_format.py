@@ -62,7 +62,7 @@ class CombinationData(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class FitData(msgspec.Struct, forbid_unknown_fields=True):
-    """A fitted model: what `Fit.to_data` gives."""
+    """A fitted model: what `Fit.to_data` gives; ``assumed`` names values that nobody gave and estimates depend on."""
 
     model: str
     method: str
@@ -75,6 +75,7 @@ class FitData(msgspec.Struct, forbid_unknown_fields=True):
     parameters: list[ParameterData]
     findings: list[FindingData]
     combinations: list[CombinationData] = []
+    assumed: list[str] = []
 
 
 class OutputData(msgspec.Struct, forbid_unknown_fields=True):

@@ -185,7 +185,11 @@ def values(result: Identification) -> list[Fact]:
     plant = [_parameter(row) for row in sorted(rows, key=lambda row: row.name.startswith(("sensor.", "drive.")))]
     plant = _once(plant)[:PARAMETERS]
     drive = _once([_fact(each, best) for each in result.characteristics])
-    return [*plant, *drive[: CHARACTERISTICS - len(plant)]]
+    assumed = [
+        Fact(with_unit(number(row.value), row.unit), f"{first_up(row.description)}, assumed, not measured")
+        for row in result.chosen.assumed
+    ]
+    return [*plant, *drive[: CHARACTERISTICS - len(plant)], *assumed]
 
 
 def _parameter(row: Estimate) -> Fact:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
 
@@ -59,6 +60,15 @@ def residual_depends_on_term(f: Finding, argument: Spelling) -> str:
         f"the residual of {f.subject} is correlated with {f.data['term']} ({f.data['largest']:.1f} standard deviations "
         f"at lag {f.data['at_lag']}, limit {f.data['limit']:.1f}): the model lacks {lacks}"
     )
+
+
+@words("next-measure", Severity.WARNING)
+def next_measure(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: parameters (assumed), current (whether that would determine them)."""
+    names = f.data["parameters"]
+    current = ", or record the current" if f.data["current"] else ""
+    given = " ".join(f"{argument('fixed')} {name}=…" for name in names)
+    return f"Next: measure the {listed([name.replace('_', ' ') for name in names])}{current}: {given}"
 
 
 @words("next-check-data", Severity.WARNING)

@@ -292,6 +292,16 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
     return f"{said}{tried}; give what you know ({argument('fixed')})"
 
 
+@words("damping-open")
+def damping_open(f: Finding, argument: Spelling) -> str:
+    """Subject: viscous friction. Data: parameters (whose intervals include it), most, unit."""
+    names, most = f.data["parameters"], with_unit(f"{f.data['most']:.2g}", f.data["unit"])
+    return (
+        f"{f.subject} is not determined; the intervals of {listed(names)} include 0 to {most} of it; give it if you know it "
+        f"({argument('fixed')} {f.subject}=…)"
+    )
+
+
 LIFT = 30.0
 """Degrees of a lift that changes the torque of gravity by a tenth or more wherever it begins: 1 − cos 30° = 0.13."""
 

@@ -413,13 +413,16 @@ class FreeRunError:
         plausible = zip(self.free, self._plausible(), strict=True)
         return np.array([max(abs(self.plant.value(name)), scale) or 1.0 for name, scale in plausible])
 
+    def plausible_size(self, name: str) -> float:
+        """What is plausible of a parameter in these records; 0 if unknown."""
+        return self.plant.plausible(self.plant.handles[name].measure, self._of_records)
+
     def _typical(self) -> list[float]:
         plausible = zip(self.free, self._plausible(), strict=True)
         return [max(abs(self.plant.value(name)), 1e-3 * scale) or 1.0 for name, scale in plausible]
 
     def _plausible(self) -> list[float]:
-        plant, handles = self.plant, self.plant.handles
-        return [plant.plausible(handles[name].measure, self._of_records) for name in self.free]
+        return [self.plausible_size(name) for name in self.free]
 
     def _state_size(self, segment: int, index: int) -> float:
         size = max(float(np.max(np.abs(self.segments[segment].output))), 1e-12)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _MEANINGS = {
     Status.CONDITIONAL: "given …: correct only if these values are correct, because the data determine only "
     "combinations with them; the interval does not include their uncertainty",
+    Status.ASSUMING: "assuming …: nobody gave or measured these values, and the estimate scales with them",
     Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
     Status.FIXED: "fixed: given by the user and not estimated",
     Status.BUILT_IN: "built in: neither estimated nor given",
@@ -137,7 +138,7 @@ def units_taken(fit: GreyBoxFit) -> str:
 
 
 def _parameter_row(row: Estimate, sheet: bool) -> tuple[str, ...]:
-    identified = row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
+    identified = row.estimated and row.standard_error is not None
     given = "" if row.datasheet is None else plain(row.datasheet)
     too_wide = identified and HALF_WIDTH * (row.standard_error or 0.0) > abs(row.value)
     status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
@@ -147,7 +148,7 @@ def _parameter_row(row: Estimate, sheet: bool) -> tuple[str, ...]:
 
 def _value(row: Estimate) -> tuple[str, str]:
     """The value of a parameter and half its interval in percent."""
-    if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None:
+    if row.estimated and row.standard_error is not None:
         return _with_interval(row.value, HALF_WIDTH * row.standard_error)
     if row.status is Status.AT_BOUND and row.interval is not None:
         return f"{plain(row.interval[0])} to {plain(row.interval[1])}", "–"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from emsid.estimation.estimates import Status
 from emsid.models.characteristics import Characteristic, half_of
 from emsid.models.plants.plant import Quantity
 from emsid.models.plants.search.result import GreyBoxFit
@@ -12,7 +13,7 @@ LEFT_OUT = ("acceleration", "electromechanical", "electrical", "inertia ratio")
 
 
 def of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
-    """The quantities that the data determine, and the dead zone."""
+    """The quantities that the data determine, and the dead zone, unless they depend on values that nobody gave."""
     model = fit.model.name
     zones = (
         (
@@ -21,12 +22,12 @@ def of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
             row.given,
         )
         for row in fit.table
-        if "dead_zone" in row.name and row.status in ("estimated", "depends on kept values")
+        if "dead_zone" in row.name and row.status in (Status.ESTIMATED, Status.CONDITIONAL)
         for way in [-1 if row.name.endswith("b_l") else 1]
     )
     combined = (
         (each.quantity, each.standard_error, each.given)
-        for each in fit.combinations
+        for each in fit.known_combinations
         if not each.quantity.name.startswith(LEFT_OUT)
     )
     found = (

@@ -49,8 +49,9 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             for model_error in (alternatives, slow_noise, slow_drift, load_drift)
         ]
         inseparable = [name for group in identifiability.groups for name in group]
-        held = conditions(task, found, names, minimum.free, states, inseparable)
+        held = conditions(task, found, names, minimum.free, states, float(minimum.noise_variance) ** 0.5, inseparable)
     own = slice(len(names))
+    widened = held.widening(names, minimum.covariance[own, own], found)
     minimum.covariance[own, own] += held.covariance + sum(each.covariance for each in others)
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
@@ -61,7 +62,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         more += [*missing(task, problem, names, minimum), *acting_alike(task, problem, names, together)]
         more += above_rounding(task, found.name, minimum)
         findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
-    findings = (*(finding for each in others for finding in each.findings), *more, *findings)
+    findings = (*widened, *(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
     if reached.unended and _shaft_unseen(task, reached):

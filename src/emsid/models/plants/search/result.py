@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.estimates import Estimate as Estimate
 from emsid.estimation.estimates import Status as Status
+from emsid.estimation.estimates import assumed_in
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
@@ -26,9 +27,8 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
-from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import holds_in
-from emsid.models.plants.search.conditions import TOLERABLE, Conditions, unasked
+from emsid.models.plants.search.conditions import TOLERABLE, Conditions, is_built_in, unasked
 from emsid.models.plants.search.task import Task
 from emsid.models.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
@@ -133,6 +133,17 @@ class GreyBoxFit(Fit[GreyBox]):
         return data
 
     @property
+    def assumed(self) -> tuple[Estimate, ...]:
+        """See `Fit.assumed`; here combinations may depend on them, too."""
+        return assumed_in(self.table, [name for each in self.combinations for name in each.given])
+
+    @property
+    def known_combinations(self) -> tuple[Combination, ...]:
+        """The combinations that depend on no value which nobody gave."""
+        by_nobody = {row.name for row in self.assumed}
+        return tuple(each for each in self.combinations if by_nobody.isdisjoint(each.given))
+
+    @property
     def shared(self) -> tuple[Estimate, ...]:
         """The rows of the table that hold in every record."""
         return tuple(row for row in self.table if not row.record)
@@ -181,7 +192,7 @@ def findings_of(
     including_zero = [
         row.name
         for row in rows
-        if row.status in (Status.ESTIMATED, Status.CONDITIONAL)
+        if row.estimated
         if row.standard_error is not None and isfinite(row.standard_error)
         if plant.handles[row.name].lower >= 0 and abs(row.value) < HALF_WIDTH * row.standard_error
         if row.name not in {each.subject for each in unseen}
@@ -318,7 +329,7 @@ def table(
         if name in fixed or (name in rest and name in task.known):
             status = Status.FIXED
         elif name in rest:
-            status = Status.BUILT_IN if _is_built_in(plant, name) else Status.OF_PLANT
+            status = Status.BUILT_IN if is_built_in(plant, name) else Status.OF_PLANT
         elif name not in names:
             status = Status.KEPT
         elif not minimum.free[names.index(name)]:
@@ -334,7 +345,8 @@ def table(
         own = plant.own_parameter(name)
         record = "" if own is None else name[len(own[0]) + 1 : -1]
         rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval, record))
-    return tuple(rows)
+    by_nobody = {row.name for row in assumed_in(rows)}
+    return tuple(row if by_nobody.isdisjoint(row.given) else replace(row, status=Status.ASSUMING) for row in rows)
 
 
 def with_choices(fit: GreyBoxFit, start: Plant) -> tuple[Estimate, ...]:
@@ -347,12 +359,6 @@ def with_choices(fit: GreyBoxFit, start: Plant) -> tuple[Estimate, ...]:
         else row
         for row in fit.table
     )
-
-
-def _is_built_in(plant: Plant, name: str) -> bool:
-    """Whether a parameter has the value that a search without other knowledge begins with."""
-    kind = PLANTS.get(plant.name)
-    return kind is not None and name in kind.start.handles and kind.start.value(name) == plant.value(name)
 
 
 def _described(parameter: Any) -> tuple[str, str, str, str]:

@@ -263,8 +263,8 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
     Args:
         model: a model, a `Fit`, a plant such as ``emsid.plants.rigid_motor()``, or an `emsid.Motor`.
         input: (N,) or (N, nu), in the units of the data that the model was fitted to, SI where these had units; or a
-            record, which is converted to them. Where the record has outputs, those at the start of every segment give the initial state and are repeated in the result;
-            otherwise every segment starts at rest.
+            record, which is converted to them. Where the record has outputs, those at the start of every segment give
+            the initial state and are repeated in the result; otherwise every segment starts at rest.
         dt: sample time of the input in seconds, for a model without its own; a record has its own.
 
     Returns:

@@ -231,8 +231,8 @@ def validate(
 
     Args:
         model: the model, or a fit of it.
-        record: the data, which are converted to the units of the fit. The first ``transient`` samples of a segment in motion start the model and are left out of
-            errors; a segment that begins at rest counts whole.
+        record: the data, which are converted to the units of the fit. The first ``transient`` samples of a segment in
+            motion start the model and are left out of errors; a segment that begins at rest counts whole.
         transient: in samples; by default as many as the model needs.
         experiment, data: labels of the row.
 

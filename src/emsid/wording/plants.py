@@ -297,8 +297,8 @@ def damping_open(f: Finding, argument: Spelling) -> str:
     """Subject: viscous friction. Data: parameters (whose intervals include it), most, unit."""
     names, most = f.data["parameters"], with_unit(f"{f.data['most']:.2g}", f.data["unit"])
     return (
-        f"{f.subject} is not determined; the intervals of {listed(names)} include 0 to {most} of it; give it if you know it "
-        f"({argument('fixed')} {f.subject}=…)"
+        f"{f.subject} is not determined; the intervals of {listed(names)} include 0 to {most} of it; give it if you "
+        f"know it ({argument('fixed')} {f.subject}=…)"
     )
 
 

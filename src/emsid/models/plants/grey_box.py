@@ -238,8 +238,8 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
     if twice is not None:
         alike = [name for name, signal in zip(record.output_names, signals, strict=True) if signal is twice]
         raise DataError(
-            f"{record.name}: {listed([*map(repr, alike)])} are both read as the {twice.value} of {plant.name}; say what "
-            "each measures, such as rotor_speed and load_speed, or leave one out",
+            f"{record.name}: {listed([*map(repr, alike)])} are both read as the {twice.value} of {plant.name}; say "
+            "what each measures, such as rotor_speed and load_speed, or leave one out",
             arguments=("signals",),
         )
     if channels is None:

@@ -337,11 +337,11 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
     nearest, above = names(start - 1), names(start - 2)
     units = nearest if nearest and above and all(map(_is_unit, nearest)) else []
     at = start - 2 if units else start - 1
-    found = above if units else nearest
+    lowest = above if units else nearest
     over = names(at - 1)
-    if over and len(set(found)) < len(found) and len(set(zip(over, found, strict=True))) > len(set(found)):
-        at, found = at - 1, [f"{group} {name}".strip() for group, name in zip(over, found, strict=True)]
-    return _Header(at, found, [unit.strip("()[]{} ") for unit in units] or [""] * width) if found else None
+    if over and len(set(lowest)) < len(lowest) and len(set(zip(over, lowest, strict=True))) > len(set(lowest)):
+        at, lowest = at - 1, [f"{group} {name}".strip() for group, name in zip(over, lowest, strict=True)]
+    return _Header(at, lowest, [unit.strip("()[]{} ") for unit in units] or [""] * width) if lowest else None
 
 
 def _commented_header(comments: Sequence[_Line], first: int, separator: str, width: int) -> _Header | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import polars as pl
@@ -210,3 +211,53 @@ def test_a_position_whose_steps_go_with_its_speed_is_no_clock(tmp_path) -> None:
     path = tmp_path / "joint.csv"
     path.write_text("".join(f"{u:.4f},{q:.5f},{w:.4f}\n" for u, q, w in zip(0.5 * speed, position, speed, strict=True)))
     assert emsid.describe(path).clock.column == ""
+
+
+@pytest.mark.parametrize("blank", ["", " "])
+def test_a_header_with_the_first_row_behind_it_is_said_and_the_rest_is_read(tmp_path, blank) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,voltage,speed" + blank + rows())
+    columns = read_columns(path)
+    assert list(columns.series) == ["t", "voltage", "speed"]
+    assert [len(series) for series in columns.series.values()] == [N - 1] * 3
+    with pytest.raises(emsid.DataError, match="row 1 of the file has 5 values where the others have 3"):
+        emsid.read(path, input="voltage", output="speed", time="t")
+    record = emsid.read(path, input="voltage", output="speed", time="t", skip_bad_rows=True)
+    np.testing.assert_allclose(record.output[:, 0], Y[1:], atol=1e-6)
+    assert "rows-skipped" in [finding.code for finding in record.findings]
+
+
+def test_a_time_of_day_in_a_sheet_of_opendocument(tmp_path) -> None:
+    def cell(value: float | str, kind: str = "float") -> str:
+        if isinstance(value, str):
+            return f'<table:table-cell office:value-type="string"><text:p>{value}</text:p></table:table-cell>'
+        if kind == "time":
+            value = f"PT10H00M{value:09.6f}S"  # type: ignore[assignment]
+        attribute = "time-value" if kind == "time" else "value"
+        return f'<table:table-cell office:value-type="{kind}" office:{attribute}="{value}"/>'
+
+    lines = [cell("time") + cell("voltage [V]") + cell("speed")]
+    lines += [
+        cell(0.5 * k, "time") + cell(float(u)) + cell(float(y)) for k, (u, y) in enumerate(zip(U, Y, strict=True))
+    ]
+    names = ("office", "table", "text")
+    spaces = " ".join(f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"' for name in names)
+    body = "".join(f"<table:table-row>{line}</table:table-row>" for line in lines)
+    kind = "application/vnd.oasis.opendocument.spreadsheet"
+    with ZipFile(tmp_path / "log.ods", "w") as archive:
+        archive.writestr("mimetype", kind)
+        archive.writestr(
+            "content.xml",
+            f'<office:document-content {spaces} office:version="1.2"><office:body><office:spreadsheet>'
+            f'<table:table table:name="S">{body}</table:table></office:spreadsheet></office:body>'
+            "</office:document-content>",
+        )
+        archive.writestr(
+            "META-INF/manifest.xml",
+            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0">'
+            f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{kind}"/></manifest:manifest>',
+        )
+    record = emsid.read(tmp_path / "log.ods", input="voltage", output="speed", time="time")
+    assert record.dt == pytest.approx(0.5)
+    assert record.time[0] == pytest.approx(36000)
+    np.testing.assert_allclose(record.output[:, 0], Y)

@@ -24,7 +24,8 @@ from emsid.record.time_units import SECONDS
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""
 ALIKE = 0.5
-"""Steps of this correlation with another column are those of its integral; those of uneven clocks had up to 0.34, those of a position 0.97."""
+"""Steps of this correlation with another column are those of its integral: those of a position had 0.97, of uneven
+clocks up to 0.34."""
 NEAR_ZERO = 10
 """Median steps within which a clock without a name begins."""
 ASSUMED = 1.0

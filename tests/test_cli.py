@@ -25,8 +25,8 @@ def test_simulate_then_describe(run, tmp_path):
     assert "400 samples, crest factor 1.00" in out
     status, out, _ = run("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
     assert status == 0
-    assert "time column t: 400 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates\n" in out
-    assert "- voltage is rich enough for linear models and for friction" in out
+    assert "time column t [s]: 400 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates\n" in out
+    assert "- voltage [V] is rich enough for linear models and for friction" in out
 
 
 def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):

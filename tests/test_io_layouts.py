@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import polars as pl
@@ -159,3 +160,104 @@ def test_a_written_record_is_read_back_with_its_units(tmp_path, units, suffix) -
     if suffix == ".csv":
         np.testing.assert_array_equal(np.loadtxt(path, skiprows=1, delimiter=",")[:, 1:], np.column_stack([U, Y]))
         assert pl.read_csv(path).dtypes == [pl.Float64] * 3
+
+
+def test_captures_of_dspace_in_cells(tmp_path) -> None:
+    signals = np.empty(2, dtype=object)
+    signals[:] = [{"Name": '"Root"/"Duty"/"Out1"', "Data": U}, {"Name": '"Root"/"Speed"/"Out1"', "Data": Y}]
+    savemat(tmp_path / "a.mat", {"bench": {"X": {"Name": np.empty((0, 0)), "Data": T}, "Y": signals}})
+    check(tmp_path / "a.mat", ["time", "Duty", "Speed"])
+
+
+@pytest.mark.parametrize("stale", [1, 2, 3])
+def test_stale_first_rows_are_left_out(tmp_path, stale) -> None:
+    rng = np.random.default_rng(4)
+    u = rng.choice([-3.0, 3.0], 15).repeat(20)
+    y = np.zeros(len(u))
+    for k in range(1, len(u)):
+        y[k] = 0.9 * y[k - 1] + 2 * u[k - 1]
+    t = np.concatenate([7 + 0.01 * np.arange(stale), 0.008 + 0.01 * np.arange(len(u) - stale)])
+    path = tmp_path / "log.csv"
+    path.write_text("t,duty,omega\n" + "".join(f"{a:.3f},{b},{c:.3f}\n" for a, b, c in zip(t, u, y, strict=True)))
+    look = emsid.describe(path)
+    assert look.reading["rows"] == slice(stale, None)
+    assert look.record is not None
+    assert len(look.record) == len(u) - stale
+    assert look.record.dt == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("restarts", [1, 3])
+def test_an_uneven_time_without_a_name_is_the_clock(tmp_path, restarts) -> None:
+    rng = np.random.default_rng(6)
+    text = ""
+    for run in range(restarts):
+        t = 0.004 + np.cumsum(rng.choice([0.005, 0.0065, 0.008, 0.03], 90, p=[0.5, 0.3, 0.15, 0.05]))
+        duty = 20.0 + 15 * run
+        speed = 6 * duty * (1 - np.exp(-t / 0.1))
+        text += "".join(
+            f"{duty:g}; {a:.7f};{b:.0f};{c:.0f}\n" for a, b, c in zip(t, speed, np.cumsum(speed) / 50, strict=True)
+        )
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    clock = emsid.describe(path).clock
+    assert clock.column == "c2"
+    assert 0.004 < clock.dt < 0.009
+
+
+def test_a_position_whose_steps_go_with_its_speed_is_no_clock(tmp_path) -> None:
+    rng = np.random.default_rng(7)
+    speed = 2 + np.sin(np.arange(200) / 15) + 0.1 * rng.standard_normal(200)
+    position = 0.02 * np.cumsum(speed)
+    path = tmp_path / "joint.csv"
+    path.write_text("".join(f"{u:.4f},{q:.5f},{w:.4f}\n" for u, q, w in zip(0.5 * speed, position, speed, strict=True)))
+    assert emsid.describe(path).clock.column == ""
+
+
+@pytest.mark.parametrize("blank", ["", " "])
+def test_a_header_with_the_first_row_behind_it_is_said_and_the_rest_is_read(tmp_path, blank) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,voltage,speed" + blank + rows())
+    columns = read_columns(path)
+    assert list(columns.series) == ["t", "voltage", "speed"]
+    assert [len(series) for series in columns.series.values()] == [N - 1] * 3
+    with pytest.raises(emsid.DataError, match="row 1 of the file has 5 values where the others have 3"):
+        emsid.read(path, input="voltage", output="speed", time="t")
+    record = emsid.read(path, input="voltage", output="speed", time="t", skip_bad_rows=True)
+    np.testing.assert_allclose(record.output[:, 0], Y[1:], atol=1e-6)
+    assert "rows-skipped" in [finding.code for finding in record.findings]
+
+
+def test_a_time_of_day_in_a_sheet_of_opendocument(tmp_path) -> None:
+    def cell(value: float | str, kind: str = "float") -> str:
+        if isinstance(value, str):
+            return f'<table:table-cell office:value-type="string"><text:p>{value}</text:p></table:table-cell>'
+        if kind == "time":
+            value = f"PT10H00M{value:09.6f}S"  # type: ignore[assignment]
+        attribute = "time-value" if kind == "time" else "value"
+        return f'<table:table-cell office:value-type="{kind}" office:{attribute}="{value}"/>'
+
+    lines = [cell("time") + cell("voltage [V]") + cell("speed")]
+    lines += [
+        cell(0.5 * k, "time") + cell(float(u)) + cell(float(y)) for k, (u, y) in enumerate(zip(U, Y, strict=True))
+    ]
+    names = ("office", "table", "text")
+    spaces = " ".join(f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"' for name in names)
+    body = "".join(f"<table:table-row>{line}</table:table-row>" for line in lines)
+    kind = "application/vnd.oasis.opendocument.spreadsheet"
+    with ZipFile(tmp_path / "log.ods", "w") as archive:
+        archive.writestr("mimetype", kind)
+        archive.writestr(
+            "content.xml",
+            f'<office:document-content {spaces} office:version="1.2"><office:body><office:spreadsheet>'
+            f'<table:table table:name="S">{body}</table:table></office:spreadsheet></office:body>'
+            "</office:document-content>",
+        )
+        archive.writestr(
+            "META-INF/manifest.xml",
+            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0">'
+            f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{kind}"/></manifest:manifest>',
+        )
+    record = emsid.read(tmp_path / "log.ods", input="voltage", output="speed", time="time")
+    assert record.dt == pytest.approx(0.5)
+    assert record.time[0] == pytest.approx(36000)
+    np.testing.assert_allclose(record.output[:, 0], Y)

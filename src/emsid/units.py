@@ -10,7 +10,7 @@ import re
 from collections.abc import Container, Mapping
 from functools import cache
 from math import inf, pi
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from unicodedata import normalize
 
 from emsid.errors import DataError
@@ -302,7 +302,7 @@ def conversion(
     return Conversion(gain, float(zero), target)
 
 
-def si_unit(unit: str, **sizes: float) -> str:
+def si_unit(unit: str, **sizes: Any) -> str:
     """The SI unit that values in ``unit`` can be converted to; empty where there is none, or a size is not known.
 
     >>> si_unit("rpm"), si_unit("mV"), si_unit("count"), si_unit("furlong per lamp")

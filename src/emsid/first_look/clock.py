@@ -17,12 +17,17 @@ from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.levels import SAME
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.io.columns import Columns, as_numbers
-from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time
+from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time, stale_rows
 from emsid.record.time_axis import TimeAxis, time_axis
 from emsid.record.time_units import SECONDS
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""
+ALIKE = 0.5
+"""Steps of this correlation with another column are those of its integral: those of a position had 0.97, of uneven
+clocks up to 0.34."""
+NEAR_ZERO = 10
+"""Median steps within which a clock without a name begins."""
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
 
@@ -71,10 +76,14 @@ def find_clock(columns: Sequence[Column], stated: Clock | None, wanted: str = ""
     scored = sorted(((_like_time(column), -k) for k, column in enumerate(columns)), reverse=True)
     for score, k in scored:
         column = columns[-k]
-        if column.name == wanted or (not wanted and score > 0.3):
+        if column.name == wanted or (not wanted and score > 0.3 and not _goes_with_another(column, columns)):
             clock = _of_column(column, 1.0 if wanted else score)
             if clock is not None:
                 return clock
+    for column in () if wanted or stated else columns:
+        clock = _of_column(column, 0.4) if _is_uneven_clock(column, columns) else None
+        if clock is not None:
+            return clock
     return stated or Clock(ASSUMED, "nothing", 0.0)
 
 
@@ -133,9 +142,44 @@ def _like_time(column: Column) -> float:
     return 0.0 if named or even < 0.9 or middle == 1 else 0.6
 
 
+def _is_uneven_clock(column: Column, others: Sequence[Column]) -> bool:
+    """Whether a column without a name increases throughout, in seconds of uneven steps that no other column goes with.
+
+    The steps of a position go with its speed. Where it goes back, a clock begins again near zero.
+    """
+    values = column.values
+    if column.kind != "numbers" or column.meaning.quantity is not ColumnQuantity.UNKNOWN or column.missing:
+        return False
+    steps = np.diff(values)
+    forward, resets = steps[steps > 0], clock_resets(values)
+    if column.rows < 10 or len(forward) + len(resets) < len(steps) or np.array_equal(values, np.rint(values)):
+        return False
+    middle = float(np.median(forward))
+    begins = values[[0, *resets]]
+    if not PLAUSIBLE[0] <= middle <= PLAUSIBLE[1] or not np.all((begins >= 0) & (begins < NEAR_ZERO * middle)):
+        return False
+    return not _goes_with_another(column, others)
+
+
+def _goes_with_another(column: Column, others: Sequence[Column]) -> bool:
+    """Whether the steps forward of a column without a name go with another column, as those of a position do."""
+    steps = np.diff(column.values)
+    within = steps > 0
+    if column.meaning.quantity is not ColumnQuantity.UNKNOWN or column.kind != "numbers" or within.sum() < 10:
+        return False
+    for other in others:
+        if other is column or other.constant or other.missing or other.rows != column.rows or other.kind != "numbers":
+            continue
+        size = np.abs(other.values[1:][within])
+        alike = np.ptp(size) > 0 and np.ptp(steps[within]) > 1e-6 * np.median(steps[within])
+        if alike and abs(np.corrcoef(size, steps[within])[0, 1]) > ALIKE:
+            return True
+    return False
+
+
 def _of_column(column: Column, confidence: float) -> Clock | None:
     """The clock of a time column, with a plausible unit."""
-    values = counted_on(column.values)
+    values = counted_on(column.values[stale_rows(column.values) :])
     resets = clock_resets(values)
     steps = np.delete(np.diff(values), resets - 1)
     steps = steps[np.isfinite(steps)]

@@ -129,8 +129,8 @@ def _inside(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     elif depth == DEEPEST or value.size > MOST_OF_ARRAY:
         kind = "structs" if value.dtype.names else "cells"
         yield name, f"an array of {value.size} {kind}" if depth < DEEPEST else f"{kind} inside many others"
-    elif value.dtype.names and _is_capture(value):
-        yield from _captured(name, value.ravel()[0])
+    elif value.dtype.names and (signals := _captured(name, value)):
+        yield from signals
     elif value.dtype.names:
         for k, item in enumerate(value.ravel(order="F"), start=1):
             owner = name if value.size == 1 else f"{name}({k})"
@@ -141,36 +141,39 @@ def _inside(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
             yield from _inside(f"{name}{{{k}}}", item, depth + 1)
 
 
-def _is_capture(value: Any) -> bool:
-    """Whether a struct is a capture of dSPACE: its fields ``X`` and ``Y`` are structs with names and data."""
-    if value.size != 1 or not {"X", "Y"} <= set(value.dtype.names):
-        return False
-    parts = [value.ravel()[0][field] for field in "XY"]
-    return all(
-        isinstance(part, np.ndarray) and {"Name", "Data"} <= set(part.dtype.names or ()) and part.size <= MOST_OF_ARRAY
-        for part in parts
-    )
+def _parts_of_capture(part: Any) -> list[Any]:
+    """The structs with a name and data in a field of a capture, which is an array or a cell array of them."""
+    found = list(part.ravel(order="F")) if isinstance(part, np.ndarray) and part.size <= MOST_OF_ARRAY else []
+    found = [each.ravel()[0] if isinstance(each, np.ndarray) and each.size == 1 else each for each in found]
+    return found if all({"Name", "Data"} <= set(getattr(each.dtype, "names", None) or ()) for each in found) else []
 
 
-def _captured(owner: str, capture: Any) -> Iterator[tuple[str, Any]]:
-    """The signals of a capture by their names, without the parts of a path that all have: ``time`` where there is none.
+def _captured(owner: str, value: Any) -> list[tuple[str, Any]]:
+    """The signals of a capture of dSPACE, a struct whose fields ``X`` and ``Y`` are structs with names and data.
+
+    They have their names without the parts of a path that all have. Empty for another struct.
 
     Args:
-        owner: the name of the variable, for a signal without a name.
-        capture: the struct.
+        owner: the name of the variable, for signals without a name of their own.
+        value: the struct.
     """
-    signals = capture["Y"].ravel(order="F")
-    paths = [str(each["Name"].item() if each["Name"].size else "").replace('"', "").split("/") for each in signals]
-    while len(paths) > 1 and min(map(len, paths)) > 1 and len({path[0] for path in paths}) == 1:
-        paths = [path[1:] for path in paths]
-    while len(paths) > 1 and min(map(len, paths)) > 1 and len({path[-1] for path in paths}) == 1:
-        paths = [path[:-1] for path in paths]
+    if value.size != 1 or not {"X", "Y"} <= set(value.dtype.names):
+        return []
+    axes, signals = (_parts_of_capture(value.ravel()[0][field]) for field in "XY")
+    if not axes or not signals:
+        return []
+
+    def named(each: Any) -> str:
+        return str(each["Name"].ravel()[0]) if each["Name"].size else ""
+
+    paths = [named(each).replace('"', "").split("/") for each in signals]
+    for end in (0, -1):
+        while min(map(len, paths)) > 1 and len(paths) > 1 and len({path[end] for path in paths}) == 1:
+            paths = [path[1:] if end == 0 else path[:-1] for path in paths]
     names = ["/".join(path) or f"{owner}.Y({k})" for k, path in enumerate(paths, start=1)]
-    for k, axis in enumerate(capture["X"].ravel(order="F"), start=1):
-        said = str(axis["Name"].item()) if axis["Name"].size else ""
-        yield said or ("time" if k == 1 else f"time_{k}"), axis["Data"]
-    for name, signal in zip(names, signals, strict=True):
-        yield name if names.count(name) == 1 else f"{owner}.{name}", signal["Data"]
+    times = [named(each) or ("time" if k == 0 else f"time_{k + 1}") for k, each in enumerate(axes)]
+    pairs = zip((*times, *names), (*axes, *signals), strict=True)
+    return [(name if names.count(name) < 2 else f"{owner}.{name}", each["Data"]) for name, each in pairs]
 
 
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:

@@ -245,8 +245,7 @@ def read(
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
-    given = locals()
-    parsed = parsed_file(path)
+    given, parsed = locals(), parsed_file(path)
     file = parsed.path
     with errors_of(file):
         argument_types.check_types(given, _KINDS)

@@ -32,6 +32,9 @@ SHORTEST, LONGEST = 1e-6, 1.0
 _RESET = 10
 """A time column that goes back has been reset if at least this many rows follow each other between the resets."""
 
+MOST_STALE = 3
+"""Rows at the start of a file that a logger may have kept in its buffer from before."""
+
 COUNTERS = (2.0**16, 2.0**32)
 """Where counters of 16 and 32 bits, such as the milliseconds or microseconds of a board, begin at zero again."""
 
@@ -85,7 +88,11 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
         )
     except DataError as problem:
-        raise DataError(f"time column {clock.time!r}: {problem}", arguments=problem.arguments) from None
+        stale = stale_rows(seconds)
+        hint = f"; after the first {stale} it increases: leave them out with rows, {stale}:" if stale else ""
+        raise DataError(
+            f"time column {clock.time!r}: {problem}{hint}", arguments=("rows",) if stale else problem.arguments
+        ) from None
     axis = axis._replace(
         samples=len(seconds),
         gaps=tuple(selection.number(rows[k - 1]) for k in axis.gaps),
@@ -175,6 +182,18 @@ def clock_resets(time: Array) -> NDArray[np.intp]:
         return resets
     from_start = np.all(np.abs(time[resets] - time[0]) <= np.median(forward))
     return resets if from_start else resets[:0]
+
+
+def stale_rows(time: Array) -> int:
+    """How many rows at the start of a time column (N,) are left over from before: it increases from the next one on.
+
+    >>> stale_rows(np.array([1.074, 0.008, 0.018, 0.028])), stale_rows(np.array([0.0, 0.1, 0.2]))
+    (1, 0)
+    """
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0)
+    last = int(back[-1]) + 1 if len(back) else 0
+    return last if last <= MOST_STALE < len(time) - last and np.any(steps[:last] < 0) else 0
 
 
 def _time_unit(clock: SampleTime, columns: Columns) -> float:

@@ -52,17 +52,51 @@ def read_spreadsheet(content: bytes) -> Columns:
 
 def parsed(content: bytes) -> bytes:
     """The cells of every sheet as a CSV table by the name of the sheet, for the process that parses them."""
+    return json.dumps(
+        {name: _as_csv(_with_times(content, name, frame)) for name, frame in _texts(content).items()}
+    ).encode()
+
+
+def _texts(content: bytes) -> dict[str, pl.DataFrame]:
+    """The cells of every sheet as texts; times of day and durations of OpenDocument are missing."""
     import polars as pl
 
-    frames = pl.read_excel(
+    return pl.read_excel(
         BytesIO(content),
         sheet_id=0,
         has_header=False,
-        drop_empty_rows=True,
+        drop_empty_rows=False,
         raise_if_empty=False,
         read_options={"dtypes": "string"},
     )
-    return json.dumps({name: _as_csv(frame) for name, frame in frames.items()}).encode()
+
+
+def _with_times(content: bytes, sheet: str, texts: pl.DataFrame) -> pl.DataFrame:
+    """The cells of a sheet that are not empty, with the times of day of OpenDocument in seconds.
+
+    Args:
+        content: of the file.
+        sheet: its name.
+        texts: its cells that are texts, numbers and dates.
+    """
+    import polars as pl
+
+    few = [k for k, column in enumerate(texts) if 2 * column.null_count() > len(column)]
+    if few and not content.startswith(b"\xd0\xcf"):
+        kinds = {k: "duration" if k in few else "string" for k in range(texts.width)}
+        again = pl.read_excel(
+            BytesIO(content),
+            sheet_name=sheet,
+            has_header=False,
+            drop_empty_rows=False,
+            raise_if_empty=False,
+            read_options={"dtypes": kinds},
+        )
+        seconds = [(again.to_series(k).dt.total_milliseconds() / 1e3).cast(pl.String) for k in few]
+        texts = texts.with_columns(
+            texts.to_series(k).fill_null(each).alias(texts.columns[k]) for k, each in zip(few, seconds, strict=True)
+        )
+    return texts.filter(~pl.all_horizontal(pl.all().is_null())) if texts.width else texts
 
 
 def _as_csv(frame: pl.DataFrame) -> str:

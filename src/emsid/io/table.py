@@ -35,6 +35,7 @@ TIME = "time"
 _BROKEN = re.compile(r'(?:(?<=[,;\t\n])|^)"((?:[^"]|""){0,200})"(?=[ ]*(?:[,;\t\n]|$))')
 _BREAK = "\v"
 """Stands for a line break in a quoted cell until the lines are counted."""
+_NAME_AND_NUMBER = re.compile(r"(.*?[^\s\d.+-])\s*[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -94,12 +95,16 @@ def _read_by_lines(content: bytes) -> Columns:
     start = _first_data_line(texts, width)
     header = _Header(None, list(labels), list(units)) if len(labels) == width else _header(texts, start, width)
     header = header or _commented_header(comments, numbers[start], separator, width)
-    header = header or _Header(None, [""] * width, [""] * width)
+    together = None if header or start == 0 else _with_first_row(texts[start - 1], width)
+    header = header or _Header(start - 1 if together else None, together or [""] * width, [""] * width)
     above = start if header.at is None else header.at
     preamble = sorted(
         [*map(_Line, numbers[:above], texts[:above]), *(c for c in comments if c.number < numbers[start])]
     )
+    line, text = (numbers[start - 1], " ".join(texts[start - 1].split(MARK))) if together else (0, "")
     numbers, texts, damaged = _without_messages(numbers[start:], texts[start:], width)
+    if together:
+        damaged = (DamagedRow(0, line, text, 2 * width - 1, width, is_sample=False), *damaged)
     names = _distinct([TIME, *header.names[1:]] if times else header.names)
     constants = {names[k]: value for k, value in header.constants}
     found = behind if len(behind) == width else header.units
@@ -337,11 +342,20 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
     nearest, above = names(start - 1), names(start - 2)
     units = nearest if nearest and above and all(map(_is_unit, nearest)) else []
     at = start - 2 if units else start - 1
-    found = above if units else nearest
+    lowest = above if units else nearest
     over = names(at - 1)
-    if over and len(set(found)) < len(found) and len(set(zip(over, found, strict=True))) > len(set(found)):
-        at, found = at - 1, [f"{group} {name}".strip() for group, name in zip(over, found, strict=True)]
-    return _Header(at, found, [unit.strip("()[]{} ") for unit in units] or [""] * width) if found else None
+    if over and len(set(lowest)) < len(lowest) and len(set(zip(over, lowest, strict=True))) > len(set(lowest)):
+        at, lowest = at - 1, [f"{group} {name}".strip() for group, name in zip(over, lowest, strict=True)]
+    return _Header(at, lowest, [unit.strip("()[]{} ") for unit in units] or [""] * width) if lowest else None
+
+
+def _with_first_row(text: str, width: int) -> list[str]:
+    """The names in a line of names with the first row behind them, where a line break is missing: ``t,u,y0.00,1,2``."""
+    cells = cells_of(text)
+    last = _NAME_AND_NUMBER.fullmatch(cells[width - 1]) if len(cells) == 2 * width - 1 else None
+    if last is None or any(map(is_number, cells[: width - 1])) or not all(map(is_number, cells[width:])):
+        return []
+    return [*cells[: width - 1], last[1]]
 
 
 def _commented_header(comments: Sequence[_Line], first: int, separator: str, width: int) -> _Header | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -56,21 +57,26 @@ SIGNALS = ("speed", "rotor speed", "load speed", "position", "current")
 """What an output may measure; a speed of a plant with two masses is that of its load."""
 
 
-def signal_called(signal: str, name: str) -> str:
-    """A signal in its spelling; ``rotor_speed`` and ``rotor-speed`` are the rotor's speed.
-
-    Args:
-        signal: as it is given.
-        name: of the output, for the message.
+def named_signals(record: Any) -> dict[str, str]:
+    """The signals of the outputs of a record in their spelling; ``rotor_speed`` and ``rotor-speed`` are one.
 
     Raises:
-        DataError: for something else.
+        DataError: for something else, or another channel.
     """
-    spelt = signal.strip().lower().replace("_", " ").replace("-", " ")
-    if spelt not in SIGNALS:
-        known = ", ".join(each.replace(" ", "_") for each in SIGNALS)
-        raise DataError(f"{name!r} cannot be the signal {signal!r}; there are {known}", arguments=("signals",))
-    return spelt
+    found = {name: re.sub("[_-]", " ", signal.strip().lower()) for name, signal in record.signals.items()}
+    for name, signal in found.items():
+        if name not in record.output_names:
+            outputs = ", ".join(record.output_names)
+            raise DataError(
+                f"{record.name}: a signal is given for {name!r}, which is no output; these are {outputs}",
+                arguments=("signals",),
+            )
+        if signal not in SIGNALS:
+            known = ", ".join(each.replace(" ", "_") for each in SIGNALS)
+            raise DataError(
+                f"{name!r} cannot be the signal {record.signals[name]!r}; there are {known}", arguments=("signals",)
+            )
+    return found
 
 
 KINDS = {

@@ -21,14 +21,14 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
-from emsid.record.argument_types import NUMBER, SLICE, TEXT, UNITS, WHOLE, brief, check_types, items_of, names_of, typed
+from emsid.record.argument_types import NUMBER, SLICE, TEXT, WHOLE, brief, check_types, items_of, names_of, typed
 from emsid.record.checks import (
     KINDS,
     as_channels,
     check_finite,
+    named_signals,
     real_numbers,
     segments_of,
-    signal_called,
     whole_number,
 )
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
@@ -37,13 +37,14 @@ from emsid.record.parts import part_with_lead
 from emsid.record.resampling import equidistant
 from emsid.record.time_axis import TimeAxis, about_time, time_axis
 from emsid.record.timer import on_timer
-from emsid.units import SI, called, name_and_unit, readable_unit, si_unit
+from emsid.record.unit_methods import UnitMethods
+from emsid.units import called, name_and_unit, readable_unit
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Record(Presented, FrameMethods):
+class Record(Presented, FrameMethods, UnitMethods):
     """A sampled experiment. Its samples are read-only and independent of the arrays it was made from.
 
     Args:
@@ -134,14 +135,7 @@ class Record(Presented, FrameMethods):
             self._put(f"{side}_units", units)
             check_finite(getattr(self, side), names, self.name)
         channels = self.input_names + self.output_names
-        self._put("signals", {name: signal_called(signal, name) for name, signal in self.signals.items()})
-        strange = next((name for name in self.signals if name not in self.output_names), None)
-        if strange is not None:
-            raise DataError(
-                f"{self.name}: a signal is given for {strange!r}, which is no output; these are "
-                f"{', '.join(self.output_names)}",
-                arguments=("signals",),
-            )
+        self._put("signals", named_signals(self))
         twice = next((name for name in channels if channels.count(name) > 1), None)
         if twice is not None:
             raise DataError(f"{self.name}: two channels are called {twice!r}; every channel needs its own name")
@@ -488,37 +482,3 @@ class Record(Presented, FrameMethods):
         value, samples = gain * number + offset, self.channel(name)
         closest = float(samples[np.argmin(np.abs(samples - value))])
         return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
-
-    @typed(units=UNITS)
-    def convert(self, units: Mapping[str, str | None] | None = None, **scales: float) -> Record:
-        """Convert every channel with a unit to SI, or the named channels to the given units.
-
-        Args:
-            units: the new unit of each channel to convert, None for SI; without this argument all become SI.
-            scales: the scales of counts and PWM, see `emsid.units.conversion`: ``counts_per_revolution``,
-                ``supply_voltage``, ``pwm_full_scale``.
-        """
-        from emsid.units import conversion
-
-        present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
-        wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
-        result = self
-        for given, target in wanted.items():
-            name = self._own_name(given)
-            gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
-            result = result.scale(name, gain, offset, unit)
-        return result
-
-    def in_si(self, **scales: float) -> Record:
-        """The record with every channel in SI whose unit can be converted; the record itself where all are.
-
-        Counts and PWM of unknown size, and units that are not understood, remain. `emsid.fit`, `emsid.identify`,
-        `emsid.simulate` and the functions that judge a fit convert their records in this way.
-
-        Args:
-            scales: as in `convert`.
-        """
-        sizes = {"sample_time": self.dt, **scales}
-        units = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
-        other = [name for name, unit in units.items() if unit and unit not in SI and si_unit(unit, **sizes)]
-        return self.convert(dict.fromkeys(other), **scales) if other else self

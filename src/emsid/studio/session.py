@@ -18,7 +18,7 @@ from typing import Any
 
 import msgspec
 
-from emsid.errors import FormatError
+from emsid.errors import DataError, FormatError
 from emsid.io import atomic_write
 
 FORMAT, VERSION = "emsid session", 1
@@ -36,6 +36,13 @@ EMPTY: dict[str, Any] = {
 names of the models (none: the usual ones), and options of `emsid.identify`."""
 
 
+class Conflict(DataError):
+    """Raised for a change of a state that is no longer the present one; nothing has been changed."""
+
+    def __init__(self) -> None:
+        super().__init__("the session has changed meanwhile; look at it and do it again")
+
+
 @dataclass
 class Session:
     """The state of a studio in its folder.
@@ -44,11 +51,13 @@ class Session:
         folder: where it is.
         steps: the states up to now, and those that were undone.
         at: the number of the present one.
+        version: how often the state was changed since the session was opened.
     """
 
     folder: Path
     steps: list[dict[str, Any]] = field(default_factory=lambda: [dict(EMPTY)])
     at: int = 0
+    version: int = 0
     lock: Any = field(default_factory=RLock)
 
     @classmethod
@@ -79,18 +88,43 @@ class Session:
         """The present step."""
         return self.steps[self.at]
 
-    def change(self, **values: Any) -> None:
-        """Add a step with other values; steps that were undone are forgotten."""
+    @property
+    def present(self) -> tuple[int, dict[str, Any]]:
+        """The version and its step, which belong together."""
         with self.lock:
-            self.steps = [*self.steps[: self.at + 1], {**self.step, **values}][-MOST_STEPS:]
-            self.at = len(self.steps) - 1
-            self.save()
+            return self.version, self.step
 
-    def move(self, by: int) -> None:
-        """Undo (−1) or redo (+1) a step, where there is one."""
+    def change(self, on: int, **values: Any) -> None:
+        """Add a step with other values; steps that were undone are forgotten.
+
+        Args:
+            on: the version that the change was made on.
+            values: of the step.
+
+        Raises:
+            Conflict: where this is not the present version.
+            FormatError: where it cannot be written; the session is then as before.
+        """
         with self.lock:
-            self.at = min(max(self.at + by, 0), len(self.steps) - 1)
+            steps = [*self.steps[: self.at + 1], {**self.step, **values}][-MOST_STEPS:]
+            self._commit(on, steps, len(steps) - 1)
+
+    def move(self, on: int, by: int) -> None:
+        """Undo (−1) or redo (+1) a step, where there is one; arguments and errors as in `change`."""
+        with self.lock:
+            self._commit(on, self.steps, min(max(self.at + by, 0), len(self.steps) - 1))
+
+    def _commit(self, on: int, steps: list[dict[str, Any]], at: int) -> None:
+        if on != self.version:
+            raise Conflict
+        before = self.steps, self.at
+        self.steps, self.at = steps, at
+        try:
             self.save()
+        except BaseException:
+            self.steps, self.at = before
+            raise
+        self.version += 1
 
     def save(self) -> None:
         """Write ``session.json``."""
@@ -107,6 +141,20 @@ class Session:
         stem, dot, suffix = bare.partition(".")
         numbered = (f"{stem}-{k}{dot}{suffix}" for k in range(2, 10_000))
         return next(each for each in (bare, *numbered) if not self.path(each).exists())
+
+    def reserve(self, name: str) -> str:
+        """A free name, taken by an empty file, so that nobody else takes it.
+
+        Raises:
+            FormatError: where the folder cannot be written to.
+        """
+        with self.lock:
+            free = self.free_name(name)
+            try:
+                self.path(free).touch(exist_ok=False)
+            except OSError as problem:
+                raise FormatError(f"{free}: cannot be written ({(problem.strerror or str(problem)).lower()})") from None
+            return free
 
     def add(self, source: Path) -> str:
         """Copy a file, or a folder that is a recording, into the session; its name there.

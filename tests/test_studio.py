@@ -401,3 +401,31 @@ def test_a_refused_file_does_not_stay(opened: tuple[TestClient, Studio]) -> None
     client, studio = opened
     assert client.post("api/files?name=bad.npz", content=b"no archive").status_code == 400
     assert list((studio.session.folder / "data").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [[], [3], [{"files": ["../../secret.csv"]}], [{"files": "log.csv"}], [{"unseen": None}], [{"given": []}]],
+)
+def test_a_session_file_that_is_none_or_names_other_files_is_refused(tmp_path: Path, steps: Any) -> None:
+    document = {"format": "emsid session", "version": 1, "at": 0, "steps": steps}
+    (tmp_path / "session.json").write_bytes(msgspec.json.encode(document))
+    with pytest.raises(FormatError, match="not a session"):
+        Session.at_folder(tmp_path)
+
+
+def test_deep_json_is_no_session_and_a_session_is_private(tmp_path: Path) -> None:
+    Session.at_folder(tmp_path / "new")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "session.json").write_text("[" * 100_000)
+    with pytest.raises(FormatError, match="not a session"):
+        Session.at_folder(tmp_path)
+
+
+def test_deep_json_and_long_names_are_answered_in_one_line(opened: tuple[TestClient, Studio]) -> None:
+    client, _ = opened
+    assert client.post("api/edit", content=b'{"given":' + b"[" * 100_000).status_code == 400
+    assert client.post("api/files?name=" + "%F0%9F%98%80" * 120, content=b"a,b\n1,2\n").status_code in (200, 400)
+    assert client.post("api/files?name=%00", content=b"x").status_code == 400
+    assert client.get("api/runs/1/file/%00").status_code in (400, 404)
+    assert client.get("page/%00").status_code in (400, 404)

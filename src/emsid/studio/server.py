@@ -108,7 +108,7 @@ def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable
             return PlainTextResponse(str(problem), 409)
         except EmsidError as problem:
             return PlainTextResponse(str(problem), 400)
-        except (msgspec.DecodeError, UnicodeDecodeError, LookupError, ValueError, TypeError, AttributeError) as problem:
+        except (msgspec.DecodeError, RecursionError, LookupError, ValueError, TypeError, AttributeError) as problem:
             return PlainTextResponse(f"the request is not understood ({type(problem).__name__})", 400)
         if isinstance(found, Response):
             return found
@@ -186,6 +186,9 @@ class Routes:
             kept = True
         except EmsidError as problem:
             return PlainTextResponse(str(problem), 400)
+        except OSError as problem:
+            reason = (problem.strerror or str(problem)).lower()
+            return PlainTextResponse(f"the file cannot be written ({reason})", 507)
         finally:
             part.unlink(missing_ok=True)
             if not kept:

@@ -74,10 +74,13 @@ class Session:
                 found = msgspec.json.decode(path.read_bytes())
                 if (found["format"], found["version"]) != (FORMAT, VERSION):
                     raise ValueError
-                session.steps = [{**EMPTY, **step} for step in found["steps"]]
+                session.steps = [checked({**EMPTY, **step}) for step in found["steps"]]
+                session.steps[0]  # there is always a step
                 session.at = min(max(int(found["at"]), 0), len(session.steps) - 1)
-            except (ValueError, KeyError, TypeError, msgspec.DecodeError):
+            except (LookupError, ValueError, TypeError, RecursionError, msgspec.DecodeError):
                 raise FormatError(f"{path}: not a session that this emsid reads; choose another folder") from None
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.chmod(0o700)
         (folder / "data").mkdir(parents=True, exist_ok=True)
         (folder / "runs").mkdir(exist_ok=True)
         session.save()
@@ -137,7 +140,8 @@ class Session:
 
     def free_name(self, name: str) -> str:
         """A name for a file that is added: without a folder or characters that some systems refuse, not in use yet."""
-        bare = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", Path(name.replace("\\", "/")).name).strip(". ")[-120:] or "file"
+        bare = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", Path(name.replace("\\", "/")).name).strip(". ")
+        bare = bare.encode()[-120:].decode(errors="ignore") or "file"
         stem, dot, suffix = bare.partition(".")
         numbered = (f"{stem}-{k}{dot}{suffix}" for k in range(2, 10_000))
         return next(each for each in (bare, *numbered) if not self.path(each).exists())
@@ -189,7 +193,25 @@ class Session:
         return sorted(found, key=lambda path: int(path.name))
 
 
+def checked(step: dict[str, Any]) -> dict[str, Any]:
+    """A step of a session file.
+
+    Raises:
+        ValueError: where it has parts of other types, or files outside the session.
+    """
+    for key, value in EMPTY.items():
+        if not isinstance(step[key], type(value)):
+            raise ValueError(key)
+    for name in (*step["files"], *step["unseen_files"]):
+        if not isinstance(name, str) or name in ("", ".", "..") or re.search(r"[\x00/\\]", name):
+            raise ValueError(name)
+    return step
+
+
 def in_session(folder: Path, name: str) -> Path | None:
     """A file below a folder by its relative path; None where it is none, or lies elsewhere."""
-    path = (folder / name).resolve()
-    return path if path.is_file() and path.is_relative_to(folder.resolve()) else None
+    try:
+        path = (folder / name).resolve()
+        return path if path.is_file() and path.is_relative_to(folder.resolve()) else None
+    except (OSError, ValueError):  # a name too long, or with a null character
+        return None

@@ -420,3 +420,55 @@ def test_the_estimator_predicts_the_free_run() -> None:
     assert found.score(unseen[:, None], truth) > 0.99
     with pytest.raises(ValueError, match="groups"):
         found.fit(u[:, None], y, groups[:5])
+
+
+def test_a_row_of_a_changed_or_removed_file_is_not_used_again(tmp_path: Path, threads: Executor) -> None:
+    rng, logs, out = np.random.default_rng(8), tmp_path / "logs", tmp_path / "out"
+    logs.mkdir()
+    for name in ("a", "b", "c"):
+        frame(300, 0.9, rng).write_csv(logs / f"{name}.csv")
+    emsid.fleet(logs, ARX, threads, out=out, **READING)
+    frame(300, 0.6, rng).write_csv(logs / "a.csv")
+    (logs / "b.csv").unlink()
+    (logs / "c.csv").rename(logs / "d.csv")
+    again = emsid.fleet(logs, ARX, threads, out=out, **READING)
+    fresh = emsid.fleet(logs, ARX, threads, **READING)
+    assert untimed(again) == untimed(fresh)
+    assert [row.motor for row in again.rows] == ["a", "d"]
+    assert {f.code: f.data for f in again.findings}["rows-dropped"] == {"dropped": 3}
+    assert "rows-dropped" not in {f.code for f in emsid.fleet(logs, ARX, threads, out=out, **READING).findings}
+    journal = out / "rows.jsonl"
+    before = journal.read_text().splitlines()
+    other = emsid.fleet(logs, ARX, threads, out=out, unseen=0.5, **READING)
+    assert not {row.job for row in other.rows} & {row.job for row in again.rows}
+    assert journal.read_text().splitlines()[: len(before)] == before  # rows of the first job are kept
+
+
+def test_another_version_of_the_program_fits_again(
+    tmp_path: Path, threads: Executor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame(300, 0.9, np.random.default_rng(8)).write_csv(tmp_path / "a.csv")
+    first = emsid.fleet(tmp_path / "a.csv", ARX, threads, out=tmp_path / "out", **READING)
+    monkeypatch.setattr("emsid.fleets.verb.__version__", "another")
+    assert (
+        emsid.fleet(tmp_path / "a.csv", ARX, threads, out=tmp_path / "out", **READING).rows[0].job != first.rows[0].job
+    )
+
+
+def test_files_of_one_name_are_different_motors(tmp_path: Path) -> None:
+    for name in ("M1/log.csv", "M2/log.csv", "x/M1/run.csv", "y/M1/run.csv", "only.csv", "e/f.csv", "e/f.parquet"):
+        path = tmp_path / "in" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("t,u,y\n")
+    found = {batch.motor for batch in batches(found_files(tmp_path / "in"), None, None, None)}
+    assert found == {"M1/log", "M2/log", "x/M1/run", "y/M1/run", "only", "f.csv", "f.parquet"}
+
+
+def test_tables_are_divided_without_what_an_earlier_run_left(tmp_path: Path) -> None:
+    old = tmp_path / "parts" / "000007" / "id=gone"
+    old.mkdir(parents=True)
+    table = pl.DataFrame({"id": ["a", "b"], "u": [1.0, 2.0]})
+    table.write_parquet(old / "0.parquet")
+    table.write_parquet(tmp_path / "all.parquet")
+    parts, _ = divided(found_files(tmp_path / "all.parquet"), "id", tmp_path / "parts")
+    assert {part.keys["motor"] for part in parts} == {"a", "b"}

@@ -107,3 +107,23 @@ def test_a_published_value_is_found_again_by_its_command(tmp_path, run, monkeypa
     status, out, err = run("motors", "lib", "--check", "axis=other.json", "--record", "log.csv")
     assert (status, "has other values than axis: mass" in err) == (2, True)
     assert run("motors", "lib", "--check", "axis=other.json")[0] == 2  # without its record
+
+
+def test_another_file_of_the_folder_is_not_overwritten(identified) -> None:
+    before = (identified / "axis.json").read_bytes()
+    with pytest.raises(DataError, match="exists and is not of this library"):
+        add_actuator(identified, "axis", identified / "axis.json", [identified / "log.csv"], "a command")
+    (identified / "mine.json").write_text("{}")
+    with pytest.raises(DataError, match="exists and is not of this library"):
+        add_actuator(identified, "mine", identified / "axis.json", [identified / "log.csv"], "a command")
+    assert (identified / "mine.json").read_text() == "{}"
+    assert (identified / "axis.json").read_bytes() == before
+
+
+def test_a_check_that_compares_nothing_fails(identified, run) -> None:
+    home, log, bare = (str(identified / name) for name in ("library", "log.csv", "bare.json"))
+    emsid.save(emsid.load(identified / "axis.json").model, bare)
+    assert run("motors", home, "--add", f"bare={bare}", "--record", log, "--command", "emsid identify")[0] == 0
+    status, _, err = run("motors", home, "--check", f"bare={identified / 'axis.json'}", "--record", log)
+    assert status == 2
+    assert "nothing to compare" in err

@@ -356,3 +356,76 @@ def test_own_code_of_the_page_is_small() -> None:
     assert sum(path.stat().st_size for path in page.iterdir() if path.suffix in (".js", ".css")) < 100_000
     for path in page.glob("*.js"):
         assert "innerHTML" not in path.read_text("utf-8")
+
+
+def test_a_change_of_a_state_that_has_changed_is_refused(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    version = client.get("api/state").json()["version"]
+    made = client.post("api/edit", json={"unseen": 0.4}, headers={"If-Match": str(version)})
+    assert made.json() == {"version": version + 1}
+    for path, content in (
+        ("edit", {"unseen": 0.5}),
+        ("undo", {}),
+        ("redo", {}),
+        ("run", {}),
+        ("example", {"name": "x"}),
+    ):
+        stale = client.post(f"api/{path}", json=content, headers={"If-Match": str(version)})
+        assert stale.status_code == 409, path
+    assert studio.session.step["unseen"] == 0.4
+    assert client.post("api/undo", headers={"If-Match": str(version + 1)}).status_code == 200
+
+
+def test_an_edit_that_is_checked_while_another_is_made_is_refused(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, studio = opened
+    assert client.post(
+        "api/example", json={"name": client.get("api/state").json()["catalogue"]["examples"][0]["name"]}
+    ).is_success
+    look = studio.data.look
+
+    def undone_meanwhile(step: dict[str, Any]) -> Any:
+        found = look(step)
+        monkeypatch.undo()
+        studio.move(-1)
+        return found
+
+    monkeypatch.setattr(studio.data, "look", undone_meanwhile)
+    assert client.post("api/edit", json={"given": {"mask": "row < 20"}}).status_code == 409
+    assert studio.session.step["given"] == {}
+    assert studio.session.step["files"] == []
+
+
+def test_a_refused_file_does_not_stay(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    assert client.post("api/files?name=bad.npz", content=b"no archive").status_code == 400
+    assert list((studio.session.folder / "data").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [[], [3], [{"files": ["../../secret.csv"]}], [{"files": "log.csv"}], [{"unseen": None}], [{"given": []}]],
+)
+def test_a_session_file_that_is_none_or_names_other_files_is_refused(tmp_path: Path, steps: Any) -> None:
+    document = {"format": "emsid session", "version": 1, "at": 0, "steps": steps}
+    (tmp_path / "session.json").write_bytes(msgspec.json.encode(document))
+    with pytest.raises(FormatError, match="not a session"):
+        Session.at_folder(tmp_path)
+
+
+def test_deep_json_is_no_session_and_a_session_is_private(tmp_path: Path) -> None:
+    Session.at_folder(tmp_path / "new")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "session.json").write_text("[" * 100_000)
+    with pytest.raises(FormatError, match="not a session"):
+        Session.at_folder(tmp_path)
+
+
+def test_deep_json_and_long_names_are_answered_in_one_line(opened: tuple[TestClient, Studio]) -> None:
+    client, _ = opened
+    assert client.post("api/edit", content=b'{"given":' + b"[" * 100_000).status_code == 400
+    assert client.post("api/files?name=" + "%F0%9F%98%80" * 120, content=b"a,b\n1,2\n").status_code in (200, 400)
+    assert client.post("api/files?name=%00", content=b"x").status_code == 400
+    assert client.get("api/runs/1/file/%00").status_code in (400, 404)
+    assert client.get("page/%00").status_code in (400, 404)

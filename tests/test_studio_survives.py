@@ -207,3 +207,20 @@ def test_killing_server_and_worker_at_any_moment_loses_nothing_that_was_finished
             server.process.kill()
     assert finished
     until(lambda: not workers(folder))  # those without a server end by themselves
+
+
+def test_two_hundred_files_that_are_added_at_once_are_all_kept(tmp_path: Path) -> None:
+    content = table(60)
+    with serving(tmp_path / "session") as server:
+        assert server.ask("api/files?name=log.csv", body=content)[0] == 200
+
+        def add(k: int) -> int:
+            while (status := server.ask(f"api/files?name=log.csv&unseen={k % 2}", body=content)[0]) == 503:
+                time.sleep(0.05)  # refused, as too many ask
+            return status
+
+        with ThreadPoolExecutor(40) as pool:
+            assert set(pool.map(add, range(200))) == {200}
+        step = server.state()["step"]
+        assert len({*step["files"], *step["unseen_files"]}) == 201
+        assert len(list((tmp_path / "session" / "data").iterdir())) == 201

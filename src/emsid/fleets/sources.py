@@ -13,7 +13,9 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from glob import glob
+from itertools import product
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
@@ -120,7 +122,8 @@ def batches(files: Sequence[Found], motor: str | None, period: str | None, time:
 
     Args:
         files: the files.
-        motor: the field of the paths that names it; by default ``motor``, or the names of the files without suffix.
+        motor: the field of the paths that names it; by default ``motor``, or the names of the files without suffix,
+            with as many of their folders as tell them apart.
         period: a field of the paths, or a duration such as ``1d``; None for one period.
         time: the time column that a duration divides.
 
@@ -135,13 +138,35 @@ def batches(files: Sequence[Found], motor: str | None, period: str | None, time:
     if of_path and any(of_path not in file.keys for file in files):
         raise DataError(f"some paths name no {period!r}; give a duration, such as 1d", arguments=("period",))
     groups: dict[tuple[str, str], list[str]] = {}
+    names = _distinct([file for file in files if key not in file.keys], of_path)
     for file in files:
-        name = file.keys.get(key, file.path.stem)
+        name = file.keys.get(key) or names[file.path]
         groups.setdefault((name, file.keys[of_path] if of_path else ""), []).append(str(file.path))
     whole = [Batch(name, when, tuple(paths)) for (name, when), paths in groups.items()]
     if period is None or of_path:
         return whole
     return [part for batch in whole for part in by_period(batch, period, time)]
+
+
+def _distinct(files: Sequence[Found], period: str | None) -> dict[Path, str]:
+    """The shortest ends of paths that tell the files of one name in one period apart, without suffix if possible."""
+    alike: dict[str, list[Found]] = {}
+    for file in files:
+        alike.setdefault(file.path.stem, []).append(file)
+    found: dict[Path, str] = {}
+    for several in alike.values():
+        whens = [file.keys.get(period or "", "") for file in several]
+        kept = [
+            [part for part in file.path.parts if part != f"{period}={when}"]
+            for file, when in zip(several, whens, strict=True)
+        ]
+        deepest = max(map(len, kept))
+        for suffixed, count in product((False, True), range(1, deepest + 1)):
+            ends = ["/".join([*parts[-count:-1], parts[-1] if suffixed else Path(parts[-1]).stem]) for parts in kept]
+            if len(set(zip(ends, whens, strict=True))) == len({file.path for file in several}):
+                break
+        found |= {file.path: end for file, end in zip(several, ends, strict=True)}
+    return found
 
 
 def seconds(period: str) -> float:
@@ -249,7 +274,7 @@ def divided(files: Sequence[Found], motor: str, folder: Path) -> tuple[list[Foun
     Args:
         files: the tables.
         motor: the column.
-        folder: where to write; of an earlier run what is there is written again.
+        folder: where to write; what an earlier run left there is removed.
 
     Returns:
         The new files with their motor, and by path the reason why a table cannot be divided.
@@ -263,6 +288,7 @@ def divided(files: Sequence[Found], motor: str, folder: Path) -> tuple[list[Foun
     others = [str(file.path) for file in files if not scanned([str(file.path)])]
     if others:
         raise FormatError(f"{others[0]}: the motor is a column of tables only ({', '.join(SCANNED)})")
+    rmtree(folder, ignore_errors=True)  # of an earlier run, whose tables may be others
     failed: dict[str, str] = {}
     for k, file in enumerate(files):
         part = folder / f"{k:06d}"

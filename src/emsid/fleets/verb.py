@@ -1,7 +1,8 @@
 """`emsid.fleet`: one structure fitted to many motors, over many periods.
 
 All motors get the same structure, so that their parameters can be compared. It is given, or chosen on one motor.
-Every finished row is appended to a journal at once, so an interrupted run goes on where it stopped.
+Every finished row is appended to a journal at once, so an interrupted run goes on where it stopped. A row is used again
+only for the same job, files and version of this program; rows of other jobs stay in the journal, and are not reported.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 
 import msgspec
 
+from emsid import __version__
 from emsid.errors import DataError, EmsidError, FormatError, some
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
@@ -26,7 +28,7 @@ from emsid.findings import Finding
 from emsid.fleets.engine import Engine
 from emsid.fleets.sources import Batch, Found, batches, divided, found_files
 from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
-from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of
+from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of, source_of
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
@@ -182,9 +184,9 @@ def fleet(
         control.doing("looking for files")
         todo, failed = _found(source, motor, period, reading.get("time"), folder)
         subject, how = _structure(what, todo, reference, options or Options(), reading, control)
-        name = digest(repr((subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
+        name = digest(repr((__version__, subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
         job = Job(subject, how, reading, unseen, name)
-        journal = Journal(folder / JOURNAL, name)
+        journal = Journal(folder / JOURNAL, name, {batch.key: batch for batch in todo})
         rows = {(row.motor, row.period): row for row in journal.rows}
         engine = Engine(partial(rows_of, job), partial(_lost, job), executor, workers, control)
         with journal, suppress(Stopped):
@@ -195,7 +197,8 @@ def fleet(
         stopped = len(rows) < len(todo)
         every = [*(rows[key] for key in sorted(rows)), *failed]
         result = Fleet(tuple(every), interrupted=stopped)
-        result = replace(result, findings=tuple(findings_of(result, len(todo))))
+        dropped = [Finding("rows-dropped", data={"dropped": journal.dropped})] if journal.dropped else []
+        result = replace(result, findings=(*findings_of(result, len(todo)), *dropped))
         if out is not None:
             write_table(result, folder / RESULT)
             if not stopped:
@@ -284,6 +287,7 @@ def _lost(job: Job, batch: Batch) -> FleetRow:
         batch.period,
         reason="its worker process ended twice while it was fitted; look at the file, or give more memory",
         job=job.name,
+        source=source_of(batch),
     )
 
 
@@ -309,15 +313,20 @@ class Journal:
     """The finished rows of a job, one line each; a line that was cut by a crash is left out.
 
     Args:
-        path: the file; rows of another job in it are left out, too.
+        path: the file; lines of other jobs in it are kept as they are.
         job: the hash of the job.
+        todo: the batches by their keys; rows of others, or of files that have changed, are dropped.
+
+    Attributes:
+        rows: those of the job that are still valid.
+        dropped: how many were dropped.
 
     Raises:
         FormatError: where the file cannot be read.
     """
 
-    def __init__(self, path: Path, job: str) -> None:
-        self.path, self.job, self.rows = path, job, list[FleetRow]()
+    def __init__(self, path: Path, job: str, todo: Mapping[tuple[str, str], Batch]) -> None:
+        self.path, self.rows, self.dropped, self._lines = path, list[FleetRow](), 0, list[str]()
         try:
             lines = path.read_text("utf-8").splitlines() if path.is_file() else []
         except (OSError, ValueError) as problem:
@@ -328,10 +337,15 @@ class Journal:
             except (ValueError, msgspec.ValidationError):
                 continue
             if row.job == job:
+                batch = todo.get((row.motor, row.period))
+                if batch is None or not row.source or row.source != source_of(batch):
+                    self.dropped += 1
+                    continue
                 self.rows.append(row)
+            self._lines.append(line + "\n")
 
     def __enter__(self) -> Journal:
-        atomic_write(self.path, "".join(_line(row) for row in self.rows))
+        atomic_write(self.path, "".join(self._lines))
         self._file = open(self.path, "a", encoding="utf-8")
         return self
 

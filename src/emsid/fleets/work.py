@@ -6,10 +6,12 @@ this machine and one of another machine do the same. A motor whose data cannot b
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from hashlib import sha256
+from functools import lru_cache
+from hashlib import file_digest, sha256
 from math import nan
 from typing import Any
 
@@ -81,6 +83,7 @@ class FleetRow:
         samples: of the fit.
         seconds: processor time.
         job, data: hashes of what was done and of the samples.
+        source: hash of the files and of the part of them, by which a row is known to be of these data.
     """
 
     motor: str
@@ -95,6 +98,7 @@ class FleetRow:
     seconds: float = 0.0
     job: str = ""
     data: str = ""
+    source: str = ""
 
 
 def rows_of(job: Job, batches: Sequence[Batch]) -> list[FleetRow]:
@@ -106,10 +110,16 @@ def rows_of(job: Job, batches: Sequence[Batch]) -> list[FleetRow]:
 def row_of(job: Job, batch: Batch) -> FleetRow:
     """The row of one batch; whatever its data are, it is a row."""
     begun = time.process_time()
+    source = source_of(batch)
 
     def failed(reason: str) -> FleetRow:
         return FleetRow(
-            batch.motor, batch.period, reason=reason, seconds=round(time.process_time() - begun, 3), job=job.name
+            batch.motor,
+            batch.period,
+            reason=reason,
+            seconds=round(time.process_time() - begun, 3),
+            job=job.name,
+            source=source,
         )
 
     try:
@@ -129,6 +139,7 @@ def row_of(job: Job, batch: Batch) -> FleetRow:
         seconds=round(time.process_time() - begun, 3),
         job=job.name,
         data=digest(record.input.tobytes(), record.output.tobytes(), repr(record.dt).encode()),
+        source=source,
         **row,
     )
 
@@ -196,6 +207,26 @@ def estimates_of(found: Fit[Any]) -> dict[str, Value]:
         name: Value(float(value), nan, "")
         for name, value in zip(found.names, np.atleast_1d(found.estimate), strict=True)
     }
+
+
+def source_of(batch: Batch) -> str:
+    """The hash of the files of a batch and of the part of them that it is; empty where one cannot be read."""
+    try:
+        return digest(repr(batch.time).encode(), *(_file_digest(path, _stamp(path)) for path in batch.files))
+    except OSError:
+        return ""
+
+
+def _stamp(path: str) -> tuple[int, ...]:
+    status = os.stat(path)
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+
+
+@lru_cache(maxsize=1024)
+def _file_digest(path: str, stamp: tuple[int, ...]) -> bytes:
+    """The hash of a file; a table of many periods is read for it once."""
+    with open(path, "rb") as file:
+        return file_digest(file, "sha256").digest()
 
 
 def digest(*contents: bytes) -> str:

@@ -72,7 +72,7 @@ def add_actuator(
         command: the command line that made it.
 
     Raises:
-        DataError: for an impossible name, one that the library has, or without a record.
+        DataError: for an impossible name, one that the library has, one of another file there, or without a record.
         FormatError: for a file that cannot be read or is no model file.
     """
     if not _NAME.fullmatch(name) or name.endswith((".motor", ".json")):
@@ -82,6 +82,8 @@ def add_actuator(
     home = Path(folder)
     if (home / f"{name}{ENDING}").exists():
         raise DataError(f"{home} has an actuator {name} already; give this one another name")
+    if (home / f"{name}.json").exists():
+        raise DataError(f"{home / name}.json exists and is not of this library; give the actuator another name")
     load_model(model)
     content = read_bytes(model)
     known = tuple(Recorded(Path(record).name, _sha256(read_bytes(record))) for record in records)

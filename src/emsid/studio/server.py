@@ -29,7 +29,7 @@ from emsid.studio.guard import LARGE, Guard, TooLarge
 from emsid.studio.live import Live
 from emsid.studio.play import free_runs, loaded, played, sliders
 from emsid.studio.runs import Runs
-from emsid.studio.session import Session, in_session
+from emsid.studio.session import Conflict, Session, in_session
 from emsid.studio.studio import Studio
 from emsid.studio.windows import Signal, packed
 
@@ -89,6 +89,11 @@ class Messages:
         return StreamingResponse(lines(), media_type="text/event-stream")
 
 
+def made_on(request: Request) -> str | None:
+    """The version of the state that a request was made on; None where it does not say."""
+    return request.headers.get("if-match")
+
+
 def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable[Response]]:
     """A route that reads JSON, does some work in a thread, and answers with JSON, bytes or a response."""
 
@@ -99,9 +104,11 @@ def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable
             if not isinstance(content, dict):
                 raise DataError("the request is no table")
             found = await run_in_threadpool(work, request, content)
+        except Conflict as problem:
+            return PlainTextResponse(str(problem), 409)
         except EmsidError as problem:
             return PlainTextResponse(str(problem), 400)
-        except (msgspec.DecodeError, UnicodeDecodeError, LookupError, ValueError, TypeError, AttributeError) as problem:
+        except (msgspec.DecodeError, RecursionError, LookupError, ValueError, TypeError, AttributeError) as problem:
             return PlainTextResponse(f"the request is not understood ({type(problem).__name__})", 400)
         if isinstance(found, Response):
             return found
@@ -127,12 +134,12 @@ class Routes:
         """Every route."""
         studio = self.studio
         posts: dict[str, Callable[[Request, Any], Any]] = {
-            "edit": lambda request, content: studio.edit(content),
-            "undo": lambda request, content: studio.move(-1),
-            "redo": lambda request, content: studio.move(1),
-            "brush": lambda request, content: studio.brush(content),
-            "example": lambda request, content: studio.example(str(content["name"])),
-            "run": lambda request, content: studio.run(),
+            "edit": lambda request, content: studio.edit(content, made_on(request)),
+            "undo": lambda request, content: studio.move(-1, made_on(request)),
+            "redo": lambda request, content: studio.move(1, made_on(request)),
+            "brush": lambda request, content: studio.brush(content, made_on(request)),
+            "example": lambda request, content: studio.example(str(content["name"]), made_on(request)),
+            "run": lambda request, content: studio.run(made_on(request)),
             "cancel": lambda request, content: studio.runs.cancel(str(content["run"])),
             "play": self._play,
             "export": lambda request, content: exported(self._model(content), str(content["format"])),
@@ -164,8 +171,8 @@ class Routes:
     async def _upload(self, request: Request) -> Response:
         """Write a dropped file into the session, block by block."""
         session = self.studio.session
-        name = session.free_name(request.query_params.get("name", "file.csv"))
-        part, count = session.path(f".{name}.part"), 0
+        name, count, kept = session.reserve(request.query_params.get("name", "file.csv")), 0, False
+        part = session.path(f".{name}.part")
         try:
             with part.open("wb") as file:
                 async for block in request.stream():
@@ -176,10 +183,16 @@ class Routes:
             part.replace(session.path(name))
             unseen = request.query_params.get("unseen") == "1"
             await run_in_threadpool(self.studio.add, name, unseen=unseen)
+            kept = True
         except EmsidError as problem:
             return PlainTextResponse(str(problem), 400)
+        except OSError as problem:
+            reason = (problem.strerror or str(problem)).lower()
+            return PlainTextResponse(f"the file cannot be written ({reason})", 507)
         finally:
             part.unlink(missing_ok=True)
+            if not kept:
+                session.path(name).unlink(missing_ok=True)
         return Response(b"{}", media_type="application/json")
 
     def _folder(self, number: str) -> Path:

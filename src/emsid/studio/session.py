@@ -18,7 +18,7 @@ from typing import Any
 
 import msgspec
 
-from emsid.errors import FormatError
+from emsid.errors import DataError, FormatError
 from emsid.io import atomic_write
 
 FORMAT, VERSION = "emsid session", 1
@@ -36,6 +36,13 @@ EMPTY: dict[str, Any] = {
 names of the models (none: the usual ones), and options of `emsid.identify`."""
 
 
+class Conflict(DataError):
+    """Raised for a change of a state that is no longer the present one; nothing has been changed."""
+
+    def __init__(self) -> None:
+        super().__init__("the session has changed meanwhile; look at it and do it again")
+
+
 @dataclass
 class Session:
     """The state of a studio in its folder.
@@ -44,11 +51,13 @@ class Session:
         folder: where it is.
         steps: the states up to now, and those that were undone.
         at: the number of the present one.
+        version: how often the state was changed since the session was opened.
     """
 
     folder: Path
     steps: list[dict[str, Any]] = field(default_factory=lambda: [dict(EMPTY)])
     at: int = 0
+    version: int = 0
     lock: Any = field(default_factory=RLock)
 
     @classmethod
@@ -65,10 +74,13 @@ class Session:
                 found = msgspec.json.decode(path.read_bytes())
                 if (found["format"], found["version"]) != (FORMAT, VERSION):
                     raise ValueError
-                session.steps = [{**EMPTY, **step} for step in found["steps"]]
+                session.steps = [checked({**EMPTY, **step}) for step in found["steps"]]
+                session.steps[0]  # there is always a step
                 session.at = min(max(int(found["at"]), 0), len(session.steps) - 1)
-            except (ValueError, KeyError, TypeError, msgspec.DecodeError):
+            except (LookupError, ValueError, TypeError, RecursionError, msgspec.DecodeError):
                 raise FormatError(f"{path}: not a session that this emsid reads; choose another folder") from None
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.chmod(0o700)
         (folder / "data").mkdir(parents=True, exist_ok=True)
         (folder / "runs").mkdir(exist_ok=True)
         session.save()
@@ -79,18 +91,43 @@ class Session:
         """The present step."""
         return self.steps[self.at]
 
-    def change(self, **values: Any) -> None:
-        """Add a step with other values; steps that were undone are forgotten."""
+    @property
+    def present(self) -> tuple[int, dict[str, Any]]:
+        """The version and its step, which belong together."""
         with self.lock:
-            self.steps = [*self.steps[: self.at + 1], {**self.step, **values}][-MOST_STEPS:]
-            self.at = len(self.steps) - 1
-            self.save()
+            return self.version, self.step
 
-    def move(self, by: int) -> None:
-        """Undo (−1) or redo (+1) a step, where there is one."""
+    def change(self, on: int, **values: Any) -> None:
+        """Add a step with other values; steps that were undone are forgotten.
+
+        Args:
+            on: the version that the change was made on.
+            values: of the step.
+
+        Raises:
+            Conflict: where this is not the present version.
+            FormatError: where it cannot be written; the session is then as before.
+        """
         with self.lock:
-            self.at = min(max(self.at + by, 0), len(self.steps) - 1)
+            steps = [*self.steps[: self.at + 1], {**self.step, **values}][-MOST_STEPS:]
+            self._commit(on, steps, len(steps) - 1)
+
+    def move(self, on: int, by: int) -> None:
+        """Undo (−1) or redo (+1) a step, where there is one; arguments and errors as in `change`."""
+        with self.lock:
+            self._commit(on, self.steps, min(max(self.at + by, 0), len(self.steps) - 1))
+
+    def _commit(self, on: int, steps: list[dict[str, Any]], at: int) -> None:
+        if on != self.version:
+            raise Conflict
+        before = self.steps, self.at
+        self.steps, self.at = steps, at
+        try:
             self.save()
+        except BaseException:
+            self.steps, self.at = before
+            raise
+        self.version += 1
 
     def save(self) -> None:
         """Write ``session.json``."""
@@ -103,10 +140,25 @@ class Session:
 
     def free_name(self, name: str) -> str:
         """A name for a file that is added: without a folder or characters that some systems refuse, not in use yet."""
-        bare = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", Path(name.replace("\\", "/")).name).strip(". ")[-120:] or "file"
+        bare = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", Path(name.replace("\\", "/")).name).strip(". ")
+        bare = bare.encode()[-120:].decode(errors="ignore") or "file"
         stem, dot, suffix = bare.partition(".")
         numbered = (f"{stem}-{k}{dot}{suffix}" for k in range(2, 10_000))
         return next(each for each in (bare, *numbered) if not self.path(each).exists())
+
+    def reserve(self, name: str) -> str:
+        """A free name, taken by an empty file, so that nobody else takes it.
+
+        Raises:
+            FormatError: where the folder cannot be written to.
+        """
+        with self.lock:
+            free = self.free_name(name)
+            try:
+                self.path(free).touch(exist_ok=False)
+            except OSError as problem:
+                raise FormatError(f"{free}: cannot be written ({(problem.strerror or str(problem)).lower()})") from None
+            return free
 
     def add(self, source: Path) -> str:
         """Copy a file, or a folder that is a recording, into the session; its name there.
@@ -141,7 +193,25 @@ class Session:
         return sorted(found, key=lambda path: int(path.name))
 
 
+def checked(step: dict[str, Any]) -> dict[str, Any]:
+    """A step of a session file.
+
+    Raises:
+        ValueError: where it has parts of other types, or files outside the session.
+    """
+    for key, value in EMPTY.items():
+        if not isinstance(step[key], type(value)):
+            raise ValueError(key)
+    for name in (*step["files"], *step["unseen_files"]):
+        if not isinstance(name, str) or name in ("", ".", "..") or re.search(r"[\x00/\\]", name):
+            raise ValueError(name)
+    return step
+
+
 def in_session(folder: Path, name: str) -> Path | None:
     """A file below a folder by its relative path; None where it is none, or lies elsewhere."""
-    path = (folder / name).resolve()
-    return path if path.is_file() and path.is_relative_to(folder.resolve()) else None
+    try:
+        path = (folder / name).resolve()
+        return path if path.is_file() and path.is_relative_to(folder.resolve()) else None
+    except (OSError, ValueError):  # a name too long, or with a null character
+        return None

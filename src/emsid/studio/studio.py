@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 from emsid.errors import DataError, EmsidError
 from emsid.studio.data import Data
 from emsid.studio.script import as_script
-from emsid.studio.session import EMPTY, Session
+from emsid.studio.session import EMPTY, Conflict, Session
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,6 +66,7 @@ class Studio:
     command: Callable[[Mapping[str, Any], Path], str]
     announce: Callable[[dict[str, Any]], None] = lambda message: None
     data: Data = field(init=False)
+    _adding: Any = field(default_factory=RLock, init=False)
 
     def __post_init__(self) -> None:
         self.data = Data(self.session, self.spelling)
@@ -77,20 +79,30 @@ class Studio:
             filtered([1.0], [1.0], [1.0])
             self.state()
 
-    def change(self, **values: Any) -> None:
+    def change(self, on: int, step: Mapping[str, Any], **values: Any) -> dict[str, int]:
         """Take another step, if its data can be read.
 
+        Args:
+            on: the version that the change is made on.
+            step: of this version.
+            values: that change.
+
+        Returns:
+            The version that it makes.
+
         Raises:
-            EmsidError: where they cannot.
+            Conflict: where the session has changed since, also while the data were read.
+            EmsidError: where they cannot be read.
         """
-        step = {**self.session.step, **values}
-        if step["files"] and (values.keys() & {"files", "given", "unseen_files"}):
-            look, found = self.data.look(step), self.data.described(step)
-            if look.record is None and step["given"]:
-                said = [each["text"] for each in found["findings"] if each["code"] in NO_RECORD]
-                raise DataError(said[0] if said else "no record can be read like this")
-        self.session.change(**values)
+        step = {**step, **values}
+        looked_at = step["files"] and values.keys() & {"files", "given", "unseen_files"}
+        if looked_at and self.data.look(step).record is None and step["given"]:
+            found = self.data.described(step)
+            said = [each["text"] for each in found["findings"] if each["code"] in NO_RECORD]
+            raise DataError(said[0] if said else "no record can be read like this")
+        self.session.change(on, **values)
         self.announce({"kind": "state"})
+        return {"version": on + 1}
 
     def add(self, name: str, *, unseen: bool = False) -> None:
         """Add a file of the session to the data; the first one is looked at anew.
@@ -98,23 +110,35 @@ class Studio:
         Raises:
             EmsidError: where it cannot be read.
         """
-        step = self.session.step
         self.data.parsed(name)
-        if not step["files"]:
-            self.change(files=[name], given={})
-        elif unseen:
-            self.change(unseen_files=[*step["unseen_files"], name])
-        else:
-            self.change(files=[*step["files"], name])
+        with self._adding:
+            while True:  # unlike other changes, those that add a file do not exclude each other
+                on, step = self.session.present
+                key = "unseen_files" if unseen and step["files"] else "files"
+                values: dict[str, Any] = {key: [*step[key], name]} | ({} if step["files"] else {"given": {}})
+                with suppress(Conflict):
+                    self.change(on, step, **values)
+                    return
 
-    def edit(self, content: Mapping[str, Any]) -> None:
+    def _made_on(self, version: Any) -> tuple[int, dict[str, Any]]:
+        """The present version and its step.
+
+        Raises:
+            Conflict: where a request was made on another version.
+        """
+        on, step = self.session.present
+        if version is not None and int(version) != on:
+            raise Conflict
+        return on, step
+
+    def edit(self, content: Mapping[str, Any], version: Any = None) -> dict[str, int]:
         """Change parts of the step; ``given`` is merged, and a None in it takes back a correction.
 
         Raises:
             DataError: for a part that is none.
             EmsidError: where the data cannot be read like this.
         """
-        step, values = self.session.step, dict(content)
+        (on, step), values = self._made_on(version), dict(content)
         unknown = values.keys() - EMPTY.keys()
         if unknown:
             raise DataError(f"there is no {', '.join(sorted(unknown))} in a step")
@@ -135,26 +159,27 @@ class Studio:
             values["models"] = list(model_names(values["models"])) if values["models"] else []
         if not values.get("files", [""]):
             values |= {"given": {}, "unseen_files": []}
-        self.change(**values)
+        return self.change(on, step, **values)
 
-    def move(self, by: int) -> None:
+    def move(self, by: int, version: Any = None) -> dict[str, int]:
         """Undo or redo."""
-        self.session.move(by)
+        on, _ = self._made_on(version)
+        self.session.move(on, by)
         self.announce({"kind": "state"})
+        return {"version": on + 1}
 
-    def brush(self, content: Mapping[str, Any]) -> None:
+    def brush(self, content: Mapping[str, Any], version: Any = None) -> dict[str, int]:
         """Leave out what lies between two times (``mask``), keep only that (``cut``), or fit up to there (``split``).
 
         Raises:
             DataError: for another kind, or times without samples.
         """
-        kind, step = content["kind"], self.session.step
+        kind, (on, step) = content["kind"], self._made_on(version)
         name, first, last = str(content["file"]), float(content["first"]), float(content["last"])
         if kind == "split":
             record = self.data.record(step, name)
             after = float((record.time >= first).mean())
-            self.edit({"unseen": float(f"{after:.10g}")})
-            return
+            return self.edit({"unseen": float(f"{after:.10g}")}, on)
         a, b = self.data.rows(step, name, first, last)
         given = dict(step["given"])
         if kind == "mask":
@@ -165,9 +190,9 @@ class Studio:
             given["rows"] = [a, b]
         else:
             raise DataError("a brush can mask, cut or split")
-        self.change(given=given)
+        return self.change(on, step, given=given)
 
-    def example(self, name: str) -> None:
+    def example(self, name: str, version: Any = None) -> dict[str, int]:
         """Begin with an example of `emsid demo`.
 
         Raises:
@@ -176,33 +201,37 @@ class Studio:
         from emsid.io import write_record
         from emsid.study.demonstration import EXAMPLES
 
+        on, step = self._made_on(version)
         found = next((each for each in EXAMPLES if each.name == name), None)
         if found is None:
             raise DataError("there is no such example")
         file = self.session.free_name(f"{name}.csv")
         write_record(found.record(), self.session.path(file))
-        self.change(files=[file], unseen_files=[], given={})
+        return self.change(on, step, files=[file], unseen_files=[], given={})
 
     @property
     def task(self) -> dict[str, Any]:
-        """What a run of this step is asked."""
-        step = self.session.step
+        """What a run of the present step is asked."""
+        return self._task_of(self.session.step)
+
+    def _task_of(self, step: Mapping[str, Any]) -> dict[str, Any]:
         if not step["files"]:
             raise DataError("there are no data; drop a file or choose an example")
         names = ("files", "unseen_files", "unseen", "models", "options")
         return {name: step[name] for name in names} | {"reading": self.data.reading(step)}
 
-    def run(self) -> dict[str, str]:
+    def run(self, version: Any = None) -> dict[str, str]:
         """Fit; the number of the run."""
-        number = self.runs.begin(self.task)
+        number = self.runs.begin(self._task_of(self._made_on(version)[1]))
         self.announce({"kind": "run", "run": self.runs.state(number)})
         return {"run": number}
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows."""
-        step = self.session.step
+        version, step = self.session.present
         found: dict[str, Any] = {
             "step": step,
+            "version": version,
             "undo": self.session.at > 0,
             "redo": self.session.at < len(self.session.steps) - 1,
             "folder": str(self.session.folder),

@@ -53,3 +53,11 @@ def fleet_unfinished(f: Finding, argument: Spelling) -> str:
     """Data: rows, asked."""
     done = f"{f.data['rows']:,} of {f.data['asked']:,}"
     return f"{done} rows are finished and kept; the same command again goes on from there"
+
+
+@words("rows-dropped")
+def rows_dropped(f: Finding, argument: Spelling) -> str:
+    """Data: dropped."""
+    count = f.data["dropped"]
+    rows = "1 row of an earlier run was" if count == 1 else f"{count:,} rows of an earlier run were"
+    return f"{rows} dropped, as the files have changed or are gone"

@@ -95,13 +95,15 @@ def _check(library: Path, name: str, model: Path, records: list[Path]) -> None:
     """Say whether the records are those of an actuator and a model has its values.
 
     Raises:
-        DataError: for another record, or values that differ.
+        DataError: for another record, values that differ, or an actuator without values.
     """
     from emsid.io.motor_library import check_records
 
     for entry in check_records(library, name, records):
         say(f"{entry.file}: the record of {name}")
     published, again = _values(library, name), _values_of(model)
+    if not published:
+        raise DataError(f"{name} has no estimated parameters, so there is nothing to compare")
     differing = []
     for parameter, (value, low, high, unit) in published.items():
         found = again.get(parameter, (float("nan"),))[0]

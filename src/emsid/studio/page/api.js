@@ -1,17 +1,25 @@
 // Requests to the server, relative to the address of the page, which contains the token.
 
+const shown = { version: null };
+
 async function checked(response) {
+  if (response.status === 409) window.dispatchEvent(new Event("stale"));
   if (!response.ok) throw new Error(await response.text() || `the server answered ${response.status}`);
   return response;
 }
 
 export async function get(path) {
-  return (await checked(await fetch(`api/${path}`))).json();
+  const found = await (await checked(await fetch(`api/${path}`))).json();
+  if (path === "state") shown.version = found.version;
+  return found;
 }
 
 export async function post(path, content = {}) {
   const body = JSON.stringify(content);
-  return (await checked(await fetch(`api/${path}`, { method: "POST", body }))).json();
+  const headers = shown.version === null ? {} : { "If-Match": `${shown.version}` };
+  const found = await (await checked(await fetch(`api/${path}`, { method: "POST", body, headers }))).json();
+  shown.version = found?.version ?? shown.version;
+  return found;
 }
 
 export async function upload(file, unseen) {

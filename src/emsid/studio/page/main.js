@@ -16,6 +16,8 @@ async function refresh() {
   draw();
 }
 
+window.addEventListener("stale", () => attempt(refresh, "The session has changed meanwhile. Look at it and do it again."));
+
 function go(part) {
   app.part = part;
   history.replaceState(null, "", `#${part}`);

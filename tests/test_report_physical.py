@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.report.document import Band, Line, Points, Spans
 from emsid.report.views import grey_box as grey_box_views
@@ -25,7 +24,7 @@ def test_every_physical_parameter_has_its_row_and_status():
         assert bool(rest) == bool(fit.combinations)
         assert ("Datasheet" in parameters.header) == (kind == "datasheet")
         for cells, row in zip(parameters.rows, fit.table, strict=True):
-            assert (" ± " in cells[5]) == (row.status in (Status.ESTIMATED, Status.CONDITIONAL))
+            assert (" ± " in cells[5]) == row.estimated
             if " ± " in cells[5]:
                 value, half = (float(part) for part in cells[5].split(" ± "))
                 assert value == pytest.approx(row.value, abs=0.1 * half)
@@ -37,7 +36,7 @@ def test_a_parameter_with_an_interval_that_includes_zero_is_marked():
     table = physical_table(fit)[0]
     for cells, row in zip(table.rows, fit.table, strict=True):
         wide = row.standard_error is not None and 1.96 * row.standard_error > abs(row.value)
-        assert ("interval includes zero" in cells[4]) == (wide and row.status in (Status.ESTIMATED, Status.CONDITIONAL))
+        assert ("interval includes zero" in cells[4]) == (wide and row.estimated)
     assert any("interval includes zero" in cells[4] for cells in table.rows)
     assert "interval includes zero: the parameter may be zero" in table.note.lower()
     assert "interval includes zero" not in physical_table(PLANT_FITS["rigid motor"])[0].note

@@ -144,7 +144,8 @@ def test_a_profile_stands_beside_its_quadratic_approximation():
     assert tuple(spans.edges[0]) == profile.interval
     assert threshold.value == pytest.approx(3.841459)
     assert np.interp(spans.edges[0], curve.x, curve.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
-    (approximate,) = fit.interval()[[fit.names.index("rotor_inertia")]]
+    approximate = profile.estimate + 1.96 * profile.standard_error * np.array([-1, 1])  # without weak priors
+    assert profile.standard_error < fit["rotor_inertia"].standard_error
     assert np.interp(approximate, quadratic.x, quadratic.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
     assert np.interp(points.x, curve.x, curve.y) == pytest.approx(points.y, abs=0.01)
     assert all(f"{end:.6g}" in figure.caption for end in (*profile.interval, *approximate))

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
@@ -85,6 +87,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             limits=task.limits,
             cost=minimum.cost,
             colour=colour_of(reached.minimum, len(names)),
+            of_held=np.diag(held.covariance),
         ),
         task.control,
     )

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.report.document import Band, Line, Points, Spans
 from emsid.report.views import grey_box as grey_box_views
@@ -25,7 +24,7 @@ def test_every_physical_parameter_has_its_row_and_status():
         assert bool(rest) == bool(fit.combinations)
         assert ("Datasheet" in parameters.header) == (kind == "datasheet")
         for cells, row in zip(parameters.rows, fit.table, strict=True):
-            assert (" ± " in cells[5]) == (row.status in (Status.ESTIMATED, Status.CONDITIONAL))
+            assert (" ± " in cells[5]) == row.estimated
             if " ± " in cells[5]:
                 value, half = (float(part) for part in cells[5].split(" ± "))
                 assert value == pytest.approx(row.value, abs=0.1 * half)
@@ -37,7 +36,7 @@ def test_a_parameter_with_an_interval_that_includes_zero_is_marked():
     table = physical_table(fit)[0]
     for cells, row in zip(table.rows, fit.table, strict=True):
         wide = row.standard_error is not None and 1.96 * row.standard_error > abs(row.value)
-        assert ("interval includes zero" in cells[4]) == (wide and row.status in (Status.ESTIMATED, Status.CONDITIONAL))
+        assert ("interval includes zero" in cells[4]) == (wide and row.estimated)
     assert any("interval includes zero" in cells[4] for cells in table.rows)
     assert "interval includes zero: the parameter may be zero" in table.note.lower()
     assert "interval includes zero" not in physical_table(PLANT_FITS["rigid motor"])[0].note
@@ -145,7 +144,8 @@ def test_a_profile_stands_beside_its_quadratic_approximation():
     assert tuple(spans.edges[0]) == profile.interval
     assert threshold.value == pytest.approx(3.841459)
     assert np.interp(spans.edges[0], curve.x, curve.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
-    (approximate,) = fit.interval()[[fit.names.index("rotor_inertia")]]
+    approximate = profile.estimate + 1.96 * profile.standard_error * np.array([-1, 1])  # without weak priors
+    assert profile.standard_error < fit["rotor_inertia"].standard_error
     assert np.interp(approximate, quadratic.x, quadratic.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
     assert np.interp(points.x, curve.x, curve.y) == pytest.approx(points.y, abs=0.01)
     assert all(f"{end:.6g}" in figure.caption for end in (*profile.interval, *approximate))

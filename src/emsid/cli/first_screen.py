@@ -26,7 +26,7 @@ from emsid.identification.characteristics import determined
 from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
 from emsid.report.numbers import both_directions
-from emsid.units import in_unit, plain_unit
+from emsid.units import in_unit, plain_unit, with_unit
 from emsid.wording import Severity, sentence, severity
 from emsid.wording.first_screen import (
     NOTHING_KNOWN,
@@ -80,7 +80,10 @@ def first_screen(result: Identification, details: bool = False) -> None:
     say(*(sentence(finding, option) for finding in (*said, why, *_first(result))))
     show(text_table(models_table(result, ROWS)))
     _known(result)
-    say(*filter(None, [assumed(result.chosen)]))
+    fit = result.chosen
+    values = [f"{row.name.replace('_', ' ')} {with_unit(f'{row.value:.4g}', row.unit)}" for row in fit.assumed]
+    if line := assumed(values, [row.name for row in fit.table if row.status is Status.ASSUMING]):
+        say(line)
     _not_known(result)
     steps = [*then, *result.next_steps] if result.is_recommended else [*result.next_steps, *then]
     most = 2 - len(said)

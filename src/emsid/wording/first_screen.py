@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
-from emsid.estimation.estimates import Status
 from emsid.findings import Finding
-from emsid.units import with_unit
 from emsid.wording.catalogue import Spelling
 from emsid.wording.lists import listed, shortened
 from emsid.wording.verdict import reason_in_words
-
-if TYPE_CHECKING:
-    from emsid.estimation.fit import Fit
 
 NOTHING_KNOWN = "known: no value of the drive has an interval in this model."
 NOTHING_UNKNOWN = "not known: nothing; these data determine every value of this model."
@@ -38,12 +32,15 @@ def not_determined(names: Sequence[str]) -> str:
     return f"these data do not determine {shortened(list(dict.fromkeys(names)))}." if names else ""
 
 
-def assumed(fit: Fit[Any]) -> str:
-    """The values that nobody gave or measured, and the estimates that depend on them, in one line; empty for none."""
-    if not fit.assumed:
+def assumed(values: Sequence[str], names: Sequence[str]) -> str:
+    """One line about values that nobody gave or measured; empty for none.
+
+    Args:
+        values: each with its name and unit.
+        names: of the estimates that depend on them.
+    """
+    if not values:
         return ""
-    values = [f"{row.name.replace('_', ' ')} {with_unit(f'{row.value:.4g}', row.unit)}" for row in fit.assumed]
-    names = [row.name for row in fit.table if row.status is Status.ASSUMING]
     scale = f": {listed(names)} scale{'s' * (len(names) == 1)} with {'it' if len(values) == 1 else 'them'}"
     return f"assumed, not measured: {listed(values)}{scale * bool(names)}"
 

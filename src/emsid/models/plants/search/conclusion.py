@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
@@ -51,8 +53,10 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, float(minimum.noise_variance) ** 0.5, inseparable)
     own = slice(len(names))
+    minimum.covariance[own, own] += sum(each.covariance for each in others)
     widened = held.widening(names, minimum.covariance[own, own], found)
-    minimum.covariance[own, own] += held.covariance + sum(each.covariance for each in others)
+    minimum = replace(minimum, covariance=minimum.covariance.copy())  # what was held says nothing about the residual
+    minimum.covariance[own, own] += held.covariance
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
@@ -83,6 +87,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             limits=task.limits,
             cost=minimum.cost,
             colour=colour_of(reached.minimum, len(names)),
+            of_held=np.diag(held.covariance),
         ),
         task.control,
     )

@@ -184,6 +184,7 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
         raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names) or 'none'}")
     k = fit.names.index(name)
     best, error, colour = float(fit.estimate[k]), float(fit.standard_error[k]), float(fit.colour[k])
+    error = float(np.sqrt(max(error**2 - fit.of_held[k], 0.0)))  # the likelihood knows no tolerance of held values
     if error == 0 and best in fit.limits[name]:
         error, colour = _error_if_free(fit, k), float(np.max(fit.colour))
     if not 0 < error < np.inf:

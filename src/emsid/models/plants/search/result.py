@@ -81,6 +81,7 @@ class GreyBoxFit(Fit[GreyBox]):
         limits: bounds of the free parameters, including those of the datasheet and physical ones.
         cost: V at the minimum, half the weighted sum of squares.
         colour: (p,) how many times larger the variance of every parameter is than with a white residual.
+        of_held: (p,) the part of the variance of every parameter that tolerances and weak priors of others add.
     """
 
     combinations: tuple[Combination, ...] = ()
@@ -92,6 +93,7 @@ class GreyBoxFit(Fit[GreyBox]):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cost: float = float("nan")
     colour: Array = field(default_factory=lambda: np.ones(0))
+    of_held: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def _visited(self) -> Visited:

@@ -133,7 +133,7 @@ def _values(result: Identification) -> list[tuple[str, ...]]:
         for row in sorted(determined(result.chosen), key=lambda row: row.name.startswith(of_sensor))
     ]
     inside = [each for each in plant if not each[0].startswith(of_sensor)]
-    of_drive = [
+    of_drive: list[tuple[str, ...]] = [
         (
             each.name,
             f"{each.value:.4g}",

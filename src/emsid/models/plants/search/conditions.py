@@ -192,7 +192,7 @@ def conditions(
         return unconditional(p)
     moving = slopes[:, [problem.free.index(name) for name in held]]
     units = moving / np.maximum(np.linalg.norm(moving, axis=0), np.finfo(float).tiny)
-    alike = np.triu(units.T @ units > 1 - ROUNDING, 1).any(axis=0)  # as the friction of a load is that of the rotor
+    alike = np.any(np.triu(units.T @ units > 1 - ROUNDING, 1), axis=0)  # as the friction of a load is that of the rotor
     kept = [k for k, name in enumerate(held) if not (name in absent and (alike[k] or not units[:, k].any()))]
     held, moving = tuple(held[k] for k in kept), moving[:, kept]
     columns = np.flatnonzero(free)

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 from emsid.record.argument_types import UNITS, typed
 from emsid.units import SI, si_unit
 
-if TYPE_CHECKING:
-    from emsid.record.record import Record
+OfRecord = TypeVar("OfRecord", bound=Any)
 
 
 class UnitMethods:
     """`convert` and `in_si` of a record."""
 
     @typed(units=UNITS)
-    def convert(self: Any, units: Mapping[str, str | None] | None = None, **scales: float) -> Record:
+    def convert(self: OfRecord, units: Mapping[str, str | None] | None = None, **scales: float) -> OfRecord:
         """Convert every channel with a unit to SI, or the named channels to the given units.
 
         Args:
@@ -28,14 +27,14 @@ class UnitMethods:
 
         present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
         wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
-        result: Record = self
+        result = self
         for given, target in wanted.items():
             name = self._own_name(given)
             gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
             result = result.scale(name, gain, offset, unit)
         return result
 
-    def in_si(self: Any, **scales: float) -> Record:
+    def in_si(self: OfRecord, **scales: float) -> OfRecord:
         """The record with every channel in SI whose unit can be converted; the record itself where all are.
 
         Counts and PWM of unknown size, and units that are not understood, remain. `emsid.fit`, `emsid.identify`,
@@ -47,5 +46,5 @@ class UnitMethods:
         sizes = {"sample_time": self.dt, **scales}
         units = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
         other = [name for name, unit in units.items() if unit and unit not in SI and si_unit(unit, **sizes)]
-        result: Record = self.convert(dict.fromkeys(other), **scales) if other else self
+        result: OfRecord = self.convert(dict.fromkeys(other), **scales) if other else self
         return result

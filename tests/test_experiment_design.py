@@ -40,7 +40,7 @@ def fit():
         }
     )
     record = bench(plant.motor, SIGNALS["sines"](1200, DT, 8.0, np.random.default_rng(1)), 1)
-    return emsid.fit(plant, record, free=FREE)
+    return emsid.fit(plant, record, free=FREE, fixed={"rotor_viscous": plant.value("rotor_viscous")})
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,8 @@ def test_the_information_of_a_linear_model_is_that_of_its_regressors():
 
 def test_what_is_predicted_is_what_a_fit_reports(fit, designed):
     record = bench(fit.model.plant.motor, designed.record.input[:, 0], 5)
-    again = emsid.fit(fit.model.plant, record, free=fit.names)
+    known = {"rotor_viscous": fit.model.plant.value("rotor_viscous")}
+    again = emsid.fit(fit.model.plant, record, free=fit.names, fixed=known)
     for name, half in designed.best.half_widths.items():
         assert again[name].standard_error * 1.96 == pytest.approx(half, rel=0.15)
         assert abs(again[name].value - fit[name].value) < 2.5 * half

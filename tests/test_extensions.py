@@ -122,7 +122,7 @@ def test_a_friction_law_of_the_users_is_fitted_saved_and_shown(tmp_path):
         "Rise of friction with speed on the rotor",
         "α₁m",
         "N·m",
-        "given resistance, rotor_viscous",
+        "assuming resistance, rotor_viscous",
     )
     figure = friction(fit)
     (line,) = [mark for mark in figure.plots[0].marks if getattr(mark, "label", "") == "friction torque"]

@@ -98,7 +98,7 @@ def test_the_assumed_unit_of_a_channel_is_a_finding():
     record = Record(LEVELS, LEVELS, DT, input_names=("u",), output_names=("y",), output_units=("",))
     assert assumptions(STARTS["rigid-motor"], record) == [
         Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
-        Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
+        Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts", "given": ""}),
     ]
     assert [finding.data["unit"] for finding in assumptions(STARTS["linear-axis"], record)] == ["m", "newtons"]
     said = replace(record, input_units=("V",), output_units=("rad/s",))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
@@ -20,7 +21,6 @@ from typing import Any
 
 import msgspec
 
-from emsid import __version__
 from emsid.errors import DataError, EmsidError, FormatError, some
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
@@ -184,7 +184,8 @@ def fleet(
         control.doing("looking for files")
         todo, failed = _found(source, motor, period, reading.get("time"), folder)
         subject, how = _structure(what, todo, reference, options or Options(), reading, control)
-        name = digest(repr((__version__, subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
+        version = sys.modules["emsid"].__version__
+        name = digest(repr((version, subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
         job = Job(subject, how, reading, unseen, name)
         journal = Journal(folder / JOURNAL, name, {batch.key: batch for batch in todo})
         rows = {(row.motor, row.period): row for row in journal.rows}

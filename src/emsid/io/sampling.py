@@ -187,7 +187,7 @@ def clock_resets(time: Array) -> NDArray[np.intp]:
 def stale_rows(time: Array) -> int:
     """How many rows at the start of a time column (N,) are left over from before: it increases from the next one on.
 
-    >>> stale_rows(np.array([1.074, 0.008, 0.018, 0.028])), stale_rows(np.array([0.0, 0.1, 0.2]))
+    >>> stale_rows(np.array([1.074, 0.008, 0.018, 0.028, 0.038])), stale_rows(np.array([0.0, 0.1, 0.2]))
     (1, 0)
     """
     steps = np.diff(time)

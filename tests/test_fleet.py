@@ -449,7 +449,7 @@ def test_another_version_of_the_program_fits_again(
 ) -> None:
     frame(300, 0.9, np.random.default_rng(8)).write_csv(tmp_path / "a.csv")
     first = emsid.fleet(tmp_path / "a.csv", ARX, threads, out=tmp_path / "out", **READING)
-    monkeypatch.setattr("emsid.fleets.verb.__version__", "another")
+    monkeypatch.setattr("emsid.__version__", "another")
     assert (
         emsid.fleet(tmp_path / "a.csv", ARX, threads, out=tmp_path / "out", **READING).rows[0].job != first.rows[0].job
     )

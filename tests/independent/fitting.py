@@ -29,6 +29,6 @@ START = DrivenMotor(
 
 
 def fitted(setting: Setting, seed: int, *, fixed: Mapping[str, float] | None = None, **options: Any) -> GreyBoxFit:
-    """All parameters of the motor from one record, the resistance given, and that there is no viscous friction."""
-    given = {"resistance": setting.resistance, "rotor_viscous": 0.0, **(fixed or {})}
+    """All parameters of the motor from one record, the resistance given."""
+    given = {"resistance": setting.resistance, **(fixed or {})}
     return simulation_error(START, setting.record(seed), free=tuple(TRUTH), fixed=given, **options)

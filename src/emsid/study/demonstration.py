@@ -127,7 +127,9 @@ def _of_plant(plant: Plant, signal: Signal) -> tuple[Simulated, ...]:
 
 def _of_circuit() -> tuple[Simulated, ...]:
     """The true values of the circuit: with a gain between its blocks moved, it is the same circuit."""
-    first, last = (np.log(np.roots([1.0, *part.denominator])) / CIRCUIT.dt for part in CIRCUIT.blocks[::2])  # poles in 1/s
+    first, last = (
+        np.log(np.roots([1.0, *part.denominator])) / CIRCUIT.dt for part in CIRCUIT.blocks[::2]
+    )  # poles in 1/s
     return (
         Simulated("gain", float(np.prod([part.gain for part in CIRCUIT.blocks[::2]])), "", "at a small input"),
         Simulated("time constant", float(-1.0 / first[0].real), "s", "of the first filter"),

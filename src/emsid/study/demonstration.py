@@ -96,15 +96,11 @@ def axis_record() -> Record:
     return Record(force, position, dt, ("force",), ("position",), ("N",), ("m",), name="axis")
 
 
-CIRCUIT = Cascade(
-    (
-        Rational(np.array([0.0, 0.35]), np.array([-0.65])),
-        Saturation(),
-        Rational(np.array([0.0, 0.2, 0.1]), np.array([-1.2, 0.5])),
-    ),
-    name="circuit",
-    dt=1e-4,
+FILTERS = (
+    Rational(np.array([0.0, 0.35]), np.array([-0.65])),
+    Rational(np.array([0.0, 0.2, 0.1]), np.array([-1.2, 0.5])),
 )
+CIRCUIT = Cascade((FILTERS[0], Saturation(), FILTERS[1]), name="circuit", dt=1e-4)
 """The circuit of the third record."""
 
 
@@ -127,11 +123,9 @@ def _of_plant(plant: Plant, signal: Signal) -> tuple[Simulated, ...]:
 
 def _of_circuit() -> tuple[Simulated, ...]:
     """The true values of the circuit: with a gain between its blocks moved, it is the same circuit."""
-    first, last = (
-        np.log(np.roots([1.0, *part.denominator])) / CIRCUIT.dt for part in CIRCUIT.blocks[::2]
-    )  # poles in 1/s
+    first, last = (np.log(np.roots([1.0, *part.denominator])) / CIRCUIT.dt for part in FILTERS)  # poles in 1/s
     return (
-        Simulated("gain", float(np.prod([part.gain for part in CIRCUIT.blocks[::2]])), "", "at a small input"),
+        Simulated("gain", float(np.prod([part.gain for part in FILTERS])), "", "at a small input"),
         Simulated("time constant", float(-1.0 / first[0].real), "s", "of the first filter"),
         Simulated("natural frequency", float(abs(last[0])), "rad/s", "of the second filter"),
         Simulated("damping ratio", float(-last[0].real / abs(last[0])), "", "of the second filter"),

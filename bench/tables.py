@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import emsid
-from emsid.study.demonstration import AXIS, axis_record, circuit_record, motor_record
+from emsid.study.demonstration import AXIS, MOTOR, axis_record, circuit_record, motor_record
 
 Array = NDArray[np.float64]
 MANY, FEW = 200_000, 2_000
@@ -107,7 +107,7 @@ def sysidentpy_model(record: emsid.Record):
 
 def accuracy() -> Iterator[tuple[str, float, float, float, str]]:
     """Parameter, true value, estimate, half of the 95 % interval, unit."""
-    motor = emsid.Motor()
+    motor = MOTOR
     known = {"resistance": motor.resistance, "rotor_viscous": motor.rotor_viscous + motor.load_viscous}
     fit = emsid.fit(emsid.plants.rigid_motor(), motor_record(), fixed=known, search=False)
     zone = motor.voltage_dead_zone

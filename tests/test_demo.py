@@ -9,9 +9,13 @@ import sys
 import numpy as np
 import pytest
 
+import emsid
 from conftest import try_few_refinements
 from emsid.cli.commands.demo import COMMANDS, commands_page
-from emsid.study.demonstration import AXIS, EXAMPLES
+from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.registry import PLANTS
+from emsid.study.demonstration import EXAMPLES
+from emsid.units import plain_unit
 
 
 @pytest.fixture(scope="module", params=["few refinements", pytest.param("all refinements", marks=pytest.mark.long)])
@@ -36,9 +40,9 @@ def result(folder, name):
     return json.loads((folder / f"{name}-result" / "result.json").read_text("utf-8"))
 
 
-def estimates(found, model):
+def parameters(found, model):
     (fit,) = (each for each in found["fits"] if each["model"] == model)
-    return {each["name"]: each["value"] for each in fit["parameters"]}
+    return fit["parameters"]
 
 
 def test_files_are_as_the_page_says(folder):
@@ -65,13 +69,26 @@ def test_what_was_simulated_is_chosen(folder, name, best, fit):
     assert row["fit_percent"] > fit
 
 
-def test_the_parameters_that_the_page_states_are_estimated(folder):
-    motor = estimates(result(folder, "motor"), "rigid-motor")
-    axis = estimates(result(folder, "axis"), "linear-axis")
-    assert axis["mass"] == pytest.approx(AXIS.mass, rel=0.01)
-    assert axis["viscous_friction"] == pytest.approx(AXIS.viscous_friction[0], rel=0.03)
-    assert axis["offset"] == pytest.approx(AXIS.offset, rel=0.03)
-    assert motor["voltage_dead_zone.half_width"] == pytest.approx(0.5, abs=0.2)
+@pytest.mark.parametrize(("name", "model", "within"), [("motor", "rigid-motor", 0.15), ("axis", "linear-axis", 0.03)])
+def test_the_true_values_on_the_page_are_estimated(folder, name, model, within):
+    """Every value that the page states has the name and the unit of its estimate."""
+    page = (folder / "commands.md").read_text("utf-8")
+    (example,) = (each for each in EXAMPLES if each.name == name)
+    found = {row["name"]: row for row in parameters(result(folder, name), model)}
+    for true in example.true:
+        assert f"| {true.name} | {true.value:.6g} | {true.unit} |" in page
+        if true.name in found and found[true.name]["standard_error"] is not None:
+            assert plain_unit(found[true.name]["unit"]) == true.unit
+            assert found[true.name]["value"] == pytest.approx(true.value, rel=within)
+    assert {"motor": "voltage_dead_zone.half_width", "axis": "mass"}[name] in found
+
+
+def test_no_value_of_the_motor_is_one_that_a_search_begins_with():
+    """So that a value which is only kept or built in is seen to be wrong."""
+    built_in = emsid.plants.rigid_motor()
+    for kept in (built_in, DrivenMotor(), PLANTS["rigid-motor"].start):
+        for true in EXAMPLES[0].true:
+            assert not 0.7 < kept.value(true.name) / true.value < 1.4, true.name
 
 
 def test_records_are_the_same_every_time():

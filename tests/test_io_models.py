@@ -85,7 +85,7 @@ def test_a_regression_model_comes_back_and_runs_as_before(tmp_path: Path) -> Non
 def test_the_file_says_what_it_is(path: Path) -> None:
     content = json.loads(path.read_text())
     assert list(content) == ["format", "schema", "type", "model", "sha256"]
-    assert (content["format"], content["schema"], content["type"]) == ("emsid model", 3, "Gain")
+    assert (content["format"], content["schema"], content["type"]) == ("emsid model", 4, "Gain")
     assert content["model"] == {"values": [0.1, -2.0], "name": "gain"}
 
 
@@ -100,8 +100,8 @@ def test_another_layout_is_the_same_model(path: Path) -> None:
         ({"model": {"values": [0.1, -2.0001], "name": "gain"}}, "altered since it was saved (its checksum differs)"),
         ({"type": "Loss"}, "altered since it was saved"),
         ({"sha256": ""}, "altered since it was saved"),
-        ({"schema": 4}, "is written in schema 4 and this version of emsid reads 1, 2 and 3"),
-        ({"schema": 4, "extra": 1}, "is written in schema 4"),
+        ({"schema": 5}, "is written in schema 5 and this version of emsid reads 1, 2, 3 and 4"),
+        ({"schema": 5, "extra": 1}, "is written in schema 5"),
         ({"schema": "1"}, "not a model file, or is cut off"),
         ({"format": "emsid result"}, "this is a 'emsid result' file, not an 'emsid model'"),
         ({"extra": 1}, "not complete (Object contains unknown field `extra`)"),

@@ -491,3 +491,21 @@ def test_a_record_that_hardly_moves_against_gravity_is_to_be_a_lift() -> None:
     (small,) = unseen(record)
     assert small["moved"] == pytest.approx(0.9)
     assert small["most"] > 10 * 1.2  # nothing is known of it
+
+
+def test_a_servo_that_steps_at_the_first_sample_is_followed_from_where_its_arm_hangs() -> None:
+    """A polynomial through the first samples cannot follow the step: it shows a speed where the arm is at rest."""
+    count, hangs = 2 * np.pi / 4096, 0.3
+    servo = emsid.plants.Servo(proportional=8.0, derivative=0.1, limit=3.0)
+    gravity = emsid.plants.Gravity(torque=1.2, angle=hangs)
+    truth = replace(emsid.plants.joint(), gravity=gravity, servo=servo, feed=emsid.plants.Feed.POSITION)
+    truth = truth.with_values({"rotor_inertia": 0.02, "rotor_viscous": 0.05, "rotor_friction.coulomb": 0.1})
+    target = hangs + np.repeat(np.random.default_rng(2).uniform(-1.3, 1.3, 8), 75)
+    angle = truth.simulate(target[:, None], 5e-3, np.array([0.0, hangs, 0.0, 1.0]), (Signal.POSITION,))
+    record = Record(target, count * np.round(angle / count), 5e-3, input_units="rad", output_units="rad")
+    free = ["rotor_inertia", "rotor_viscous", "rotor_friction.coulomb", "gravity.torque"]
+    fit = emsid.fit(truth, record, free=free, fixed={"servo.proportional": 8.0})
+    assert fit.states[0][0] == 0.0
+    assert fit.states[0][1] == pytest.approx(hangs, abs=count / 2)
+    assert fit.noise_variance < 1.5 * count**2 / 12
+    assert "error-above-rounding" not in {finding.code for finding in fit.findings}

@@ -63,7 +63,7 @@ def test_how_a_record_was_read_is_kept(tmp_path: Path) -> None:
 def test_a_schema_of_the_future_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_text(json.dumps(json.loads((GOLDEN / "arx-1.json").read_text()) | {"schema": max(READABLE) + 1}))
-    with pytest.raises(FormatError, match="is written in schema 4 and this version of emsid reads 1, 2 and 3"):
+    with pytest.raises(FormatError, match="is written in schema 5 and this version of emsid reads 1, 2, 3 and 4"):
         load(path)
 
 

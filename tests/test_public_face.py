@@ -39,7 +39,7 @@ def plant_fit():
     speed = emsid.plant.simulate(emsid.Motor().rigid(), voltage, 1e-2).load_speed[: len(voltage)]
     record = emsid.Record(voltage, speed, 1e-2, input_units=("V",), output_units=("rad/s",))
     return emsid.fit(
-        emsid.plants.rigid_motor(), record, fixed={"resistance": 2.0}, free=("motor_constant", "rotor_inertia")
+        emsid.plants.rigid_motor(), record, fixed={"resistance": 0.8}, free=("motor_constant", "rotor_inertia")
     )
 
 
@@ -124,8 +124,8 @@ def test_what_cannot_be_fitted_is_answered(linear_record, wrong, answer):
 def test_a_plant_is_fitted_as_identify_fits_it():
     record = demonstration.motor_record()
     train, test = record.split(0.7)
-    fit = emsid.fit(emsid.plants.rigid_motor(), train, fixed={"resistance": 2.0})
-    found = emsid.identify(train, test, models="rigid-motor", fixed={"resistance": 2.0})
+    fit = emsid.fit(emsid.plants.rigid_motor(), train, fixed={"resistance": 0.8})
+    found = emsid.identify(train, test, models="rigid-motor", fixed={"resistance": 0.8})
     assert fit.names == found.chosen.names
     np.testing.assert_allclose(fit.estimate, found.chosen.estimate, rtol=1e-9)
 

@@ -27,6 +27,7 @@ EXAMPLES = (
             "score": 25.0,
         },
     ),
+    Finding("fleet-assumes", data={"parameters": ["rotor_inertia", "inductance"], "assumed": ["resistance"]}),
     Finding("motors-failed", data={"failed": 1, "rows": 24}),
     Finding("motors-failed", data={"failed": 3, "rows": 1200}),
     Finding("fleet-too-small", data={"motors": 5, "least": 8}),

@@ -10,6 +10,8 @@ from emsid.compensation.c_source import sources
 from emsid.compensation.inverse import Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import FormatError
+from emsid.estimation.fit import Fit
+from emsid.exports.assumptions import sentences
 from emsid.exports.verb import c_name, export
 from emsid.io.files import atomic_write, write_several
 from emsid.models.verbs import as_model
@@ -52,6 +54,7 @@ def write(
     neglected = inductance_of(as_model(model))
     if neglected > 0:
         notes = [*notes, f"The inverse neglects the inductance of {neglected:.3g} H; the C of the model has it."]
+    notes = [*notes, *sentences(model if isinstance(model, Fit) else None)]
     lines = [f"# {called}: compensation", "", *[f"- {note}" for note in notes], ""]
     files: dict[str, str | bytes] = {**texts, README: "\n".join(lines), **(more or {})}
     folder = Path(path)

@@ -38,13 +38,13 @@ class Brushless:
 
     Attributes:
         resistance: of a phase in Ω.
-        inductance: of a phase in H.
+        inductance: of a phase in H; None where it is not known.
         flux: λ in Wb.
         pole_pairs: p.
     """
 
     resistance: float
-    inductance: float
+    inductance: float | None
     flux: float
     pole_pairs: int
 
@@ -59,12 +59,12 @@ class Brushless:
         return RPM / (sqrt(3) * self.pole_pairs * self.flux)
 
 
-def brushless(found: Mechanics, inductance: float, winding: str, pole_pairs: int) -> Brushless:
+def brushless(found: Mechanics, inductance: float | None, winding: str, pole_pairs: int) -> Brushless:
     """The constants of a brushless motor.
 
     Args:
         found: resistance and constant of the record.
-        inductance: of the record in H; zero where it is not known.
+        inductance: of the record in H; None where it is not known.
         winding: what they are, of `WINDINGS`.
         pole_pairs: of the motor.
 
@@ -81,7 +81,8 @@ def brushless(found: Mechanics, inductance: float, winding: str, pole_pairs: int
         raise ModelError(f"{pole_pairs} pole pairs; give at least one", arguments=("option",))
     half = 0.5 if winding == "line" else 1.0
     flux = {"phase": found.constant, "line": found.constant / sqrt(3), "q-axis": found.constant / 1.5}[winding]
-    return Brushless(half * found.resistance, half * inductance, flux / pole_pairs, pole_pairs)
+    phase = None if inductance is None else half * inductance
+    return Brushless(half * found.resistance, phase, flux / pole_pairs, pole_pairs)
 
 
 def _motor(export: Export) -> Mechanics:
@@ -105,7 +106,8 @@ def _brushless(export: Export) -> Brushless:
     except ValueError:
         raise ModelError(f"pole_pairs {given['pole_pairs']!r}; give a whole number", arguments=("option",)) from None
     plant = export.model.plant  # type: ignore[attr-defined]
-    return brushless(found, float(plant.value("inductance")), str(given["winding"]), pairs)
+    inductance = float(plant.value("inductance"))  # without one, the current follows the voltage at once
+    return brushless(found, inductance if inductance > 0 else None, str(given["winding"]), pairs)
 
 
 def wpilib(export: Export) -> tuple[Files, list[str]]:
@@ -140,7 +142,7 @@ def odrive(export: Export) -> tuple[Files, list[str]]:
 # Made by emsid. Lines for odrivetool.
 odrv0.axis0.config.motor.torque_constant = {found.torque_constant!r}  # N*m/A, 8.27/KV with KV = {found.kv:.6g} rpm/V
 odrv0.axis0.config.motor.phase_resistance = {found.resistance!r}  # ohm
-odrv0.axis0.config.motor.phase_inductance = {found.inductance!r}  # H
+{_line("odrv0.axis0.config.motor.phase_inductance =", found.inductance, "H")}
 odrv0.axis0.config.motor.pole_pairs = {found.pole_pairs}
 """
     return {f"{export.name}_odrive.py": text}, _notes(export, found)
@@ -156,7 +158,7 @@ def vesc(export: Export) -> tuple[Files, list[str]]:
     text = f"""\
 # Made by emsid.
 foc_motor_r: {found.resistance!r}  # ohm
-foc_motor_l: {found.inductance!r}  # H
+{_line("foc_motor_l:", found.inductance, "H")}
 foc_motor_flux_linkage: {found.flux!r}  # Wb, 5.513/(p*KV) with p = {found.pole_pairs} and KV = {found.kv:.6g} rpm/V
 """
     return {f"{export.name}_vesc.yaml": text}, _notes(export, found)
@@ -169,7 +171,7 @@ def simplefoc(export: Export) -> tuple[Files, list[str]]:
         ModelError: for a model without resistance and torque constant, or a winding that is not said.
     """
     found = _brushless(export)
-    inductance = f"{found.inductance:.6g}" if found.inductance > 0 else "NOT_SET"
+    inductance = "NOT_SET" if found.inductance is None else f"{found.inductance:.6g}"
     text = f"""\
 // Made by emsid. Pole pairs, phase resistance in ohm, KV in rpm/V, phase inductance in H.
 BLDCMotor motor = BLDCMotor({found.pole_pairs}, {found.resistance:.6g}, {found.kv:.6g}, {inductance});
@@ -177,6 +179,11 @@ BLDCMotor motor = BLDCMotor({found.pole_pairs}, {found.resistance:.6g}, {found.k
     return {f"{export.name}_simplefoc.h": text}, _notes(export, found)
 
 
+def _line(name: str, value: float | None, unit: str) -> str:
+    """A line with a value; of one that is not known a comment, as zero would be taken for a value."""
+    return f"# {name} ...  # {unit}; not known, measure it" if value is None else f"{name} {value!r}  # {unit}"
+
+
 def _notes(export: Export, found: Brushless) -> list[str]:
     notes = list(mechanics(export).notes)
-    return notes if found.inductance > 0 else [*notes, "The record does not show the inductance; measure it."]
+    return notes if found.inductance is not None else [*notes, "The record does not show the inductance; measure it."]

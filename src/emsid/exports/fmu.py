@@ -22,7 +22,9 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
-from emsid.errors import ModelError
+from emsid.errors import ModelError, listed
+from emsid.estimation.estimates import Status
+from emsid.exports.assumptions import assumed
 from emsid.exports.c99 import c99
 from emsid.exports.fmi_source import fmi_source
 from emsid.exports.formats import Export, Files
@@ -119,8 +121,15 @@ def variables(export: Export, header: str) -> list[Variable]:
         for k in range(count):
             name, unit = pairs[k] if len(pairs) == count else (f"{letter}{k + 1}" if count > 1 else letter, "")
             found.append(Variable(name, unit, kind, 0.0 if kind == "input" else None))
+    unknown = {row.name for row in assumed(export.fit)}
     for row in export.fit.parameters.values() if export.fit is not None else ():
+        if row.status is Status.KEPT and row.value == 0:
+            continue  # the data do not show it, so it is left out
         text = "" if row.interval is None else "95 % interval {:.4g} to {:.4g}".format(*row.interval)
+        if row.name in unknown:
+            text = "assumed, not measured"
+        elif unknown.intersection(row.given):
+            text = ", ".join([text] * bool(text) + [f"given {listed(row.given)}"])
         found.append(Variable(row.name, row.unit, "constant", float(row.value), text))
     names = {"time"}
     for k, variable in enumerate(found):

@@ -63,8 +63,11 @@ class Format(NamedTuple):
         summary: what it is, in a few words.
         function: makes its files, and the sentences on what it cannot carry.
         options: the options that it has.
+        physical: whether its files have values of physical parameters, which hang on what was assumed; the others carry
+            the behaviour from input to output only, which does not.
     """
 
     summary: str
     function: Callable[[Export], tuple[Files, list[str]]]
     options: tuple[str, ...] = ()
+    physical: bool = False

@@ -22,16 +22,16 @@ FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),
     "fixed-point": Format("a regression in C with whole numbers only", fixed_point, ("bits", "largest")),
     "arduino": Format("a library for Arduino and PlatformIO, with a sketch", arduino),
-    "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",)),
+    "fmu": Format("co-simulation for any importer of FMI 3.0 or 2.0", fmu, ("version",), True),
     "matlab": Format("a function of a step, and the linear parts as a MAT file", matlab),
-    "modelica": Format("a plant of one mass as a Modelica model", modelica),
-    "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",)),
+    "modelica": Format("a plant of one mass as a Modelica model", modelica, physical=True),
+    "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",), True),
     "python-control": Format("the linear part as a script for python-control", control),
-    "csv": Format("friction, dead zone and static maps as tables", csv),
+    "csv": Format("friction, dead zone and static maps as tables", csv, physical=True),
     "wpilib": Format("kS, kV and kA for WPILib", wpilib),
-    "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS),
-    "vesc": Format("the motor of a VESC", vesc, BRUSHLESS),
-    "simplefoc": Format("the motor of SimpleFOC", simplefoc, BRUSHLESS),
+    "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS, True),
+    "vesc": Format("the motor of a VESC", vesc, BRUSHLESS, True),
+    "simplefoc": Format("the motor of SimpleFOC", simplefoc, BRUSHLESS, True),
 }
 
 

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from emsid.arguments import as_names_with_commas
 from emsid.errors import FormatError, ModelError, listed
+from emsid.estimation.estimates import Status
 from emsid.estimation.fit import Fit
+from emsid.exports.assumptions import assumed, refuse_assumed, sentences
 from emsid.exports.formats import Export, Files
 from emsid.exports.quality import quality
 from emsid.exports.registry import format_of
 from emsid.io.files import atomic_write, write_several
+from emsid.models.kinds import capabilities_of
 from emsid.models.verbs import as_model
 from emsid.record import Record
 
@@ -39,6 +43,7 @@ def export(
     dt: float | None = None,
     force: bool = False,
     unseen: Record | Mapping[str, float] | None = None,
+    assume: str | Sequence[str] = (),
     **options: Any,
 ) -> list[Path]:
     """Write a model in another format, and a README beside it.
@@ -52,14 +57,16 @@ def export(
         force: whether files that exist are replaced.
         unseen: a record that the model was not fitted to, for the fit of its free run in the README, or that fit as
             ``fit_percent``, ``simulation_rmse`` and ``samples``.
+        assume: parameters whose values nobody gave or measured and that may be written into a format of physical
+            values, by name or symbol: ``("resistance",)``, or a text with commas; the files then say so.
         options: of the format; ``single=True`` for C in single precision.
 
     Returns:
         The files that were written.
 
     Raises:
-        ModelError: for a model that the format cannot carry, one that runs away, a name that C cannot hold, or an
-            unknown format or option.
+        ModelError: for a model that the format cannot carry, one that runs away, a name that C cannot hold, an assumed
+            value that may not be written, or an unknown format or option.
         DataError: for an unseen record that the model cannot run on.
         FormatError: where files exist or cannot be written.
     """
@@ -72,8 +79,12 @@ def export(
     step = _dt(subject, dt)
     check_stable(subject, step)
     fit, record = model if isinstance(model, Fit) else None, unseen if isinstance(unseen, Record) else None
+    if kind.physical:
+        refuse_assumed(fit, format, as_names_with_commas(assume))
     made = Export(subject, fit, c_name(name or subject.name), step, options, record)
     files, notes = kind.function(made)
+    if kind.physical:
+        files = {file: commented(file, content, sentences(fit)) for file, content in files.items()}
     files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
     folder = Path(path)
     there = [file for file in files if (folder / file).exists()]
@@ -82,6 +93,18 @@ def export(
     written = [folder / file for file in files]
     write_several(atomic_write, written, files.values())
     return written
+
+
+COMMENTS = {".xml": "<!-- {} -->", ".mo": "// {}", ".h": "// {}", ".py": "# {}", ".yaml": "# {}"}
+"""How a line of a comment is written, by the ending of the file."""
+
+
+def commented(file: str, content: str | bytes, lines: Sequence[str]) -> str | bytes:
+    """The content of a file with lines of comment before it; a format without comments has them in its README."""
+    comment = COMMENTS.get(Path(file).suffix)
+    if comment is None or isinstance(content, bytes):
+        return content
+    return "".join(f"{comment.format(line)}\n" for line in lines) + content
 
 
 def _dt(model: Any, dt: float | None) -> float | None:
@@ -131,6 +154,16 @@ def check_stable(model: Any, dt: float | None) -> None:
         raise ModelError(f"{model.name} is unstable: its free run grows without bound; identify another model")
 
 
+def _sources(made: Export, format: str) -> list[str]:
+    """What is assumed among the values, and whether the files depend on it."""
+    said = sentences(made.fit)
+    if all(row.status is Status.KEPT for row in assumed(made.fit)) and said and not format_of(format).physical:
+        said.append("The files carry the behaviour from input to output, which does not depend on what is assumed.")
+    if not said and capabilities_of(made.model).physical and (made.fit is None or not made.fit.table):
+        said = ["The sources of the values are not known: the model has no table of a fit."]
+    return [*(f"- {line}" for line in said), *([""] if said else [])]
+
+
 def readme(made: Export, format: str, notes: list[str], files: Files, fit: str) -> str:
     """What the files are, how good the model is, and what could not be carried."""
     from emsid.units import plain_unit
@@ -163,6 +196,7 @@ def readme(made: Export, format: str, notes: list[str], files: Files, fit: str) 
             interval = "–" if row.interval is None else "{:.4g} … {:.4g}".format(*row.interval)
             lines.append(f"| {row.name} | {row.value:.6g} | {interval} | {plain_unit(row.unit) or '–'} | {row.how} |")
         lines.append("")
+    lines += _sources(made, format)
     lines += ["## What is not carried", ""]
     lines += [f"- {note}" for note in notes] or ["Nothing is left out."]
     return "\n".join(lines) + "\n"

@@ -30,6 +30,8 @@ from emsid.report.numbers import estimate, number, slug
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
 
+MARK = "*"
+"""Behind the names of parameters that depend on assumed values."""
 MOST_ROWS = 2_000
 """Rows of the table of all motors: a page of more is slow to open; the Parquet file has all."""
 MOST_NAMED = 30
@@ -82,7 +84,7 @@ def _outliers(result: Fleet) -> Table | None:
     rows = tuple(
         (
             outlier.motor,
-            outlier.parameter,
+            _marked(result, outlier.parameter),
             _shown(outlier.value, outlier.half_width),
             f"± {outlier.half_width:.2g}" if outlier.half_width else "unknown",
             number(outlier.centre),
@@ -106,7 +108,7 @@ def _changes(result: Fleet) -> Table | None:
     rows = tuple(
         (
             change.motor,
-            change.parameter,
+            _marked(result, change.parameter),
             change.since,
             number(change.before),
             number(change.after),
@@ -135,7 +137,8 @@ def _name(row: FleetRow) -> str:
 def _rows(result: Fleet) -> Table:
     names = [each.parameter for each in result.series]
     units = {each.parameter: plain_unit(each.unit) for each in result.series}
-    head = ("Motor", "Period", "Verdict", "Fit %", *(f"{name} [{units[name] or '–'}]" for name in names))
+    columns = (f"{_marked(result, name)} [{units[name] or '–'}]" for name in names)
+    head = ("Motor", "Period", "Verdict", "Fit %", *columns)
     rows = tuple(
         (
             row.motor,
@@ -152,7 +155,13 @@ def _rows(result: Fleet) -> Table:
     caption = "Every motor and period."
     if len(result.rows) > MOST_ROWS:
         caption = f"The first {MOST_ROWS:,} of {len(result.rows):,} rows; the Parquet file has all."
-    return Table(head, rows, caption, text_columns=3)
+    note = f"{MARK} depends on a value that is assumed, not measured." if result.assuming else ""
+    return Table(head, rows, caption, note, text_columns=3)
+
+
+def _marked(result: Fleet, parameter: str) -> str:
+    """The name of a parameter, with a mark where it depends on an assumed value."""
+    return f"{parameter} {MARK}" if parameter in result.assuming else parameter
 
 
 def over_motors(result: Fleet) -> Figure:
@@ -179,7 +188,9 @@ def over_motors(result: Fleet) -> Figure:
             texts = tuple(named) if len(named) <= MOST_NAMED else ()
             marks.append(Points(places[at], means[at], "differs", Ink.RED, texts))
         span = _range(means[known])
-        plots.append(Plot(tuple(marks), Axis("Motor", "1"), Axis(each.parameter, each.unit, range=span)))
+        plots.append(
+            Plot(tuple(marks), Axis("Motor", "1"), Axis(_marked(result, each.parameter), each.unit, range=span))
+        )
     return Figure(
         "over-motors",
         "Estimates of all motors, in the order of their names.",
@@ -209,7 +220,11 @@ def over_periods(result: Fleet, series: Sequence[Series]) -> Figure:
             values = each.values[each.motors.index(motor)]
             marks.append(Line(time, values, motor, Stroke(INKS[k % len(INKS)])))
         known = each.values[np.isfinite(each.values)]
-        plots.append(Plot(tuple(marks), Axis("Period", "1"), Axis(each.parameter, each.unit, range=_range(known))))
+        plots.append(
+            Plot(
+                tuple(marks), Axis("Period", "1"), Axis(_marked(result, each.parameter), each.unit, range=_range(known))
+            )
+        )
     first, last = series[0].periods[0], series[0].periods[-1]
     return Figure(
         f"over-periods-{slug(first)}" if slug(first) else "over-periods",

@@ -83,6 +83,16 @@ class Fleet:
         """The rows without a model."""
         return [row for row in self.rows if row.reason]
 
+    @cached_property
+    def assuming(self) -> dict[str, tuple[str, ...]]:
+        """The parameters of any motor that depend on values which nobody gave or measured, with the names of these."""
+        found: dict[str, tuple[str, ...]] = {}
+        for row in self.rows:
+            for name, value in row.estimates.items():
+                if value.assuming:
+                    found[name] = tuple(dict.fromkeys((*found.get(name, ()), *value.assuming)))
+        return found
+
     def to_data(self) -> dict[str, Any]:
         """The motors that are named, what is ordinary, and the rows without a model, in built-in types."""
         return {
@@ -91,6 +101,7 @@ class Fleet:
             "interrupted": self.interrupted,
             "findings": [finding.to_data() for finding in self.findings],
             "ordinary": {name: asdict(each) for name, each in self.ordinary.items()},
+            "assuming": {name: list(each) for name, each in self.assuming.items()},
             "failed": [{"motor": row.motor, "period": row.period, "reason": row.reason} for row in self.failed],
         }
 
@@ -303,6 +314,9 @@ def findings_of(result: Fleet, asked: int) -> list[Finding]:
     motors = len({row.motor for row in result.rows if not row.reason})
     if motors < FEWEST_MOTORS:
         found.append(Finding("fleet-too-small", data={"motors": motors, "least": FEWEST_MOTORS}))
+    if result.assuming:
+        names = list(dict.fromkeys(name for each in result.assuming.values() for name in each))
+        found.append(Finding("fleet-assumes", data={"parameters": list(result.assuming), "assumed": names}))
     if result.failed:
         found.append(Finding("motors-failed", data={"failed": len(result.failed), "rows": len(result.rows)}))
     if result.interrupted:

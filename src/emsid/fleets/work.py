@@ -61,11 +61,13 @@ class Value:
         value: in its unit.
         half_width: half of its 95 % interval; NaN without one.
         unit: of both.
+        assuming: the parameters on which it depends and whose values nobody gave or measured.
     """
 
     value: float
     half_width: float
     unit: str
+    assuming: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -196,13 +198,18 @@ def fitted(job: Job, record: Record) -> tuple[Fit[Any], dict[str, Any]]:
 
 def estimates_of(found: Fit[Any]) -> dict[str, Value]:
     """The estimated parameters with half the widths of their intervals."""
-    result = {}
+    result, assumed = {}, {row.name for row in found.assumed}
     for each in found.to_data()["parameters"]:
         ends, error = each.get("interval"), each.get("standard_error")
         if error is None and ends is None:
             continue
         half = 0.5 * (ends[1] - ends[0]) if ends and None not in ends else nan if error is None else HALF_WIDTH * error
-        result[each["name"]] = Value(float(each["value"]), float(half), each["unit"])
+        result[each["name"]] = Value(
+            float(each["value"]),
+            float(half),
+            each["unit"],
+            tuple(name for name in each.get("given", ()) if name in assumed),
+        )
     return result or {
         name: Value(float(value), nan, "")
         for name, value in zip(found.names, np.atleast_1d(found.estimate), strict=True)

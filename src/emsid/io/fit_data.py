@@ -8,6 +8,7 @@ variances only, and what is read back has NaN beside them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.estimates import Estimate, Status
+from emsid.estimation.estimates import Estimate, Status, assumed_in
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.io.limits import LARGEST, check_limits
@@ -124,7 +125,7 @@ def fit_of(model: Model, data: FitData, channels: ChannelNames | None) -> Fit[An
         data.iterations,
         findings=findings,
         dependent=data.dependent,
-        table=tuple(_estimate(row) for row in data.table),
+        table=_with_assumptions([_estimate(row) for row in data.table]),
         channels=channels,
     )
 
@@ -170,6 +171,17 @@ def _estimate(row: Row) -> Estimate:
         interval=None if row.interval is None else (float(row.interval[0]), float(row.interval[1])),
         record=row.record,
         **{name: None if value is None else float(value) for name, value in numbers.items()},
+    )
+
+
+def _with_assumptions(table: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """The rows, of which older files call every one that depends on a value that was held conditional."""
+    nobodys = {row.name for row in assumed_in(table)}
+    return tuple(
+        replace(row, status=Status.ASSUMING)
+        if row.status is Status.CONDITIONAL and nobodys.intersection(row.given)
+        else row
+        for row in table
     )
 
 

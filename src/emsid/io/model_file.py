@@ -2,7 +2,7 @@
 
 ::
 
-    {"format": "emsid model", "schema": 3, "type": "narx", "model": {…}, "sha256": "…", "origin": {…}, "reading": {…},
+    {"format": "emsid model", "schema": 4, "type": "narx", "model": {…}, "sha256": "…", "origin": {…}, "reading": {…},
      "fit": {…}}
 
 ========  =============================================================================================================
@@ -17,7 +17,8 @@ reading   may be missing: how the file of that record was read, the arguments of
 fit       may be missing: estimates, covariance, units and findings of the fit, see `emsid.io.fit_data`
 ========  =============================================================================================================
 
-Schema 1 had no ``reading`` and schema 2 no ``fit``; both are still read.
+Schema 1 had no ``reading``, schema 2 no ``fit``, and schema 3 no status of an estimate that depends on assumed values,
+which is found from the rows of its table when it is read. All are still read.
 What a kind of model has added to its data since then is optional there.
 Floats are written with enough digits to be read back exactly.
 """
@@ -49,8 +50,8 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 FORMAT = "emsid model"
-SCHEMA = 3
-READABLE = (1, 2, 3)
+SCHEMA = 4
+READABLE = (1, 2, 3, 4)
 """The schemas that this version reads."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3

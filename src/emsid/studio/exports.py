@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from starlette.responses import Response
@@ -22,8 +23,13 @@ def formats() -> list[str]:
     return sorted(FORMATS)
 
 
-def exported(path: Path, format: str) -> Response:
+def exported(path: Path, format: str, assume: Sequence[str] = ()) -> Response:
     """A model in a format, as an archive.
+
+    Args:
+        path: the model file.
+        format: its name.
+        assume: parameters whose values nobody gave or measured and that may be written.
 
     Raises:
         DataError: for an unknown format.
@@ -34,7 +40,7 @@ def exported(path: Path, format: str) -> Response:
     found, source, content = loaded(path), origin(path), io.BytesIO()
     dt = source.dt if source is not None and as_model(found).dt is None else None
     with tempfile.TemporaryDirectory() as folder:
-        emsid.export(found, format, folder, dt=dt, force=True)
+        emsid.export(found, format, folder, dt=dt, force=True, assume=tuple(assume))
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in sorted(Path(folder).rglob("*")):
                 if file.is_file():

@@ -142,7 +142,9 @@ class Routes:
             "run": lambda request, content: studio.run(made_on(request)),
             "cancel": lambda request, content: studio.runs.cancel(str(content["run"])),
             "play": self._play,
-            "export": lambda request, content: exported(self._model(content), str(content["format"])),
+            "export": lambda request, content: exported(
+                self._model(content), str(content["format"]), list(map(str, content.get("assume", ())))
+            ),
             "live": lambda request, content: studio.live.begin(content),
             "live/stop": lambda request, content: studio.live.stop(),
         }

@@ -23,6 +23,7 @@ from emsid.errors import EmsidError
 from emsid.estimation import Control
 from emsid.estimation.estimates import Estimate
 from emsid.estimation.nonlinear.control import Activity, Stopped
+from emsid.exports.assumptions import assumed, sentences
 from emsid.findings import plain
 from emsid.identification import Identification
 from emsid.io import atomic_write, save
@@ -150,6 +151,8 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
         ],
         "parameters": {fit.model.name: [parameter(row) for row in fit.parameters.values()] for fit in result.fits},
         "poles": {fit.model.name: poles_of(fit.model, float(result.record.input[:, 0].mean())) for fit in result.fits},
+        "assumed": [row.name for row in assumed(result.chosen)],
+        "assumptions": sentences(result.chosen),
         "verdicts": {verdict.model: sentence(verdict, as_python) for verdict in result.model_verdicts},
         "outputs": result.unseen.output_names,
         "units": result.unseen.output_units,
@@ -178,11 +181,12 @@ def poles_of(model: Any, at: float) -> list[str]:
 
 
 def parameter(row: Estimate) -> dict[str, str]:
-    """A parameter as a row of a table: its estimate with the 95 % interval, or its value and status."""
-    if row.interval is None:
-        text = f"{number(row.value)} ({row.status.value})"
-    else:
-        text = f"{number(row.value)} [{number(row.interval[0])}, {number(row.interval[1])}]"
+    """A parameter as a row of a table: its estimate with the 95 % interval, and what they depend on."""
+    text = number(row.value)
+    if row.interval is not None:
+        text += f" [{number(row.interval[0])}, {number(row.interval[1])}]"
+    if row.interval is None or row.given:
+        text += f" ({row.how})"
     return {"name": row.name, "unit": plain_unit(row.unit), "text": text}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
@@ -27,6 +28,17 @@ def changed_over_periods(f: Finding, argument: Spelling) -> str:
         f"motor {f.subject} has changed since {f.data['since']}: {f.data['parameter']} from "
         f"{with_unit(change, f.data['unit'])}, a change of {f.data['after'] - f.data['before']:+.2g} ± "
         f"{f.data['half_width']:.2g}"
+    )
+
+
+@words("fleet-assumes", Severity.WARNING)
+def fleet_assumes(f: Finding, argument: Spelling) -> str:
+    """Data: parameters (that depend on assumed values), assumed (the names of these)."""
+    names, assumed = f.data["parameters"], f.data["assumed"]
+    given = " ".join(f"{argument('fixed')} {name}=…" for name in assumed)
+    return (
+        f"{listed(names)} depend{'s' * (len(names) == 1)} on {listed(assumed)}, assumed and not measured: they compare "
+        f"motors only if it is the same in all of them; measure it: {given}"
     )
 
 

@@ -17,7 +17,8 @@ COMMANDS = {
     "motor": (
         ("describe motor.csv -u voltage -y speed --time t", "ranges, time axis, how rich the input is"),
         (
-            "identify motor.csv -u voltage -y speed --time t --models arx,rigid-motor --fix R=2 --out motor-result",
+            "identify motor.csv -u voltage -y speed --time t --models arx,rigid-motor --fix resistance=0.8 "
+            "--out motor-result",
             "a linear model, and the motor with physical parameters; open motor-result/report.html",
         ),
         (
@@ -104,6 +105,9 @@ def commands_page() -> str:
     lines = ["# Commands to try", "", "Run them in this folder. The first run compiles and takes longer.", ""]
     for example in EXAMPLES:
         lines += [f"## `{example.name}.csv`: {example.title}", "", example.contents, ""]
+        lines += ["| simulated | true value | unit | meaning |", "|---|---|---|---|"]
+        lines += [f"| {name} | {value:.6g} | {unit} | {meaning} |" for name, value, unit, meaning in example.true]
+        lines.append("")
         for command, shows in COMMANDS[example.name]:
             lines += [f"{shows[0].upper()}{shows[1:]}:", "", f"    emsid {command}", ""]
     lines += ["`emsid --help` lists all commands, and `emsid COMMAND --help` their options.", ""]

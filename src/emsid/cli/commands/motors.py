@@ -54,7 +54,7 @@ def motors(
       emsid motors servos --compare mx64,mx106
       emsid motors servos --check mx64=again/joint.json --record lift.csv --record swing.csv
     """
-    from emsid.io.motor_library import actuators, add_actuator
+    from emsid.io.motor_library import actuators, add_actuator, model_of
 
     if add:
         added = pairs(add, "--add", "NAME=MODEL")
@@ -71,17 +71,23 @@ def motors(
     known = actuators(library)
     values = {name: _values(library, name) for name in (names(compare, "--compare") or known)}
     if json:
-        data = {name: {**_about(known[name]), "parameters": rows} for name, rows in values.items()}
+        data = {
+            name: {**_about(known[name]), "parameters": rows, "assumed": _assumed(model_of(library, name))[0]}
+            for name, rows in values.items()
+        }
         say_json(as_json({"schema": 1, "motors": data}))
         return
+    said = {name: _assumed(model_of(library, name))[1] for name in values}
     if compare:
         _side_by_side(values)
+        say(*(f"{name}: {line}" for name, lines in said.items() for line in lines))
         return
     for name, entry in known.items():
         say(f"{name}: {', '.join(each.file for each in entry.records)}")
         say(f"  {entry.command}")
         for parameter, (value, low, high, unit) in values[name].items():
             say(f"  {parameter:<34}{_text(value, low, high)} {unit}".rstrip())
+        say(*(f"  {line}" for line in said[name]))
     if not known:
         say(f"{library} has no actuators")
 
@@ -97,7 +103,7 @@ def _check(library: Path, name: str, model: Path, records: list[Path]) -> None:
     Raises:
         DataError: for another record, values that differ, or an actuator without values.
     """
-    from emsid.io.motor_library import check_records
+    from emsid.io.motor_library import check_records, model_of
 
     for entry in check_records(library, name, records):
         say(f"{entry.file}: the record of {name}")
@@ -111,6 +117,8 @@ def _check(library: Path, name: str, model: Path, records: list[Path]) -> None:
         verdict = "same" if same else "within its interval" if low <= found <= high else "differs"
         differing += [parameter] if verdict == "differs" else []
         say(f"  {parameter:<34}{_text(value, low, high)} {unit}; again {found:.5g}: {verdict}")
+    assumed = {what: _assumed(path)[1] for what, path in (("published", model_of(library, name)), ("again", model))}
+    say(*(f"  {what}: {line}" for what, lines in assumed.items() for line in lines))
     if differing:
         raise DataError(f"{model} has other values than {name}: {listed(differing)}")
 
@@ -135,6 +143,18 @@ def _values_of(model: Path) -> dict[str, tuple[float, float, float, str]]:
         low, high = row.interval or (float("nan"), float("nan"))
         found[row.name] = (float(row.value), float(low), float(high), plain_unit(row.unit))
     return found
+
+
+def _assumed(model: Path) -> tuple[list[str], list[str]]:
+    """The parameters of a model file whose values nobody gave or measured, and sentences about them."""
+    from emsid.estimation.fit import Fit
+    from emsid.exports.assumptions import assumed, sentences
+    from emsid.io import load
+
+    loaded: Any = load(model)
+    if not isinstance(loaded, Fit):
+        return [], ["the sources of its values are not known: the model was saved without its fit."]
+    return [row.name for row in assumed(loaded)], sentences(loaded)
 
 
 def _text(value: float, low: float, high: float) -> str:

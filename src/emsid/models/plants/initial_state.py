@@ -3,8 +3,9 @@
 An error of the initial state never decays in the free run of a position. If the model is less exact than the sensor, an
 estimated initial state would compensate for later errors of the model. It is then taken from the first samples alone:
 from a polynomial of second order through as many of them as it fits within their noise. An initial state that was
-estimated from a whole record is used only where it agrees with that. Many records begin at rest with a counter at zero.
-This is assumed unless the record contradicts it, because an unknown initial state costs precision of all parameters.
+estimated from a whole record is used only where it agrees with that. Many records begin at rest, with a counter at zero
+or where an arm hangs. This is assumed unless the record contradicts it, because an unknown initial state costs
+precision of all parameters.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class InitialState(Enum):
 
     SAMPLES = "as the first samples show it"
     FREE = "estimated"
-    REST = "at rest at position zero"
+    REST = "at rest at position zero, or where the first reading is"
 
 
 class InitialMotion(NamedTuple):
@@ -98,8 +99,18 @@ def begun(
     first = [plant.first_state(signals, segment) for segment in segments] if states is None else list(states)
     if start is InitialState.FREE or not starts_from_samples(plant, signals):
         return first, [plant.free_states(signals, segment) for segment in segments]
-    none: list[tuple[int, ...]] = [() for _ in segments]
-    return [at_rest(state, 0.0) for state in first] if start is InitialState.REST else first, none
+    if start is InitialState.REST:
+        read = [plant.first_state(signals, segment[:1])[1] for segment in segments]
+        pairs = zip(segments, first, read, strict=True)
+        first = [at_rest(state, 0.0 if begins_at_zero(segment) else float(where)) for segment, state, where in pairs]
+    return first, [() for _ in segments]
+
+
+def begins_at_zero(segment: Record) -> bool:
+    """Whether the first reading of a position is zero within the noise, which is that of its second differences."""
+    y = segment.output[: SAMPLES[0], 0]
+    noise = float(np.std(np.diff(y, 2))) / sqrt(6.0) if len(y) > 3 else 0.0
+    return abs(float(y[0])) <= AGREES * noise
 
 
 def at_rest(state: Array, position: float) -> Array:
@@ -114,8 +125,8 @@ def as_seen(
 ) -> tuple[InitialState, Found] | None:
     """Another source of initial states than the first samples, if the records allow it, and the fit with it.
 
-    A polynomial cannot follow a step at the start of a record. So rest is used also where its cost is a small share of
-    that with states from the first samples; neither kind of state is estimated.
+    A polynomial cannot follow a step at the start of a record, wherever its position is. So rest is used also where its
+    cost is a small share of that with states from the first samples; neither kind of state is estimated.
 
     Args:
         segments: with all their samples.
@@ -152,7 +163,7 @@ def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
 
 
 def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
-    """Whether rest at position zero raises the cost by no more than noise explains (χ², at 95 %).
+    """Whether rest at the start raises the cost by no more than noise explains (χ², at 95 %).
 
     Args:
         resting: the cost with such starts.

@@ -75,17 +75,21 @@ async function result(card, run, app) {
   card.append(table({ header: ["Model", "Fit of the free run", `RMSE [${found.units[0] || "–"}]`, "Parameters"], rows, caption: "Ranked by free run on unseen data" },
     (row) => (row[0] === found.chosen ? "chosen" : "")));
   card.append(el("ul", {}, found.findings.map((each) => el("li", { class: each.severity }, each.text, " ", action(each.edit)))));
+  const allow = el("input", { type: "checkbox" });
+  const assumed = found.assumed ?? [];
+  card.append(...(found.assumptions ?? []).map((text) => el("p", { class: "problem" }, text)));
+  if (assumed.length) card.append(el("label", {}, allow, ` write ${assumed.join(", ")} into exports all the same`));
   card.append(el("div", { class: "row" },
     el("button", { class: "main", onclick: () => { app.run = run.number; app.go("compare"); } }, "Compare"),
     el("button", { onclick: () => { app.run = run.number; app.go("play"); } }, "Play"),
     el("a", { href: file("report.html"), target: "_blank", rel: "noopener" }, "Report"),
     el("a", { href: file(found.recommended ? "recommended.json" : `${found.chosen}.json`), download: "" }, "Model file"),
     el("a", { href: file("result.json"), download: "" }, "result.json"),
-    app.state.formats.map((format) => el("button", { onclick: () => attempt(() => save(run.number, found.chosen, format)) }, `Export ${format}`))));
+    app.state.formats.map((format) => el("button", { onclick: () => attempt(() => save(run.number, found.chosen, format, allow.checked ? assumed : [])) }, `Export ${format}`))));
 }
 
-async function save(run, model, format) {
-  const response = await fetch("api/export", { method: "POST", body: JSON.stringify({ run, model, format }) });
+async function save(run, model, format, assume) {
+  const response = await fetch("api/export", { method: "POST", body: JSON.stringify({ run, model, format, assume }) });
   if (!response.ok) throw new Error(await response.text());
   const link = el("a", { href: URL.createObjectURL(await response.blob()), download: `${model}-${format}.zip` });
   link.click();

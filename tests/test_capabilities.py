@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from emsid import EmsidError, Fit, ModelError
+from emsid.estimation.estimates import Estimate
 from emsid.findings import Finding
 from emsid.models.bands import Band
 from emsid.models.c_form import CForm
@@ -83,6 +84,7 @@ def test_every_capability_gives_its_type_or_says_that_the_model_lacks_it(
     for make in asked.has("curves", fit, record):
         assert all(isinstance(each, BandedCurve) for each in asked.given(make) or ())
     assert all(isinstance(each, Characteristic) for each in asked.has("characteristics", fit, record))
+    assert all(isinstance(each, Estimate) for each in asked.has("physical_rows", fit))
     assert isinstance(asked.has("free_run_error", fit, record, None), np.ndarray | None)
     assert all(isinstance(each, Finding) for each in asked.has("advice", fit, record))
     assert all(isinstance(each, Finding) for each in asked.has("trusted_length", model, record))

@@ -151,7 +151,8 @@ def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
     at_rest = np.array([0.0, 0.0, 0.0, 1.0])
     exact = LATE.simulate(LEVELS[:, None], DT, at_rest, (Signal.POSITION,))
     record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
-    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, effects=("dead-zone", "delay", "lag"))
+    start = STARTS["rigid-motor"].with_values({"voltage_dead_zone.half_width": 0.1})
+    fit = choose(start, record, fixed={"sensor.ratio": 30.0}, effects=("delay", "lag"))
     found = {row.name: row for row in fit.table}
     assert found["drive.delay"].value == pytest.approx(1.4 * DT, abs=0.1 * DT)
     assert found["sensor.lag"].value == pytest.approx(4 * DT, abs=0.2 * DT)

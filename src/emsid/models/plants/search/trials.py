@@ -37,6 +37,7 @@ from emsid.models.plants.initial_state import InitialState, begun
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
 from emsid.models.plants.search.moves import Addition, level_name
+from emsid.models.plants.search.rounding import independent_errors
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, schwarz_gain
@@ -92,7 +93,7 @@ class Trial:
 
 def gain(simple: Trial, rich: Trial) -> float:
     """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
-    samples = effective_samples(rich.residuals)
+    samples = effective_samples(rich.residuals) if rich.independent is None else rich.independent
     return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
 
 
@@ -305,4 +306,7 @@ class Trials:
         cost = 0.5 * sum(float(residual @ residual) for residual in residuals)
         plant = problem.plant
         assert isinstance(plant, DrivenPlant)
-        return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)
+        independent = independent_errors(problem, residuals)
+        return Trial(
+            plant, tuple(problem.free), problem.states(problem.start), cost, residuals, independent=independent
+        )

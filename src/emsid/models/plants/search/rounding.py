@@ -34,8 +34,8 @@ from emsid.models.plants.search.task import Task
 Array = NDArray[np.float64]
 
 ABOVE = 1.3
-"""The error is above that of rounding by this factor; noise of a fifth of a step makes 1.2, unseen at rest. A speed that
-is the difference of two counts has √2: its error is of another kind."""
+"""The error is above that of rounding by this factor; noise of a fifth of a step makes 1.2, unseen at rest. A speed
+that is the difference of two counts has √2: its error is of another kind."""
 STILL = 20
 """Samples at one value, while the input changes, that show an output without noise at rest."""
 SETTLED = 0.1

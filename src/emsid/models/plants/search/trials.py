@@ -69,6 +69,7 @@ class Trial:
         ends: where searches ended that began around it, each as its cost and the values of ``names``.
         added: what it has in addition to the plant that the search began with.
         without: what was just taken out of it, if another addition may take its place.
+        independent: the number of independent errors; None where only their colour shows it.
     """
 
     plant: DrivenPlant
@@ -79,6 +80,7 @@ class Trial:
     ends: tuple[tuple[float, Array], ...] = ()
     added: tuple[Addition, ...] = ()
     without: Addition | None = None
+    independent: float | None = None
 
     @property
     def errors(self) -> StretchErrors:

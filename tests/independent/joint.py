@@ -81,6 +81,27 @@ class Joint:
         return Record(u, shown, DT, input_units="N*m", output_units="rad", name=f"joint {seed}"), phase
 
 
+@dataclass(frozen=True)
+class Counts:
+    """How random joints are recorded.
+
+    Attributes:
+        noise: standard deviation of what is added to the angle, in counts.
+        white: whether this noise takes the place of the counts.
+    """
+
+    noise: float = 0.0
+    white: bool = False
+
+
+JOINTS: Mapping[str, Counts] = {
+    "counts": Counts(),
+    "counts and noise": Counts(noise=0.15),
+    "white noise": Counts(noise=12**-0.5, white=True),
+}
+"""The settings by name."""
+
+
 @numba.njit(cache=True)
 def _pull(x, force, p):  # type: ignore[no-untyped-def]
     return force - p[3] * math.sin(x - p[4])

@@ -4,11 +4,12 @@
     python tests/coverage_settings.py 60 small
 
 The records are made by simulators of their own (`independent.settings`, `independent.misfits`,
-`independent.regressions`). For every parameter it prints the share of intervals that hold the truth, two standard
-errors of that share, and how many of the estimates came with an unconditional interval; the rest are given a held
-value, or are said to be those of a one-step predictor. Of a small structure that is not the whole truth (``small``),
-the values that are given are right; an interval is conditional there where a finding names what is missing, what the
-data contradict, what changes over the record, noise that is as slow as the record, or structures that fit as well.
+`independent.regressions`, `independent.joint`). For every parameter it prints the share of intervals that hold the
+truth, two standard errors of that share, and how many of the estimates came with an unconditional interval; the rest
+are given a held value, or are said to be those of a one-step predictor. Of a small structure that is not the whole
+truth (``small``), the values that are given are right; an interval is conditional there where a finding names what is
+missing, what the data contradict, what changes over the record, noise that is as slow as the record, or structures that
+fit as well.
 `make coverage` runs 300 records each; the test suite runs a short form of the same functions.
 """
 
@@ -25,6 +26,7 @@ from scipy.stats import binom
 import emsid
 from emsid.models.plants.search.result import Status
 from independent.fitting import fitted
+from independent.joint import GEAR, JOINTS, Counts, Joint
 from independent.misfits import MISFITS, Misfit
 from independent.regressions import EQUATIONS, Equation
 from independent.settings import SETTINGS, Setting
@@ -109,10 +111,21 @@ def of_a_regression(equation: Equation, seed: int) -> Iterable[Interval]:
         yield Interval(name, bool(low <= truth <= high), fit.status != "estimated")
 
 
-INTERVALS = {Setting: of_a_motor, Misfit: of_a_misfit, Equation: of_a_regression}
+def of_a_joint(setting: Counts, seed: int) -> Iterable[Interval]:
+    """The intervals of a random joint fitted to one record; the gravity of its record hangs by the encoder's zero."""
+    joint = Joint.drawn(seed)
+    record, phase = joint.record(seed, 800, setting.noise, setting.white)
+    fit = emsid.fit(emsid.plants.joint(), record, fixed={"sensor.ratio": GEAR}, search=False)
+    for name, value in joint.truth.items():
+        low, high = fit[name].interval or (np.nan, np.nan)
+        truth = value - phase * (name == "gravity.angle")
+        yield Interval(name, low <= truth <= high, False)
 
 
-def shares(setting: Setting | Misfit | Equation, records: int) -> Mapping[str, Share]:
+INTERVALS = {Setting: of_a_motor, Misfit: of_a_misfit, Equation: of_a_regression, Counts: of_a_joint}
+
+
+def shares(setting: Setting | Misfit | Equation | Counts, records: int) -> Mapping[str, Share]:
     """The share of intervals that hold the truth, by parameter."""
     found: dict[str, list[Interval]] = defaultdict(list)
     for seed in range(records):
@@ -129,7 +142,7 @@ def shares(setting: Setting | Misfit | Equation, records: int) -> Mapping[str, S
 def main() -> int:
     """Print the coverages; the status is 1 if an unconditional one is below 92 %."""
     records = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    groups = {"motor": SETTINGS, "small": MISFITS, "regression": EQUATIONS}
+    groups = {"motor": SETTINGS, "small": MISFITS, "regression": EQUATIONS, "joint": JOINTS}
     every = {f"{group}, {name}": setting for group, settings in groups.items() for name, setting in settings.items()}
     status = 0
     for name, setting in every.items():

@@ -205,6 +205,8 @@ EXAMPLES: tuple[Finding, ...] = (
         IDENTIFIABLE | {"combinations": ["K/R"], "kept": [["resistance", 2.0, "ohm"]], "one_load": True},
     ),
     Finding("error-above-rounding", "joint", {"ratio": 2.1, "step": 0.001534, "unit": "rad"}),
+    Finding("within-rounding", "joint", {"step": 0.001534, "unit": "rad", "narrower": 5.2}),
+    Finding("outside-rounding", "joint", {"step": 0.001534, "unit": "rad", "least": 0.61}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
     Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
     Finding("damping-open", "rotor_viscous", {"parameters": ["motor_constant"], "most": 1.2e-4, "unit": "N*m*s/rad"}),

@@ -162,6 +162,26 @@ def error_above_rounding(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("within-rounding", Severity.INFO)
+def within_rounding(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: step, unit, narrower (the intervals than those of least squares)."""
+    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
+    return (
+        f"the intervals hold what keeps the model within half a step ({step}) of every reading; "
+        f"they are {f.data['narrower']:.2g} times narrower than by least squares"
+    )
+
+
+@words("outside-rounding", Severity.INFO)
+def outside_rounding(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: step, unit, least (the largest error in steps of the values where it is smallest)."""
+    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
+    return (
+        f"no parameters keep the model within half a step ({step}) of each reading, at best {f.data['least']:.3g}: "
+        "an effect is missing or there is other noise"
+    )
+
+
 @words("value-contradicted", Severity.WARNING)
 def value_contradicted(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: value (kept), better, unit, share (of the squared error), or (effects)."""

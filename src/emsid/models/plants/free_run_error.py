@@ -187,6 +187,11 @@ class FreeRunError:
         values = [self.plant.value(name) for name in self.free]
         return np.array([*values, *(self._initial[s][i] for s, i in self._places)])
 
+    @property
+    def output_scale(self) -> Array:
+        """(ny,) by which the error of every output was divided."""
+        return self._scale
+
     def within(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
         """The bounds of θ, given bounds of its parameters; initial states have no bounds."""
         return self._bounds([limits[name] for name in self.free])

@@ -17,6 +17,7 @@ from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.alternatives import alternatives, as_good, nothing
@@ -27,7 +28,7 @@ from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.missing import acting_alike, missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
-from emsid.models.plants.search.rounding import above_rounding
+from emsid.models.plants.search.rounding import Rounded, within_rounding
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.slow_noise import slow_noise
 from emsid.models.plants.search.task import Task
@@ -45,6 +46,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
     identifiability = identified_by(whole, task.asked, minimum)
     held, others = unconditional(len(names)), [nothing(len(names))]
+    rounded = Rounded(problem, minimum, ())
     if reached.unended:
         others = [
             model_error(task, problem, names, minimum)
@@ -52,26 +54,31 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         ]
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, float(minimum.noise_variance) ** 0.5, inseparable)
-    own = slice(len(names))
-    minimum.covariance[own, own] += sum(each.covariance for each in others)
-    widened = held.widening(names, minimum.covariance[own, own], found)
-    minimum = replace(minimum, covariance=minimum.covariance.copy())  # what was held says nothing about the residual
-    minimum.covariance[own, own] += held.covariance
-    rows = table(task, found, start, names, minimum, held)
-    together = combinations(found, names, identifiability, minimum, held)
-    findings = findings_of(task, found, names, minimum, identifiability, rows, together)
+        rounded = within_rounding(task, problem, names, minimum)
+    own, estimated = slice(len(names)), rounded.minimum
+    moved = estimated is not minimum
+    if moved:
+        found, states = rounded.problem.plant, rounded.problem.states(rounded.problem.start)
+    estimated.covariance[own, own] += sum(each.covariance for each in others)
+    widened = held.widening(names, estimated.covariance[own, own], found)
+    # what was held says nothing about the residual
+    estimated = replace(estimated, covariance=estimated.covariance.copy())
+    estimated.covariance[own, own] += held.covariance
+    rows = table(task, found, start, names, estimated, held)
+    together = combinations(found, names, identifiability, estimated, held)
+    findings = findings_of(task, found, names, estimated, identifiability, rows, together)
     more: list[Finding] = []
     if reached.unended:
         more += [*taken_as_constant(task, problem, minimum), *trusted_length(task, problem)]
         more += [*missing(task, problem, names, minimum), *acting_alike(task, problem, names, together)]
-        more += above_rounding(task, found.name, minimum)
+        more += rounded.findings
         findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
     findings = (*widened, *(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
     if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
-    fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
+    fit = estimated.fit(GreyBox(found, task.signals), tuple(names), "gn")
     return _with_bounds_profiled(
         GreyBoxFit(
             **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations", "table")},
@@ -82,7 +89,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             identifiability=identifiability,
             segments=task.segments,
             states=tuple(states),
-            begins=task.begins,
+            begins=InitialState.FREE if moved else task.begins,
             weighting=task.weighting,
             limits=task.limits,
             cost=minimum.cost,

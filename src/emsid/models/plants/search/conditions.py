@@ -191,11 +191,11 @@ def conditions(
     except EmsidError:  # a held value that cannot be moved
         return unconditional(p)
     moving = slopes[:, [problem.free.index(name) for name in held]]
-    units = moving / np.maximum(np.linalg.norm(moving, axis=0), np.finfo(float).tiny)
+    damping = slopes[:, [problem.free.index(name) for name in names if _is_damping(plant, name)]]
+    units = np.hstack([damping, moving])
+    units = units / np.maximum(np.linalg.norm(units, axis=0), np.finfo(float).tiny)
     alike = np.any(np.triu(units.T @ units > 1 - ROUNDING, 1), axis=0)  # as the friction of a load is that of the rotor
-    damped = slopes[:, [problem.free.index(name) for name in names if _is_damping(plant, name)]]
-    damped = damped / np.maximum(np.linalg.norm(damped, axis=0), np.finfo(float).tiny)
-    alike |= np.any(damped.T @ units > 1 - ROUNDING, axis=0)
+    units, alike = units[:, damping.shape[1] :], alike[damping.shape[1] :]
     kept = [k for k, name in enumerate(held) if not (name in absent and (alike[k] or not units[:, k].any()))]
     held, moving = tuple(held[k] for k in kept), moving[:, kept]
     columns = np.flatnonzero(free)

@@ -24,9 +24,11 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.threads import in_threads
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_robust_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
+from emsid.estimation.uncertainty.rounding import clustered_covariance
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.rounding import prevails, readings_of
 from emsid.models.plants.search.task import Limits, Task, cost_of
 
 Array = NDArray[np.float64]
@@ -333,7 +335,8 @@ def _after(steps: int, finding: Finding) -> Finding:
 def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     """The covariance under coloured noise, with deviations no smaller than those of the robust covariance.
 
-    The rounding errors of the free run are added. Where the data are exact, these are the only errors.
+    Where rounding is most of the error, it is that of runs of one reading. The rounding errors of the free run are
+    added. Where the data are exact, these are the only errors.
     """
     determined = np.isfinite(np.diag(minimum.covariance))
     columns = np.flatnonzero(minimum.free & determined)
@@ -344,7 +347,11 @@ def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
         parts = np.split(np.arange(len(residual)), channels)
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
     try:
-        covariance = coloured_covariance(pieces)
+        if prevails(problem, minimum.residuals):
+            readings = readings_of(problem)
+            covariance = clustered_covariance([(*each, y) for each, y in zip(pieces, readings, strict=True)])
+        else:
+            covariance = coloured_covariance(pieces)
     except np.linalg.LinAlgError:  # without the smoothing of the search, one of the parameters has no effect here
         return minimum
     whitened = whitened_robust_covariance(pieces)

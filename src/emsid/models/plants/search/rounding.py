@@ -1,51 +1,176 @@
-r"""Whether the error of a free run is what the rounding of an encoder makes.
+r"""Where the rounding of a reading is most of the error of a free run: what follows for the estimates.
 
-Rounding to steps Δ makes errors of variance Δ²/12. Where an output stays at exactly one value while it rests, it has
-hardly any other noise. A larger error of the free run is then one of the model, which is the same in every part of the
-record, and which intervals from the spread of the errors do not include.
+Rounding to steps Δ makes errors of variance Δ²/12. Such errors follow the motion, so that the covariance is that of
+clusters, and an exact model is within half a step of every reading, which often determines its parameters far better
+than least squares (`emsid.estimation.uncertainty.rounding`). Initial states are then estimated too: a counter at rest
+shows them to half a step only. Where no parameters do that, an effect is missing or there is other noise; where an
+output stays at exactly one value while it rests, it has hardly any other noise, and a larger error is one of the model,
+which is the same in every part of the record and which intervals from the spread of the errors do not include.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.rounding import quantisation
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.estimation.uncertainty.rounding import Extent, extent, runs
 from emsid.findings import Finding
-from emsid.models.plants.free_run_error import all_alike
+from emsid.models.plants.free_run_error import FreeRunError, all_alike
+from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.task import Task
 
 Array = NDArray[np.float64]
 
 ABOVE = 1.3
-"""The error is above that of rounding by this factor; noise of a fifth of a step makes 1.2, unseen at rest."""
+"""The error is above that of rounding by this factor; noise of a fifth of a step makes 1.2, unseen at rest. A speed
+that is the difference of two counts has √2: its error is of another kind."""
 STILL = 20
 """Samples at one value, while the input changes, that show an output without noise at rest."""
+SETTLED = 0.1
+"""The set of parameters is final where the next one has its centre this near, in half widths."""
+ROUNDS = 5
+"""Linearisations of the model, at most."""
 
 
-def above_rounding(task: Task, model: str, minimum: Minimum) -> list[Finding]:
-    """A finding where the error of a position is larger than rounding explains; none where it has other noise.
+def steps_of(problem: FreeRunError) -> Array | None:
+    """(2, ny) the step of every output and its largest error, half a step or a little more; None where one has none.
+
+    They are in the units of the residual.
+    """
+    if problem.weighting is not all_alike:
+        return None
+    found = []
+    for reading in np.concatenate([segment.output for segment in problem.segments]).T:
+        levels = np.unique(reading)
+        step = quantisation(levels)
+        if step is None:
+            return None
+        off = levels - levels[0] - step * np.rint((levels - levels[0]) / step)  # of readings that were rounded again
+        found.append((step, 0.5 * step + float(np.max(np.abs(off)))))
+    return np.array(found).T / problem.output_scale
+
+
+def prevails(problem: FreeRunError, residuals: Sequence[Array]) -> bool:
+    """Whether the error of every output is that of its rounding.
+
+    Args:
+        problem: with the records.
+        residuals: of every segment, channel after channel.
+    """
+    steps = steps_of(problem)
+    if steps is None:
+        return False
+    channels = zip(*(np.split(residual, len(problem.signals)) for residual in residuals), strict=True)
+    errors = [sqrt(12 * np.mean(np.concatenate(parts) ** 2)) for parts in channels]
+    return bool(np.all(errors <= ABOVE * steps[0]))
+
+
+def readings_of(problem: FreeRunError) -> list[Array]:
+    """(N,) every output of every segment, segment by segment."""
+    return [reading for segment in problem.segments for reading in segment.output.T]
+
+
+def independent_errors(problem: FreeRunError, residuals: Sequence[Array]) -> float:
+    """The number of independent samples of a residual: where rounding prevails, no more than runs of one reading."""
+    found = effective_samples(residuals)
+    if not prevails(problem, residuals):
+        return found
+    return min(found, float(sum(len(runs(reading)) for reading in readings_of(problem))))
+
+
+class Rounded(NamedTuple):
+    """What rounding says of a minimum.
+
+    Attributes:
+        problem: begun at the centre of the set of parameters; at the minimum where there is none.
+        minimum: its estimate and covariance replaced by those of the set, where there is one.
+        findings: what was found.
+    """
+
+    problem: FreeRunError
+    minimum: Minimum
+    findings: tuple[Finding, ...]
+
+
+def within_rounding(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Rounded:
+    """The parameters with which the model is within half a step of every reading, where rounding prevails.
 
     Args:
         task: with the records.
-        model: its name.
+        problem: begun at the minimum.
+        names: (p,) the parameters that were estimated.
         minimum: where the search ended.
     """
-    if task.signals != (Signal.POSITION,) or task.weighting is not all_alike:
-        return []
-    step = quantisation(np.unique(np.concatenate([segment.output[:, 0] for segment in task.segments])))
-    if step is None or not any(_rests_exactly(segment.input[:, 0], segment.output[:, 0]) for segment in task.segments):
-        return []
-    ratio = sqrt(12.0 * minimum.noise_variance) / step
-    unit = task.segments[0].output_units[0]
-    return (
-        [Finding("error-above-rounding", model, {"ratio": ratio, "step": step, "unit": unit})] if ratio > ABOVE else []
-    )
+    model, p, steps = problem.plant.name, len(names), steps_of(problem)
+    unit, none = task.segments[0].output_units[0], Rounded(problem, minimum, ())
+    if steps is None:
+        return none
+    step = float(steps[0, 0] * problem.output_scale[0])
+    if not prevails(problem, problem.residuals(problem.start)):
+        at_rest = any(_rests_exactly(segment.input[:, 0], segment.output[:, 0]) for segment in task.segments)
+        if task.signals != (Signal.POSITION,) or not at_rest:
+            return none
+        ratio = sqrt(12.0 * minimum.noise_variance) / step
+        data = {"ratio": ratio, "step": step, "unit": unit}
+        return none._replace(findings=(Finding("error-above-rounding", model, data),) if ratio > ABOVE else ())
+    free = minimum.free[:p] & np.isfinite(np.diag(minimum.covariance)[:p])
+    if not free.any():
+        return none
+    try:
+        found, set_of = _settled(replace(task, begins=InitialState.FREE), problem, names, free, steps[1])
+    except (EmsidError, Stopped, np.linalg.LinAlgError):
+        return none
+    if set_of is None:
+        return none
+    data = {"step": step, "unit": unit}
+    if not set_of.half_width.any():
+        return none._replace(findings=(Finding("outside-rounding", model, data | {"least": set_of.least}),))
+    before, covariance = np.sqrt(np.diag(minimum.covariance)[:p][free]), np.zeros((p, p))
+    own = int(free.sum())
+    covariance[np.ix_(free, free)] = set_of.covariance[:own, :own]
+    narrower = float(np.median(before / np.sqrt(np.diag(set_of.covariance)[:own])))
+    refined = replace(minimum, estimate=found.start[:p], covariance=covariance, free=minimum.free[:p])
+    return Rounded(found, refined, (Finding("within-rounding", model, data | {"narrower": narrower}),))
+
+
+def _settled(
+    task: Task, problem: FreeRunError, names: Sequence[str], free: NDArray[np.bool_], largest: Array
+) -> tuple[FreeRunError, Extent | None]:
+    """The set, linearised at its centre again until that stays; None where it does not settle.
+
+    Args:
+        task: in which the initial states are estimated.
+        problem: begun at the minimum.
+        names: (p,) of the parameters.
+        free: (p,) which of them are neither fixed nor at a bound.
+        largest: (ny,) the largest error of every reading, in the units of the residual.
+    """
+    found = task.problem(problem.plant, names, problem.states(problem.start))
+    columns = np.flatnonzero(np.append(free, np.ones(len(found.start) - len(names), bool)))
+    half = np.concatenate([np.repeat(largest, len(segment)) for segment in task.segments])
+    for _ in range(ROUNDS):
+        blocks = found.exactly(found.start)
+        lower, upper = (bound[columns] - found.start[columns] for bound in found.within(task.limits))
+        residual = np.concatenate([each for each, _ in blocks])
+        set_of = extent(residual, np.concatenate([each for _, each in blocks])[:, columns], half, lower, upper)
+        if np.all(np.abs(set_of.centre) <= SETTLED * set_of.half_width):
+            return found, set_of
+        theta = found.start.copy()
+        theta[columns] += set_of.centre
+        found = found.begun_at(theta)
+    return found, None if set_of.half_width.any() else set_of
 
 
 def _rests_exactly(u: Array, y: Array) -> bool:

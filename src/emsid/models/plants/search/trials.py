@@ -37,6 +37,7 @@ from emsid.models.plants.initial_state import InitialState, begun
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Limits
 from emsid.models.plants.search.moves import Addition, level_name
+from emsid.models.plants.search.rounding import independent_errors
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, schwarz_gain
@@ -68,6 +69,7 @@ class Trial:
         ends: where searches ended that began around it, each as its cost and the values of ``names``.
         added: what it has in addition to the plant that the search began with.
         without: what was just taken out of it, if another addition may take its place.
+        independent: the number of independent errors; None where only their colour shows it.
     """
 
     plant: DrivenPlant
@@ -78,6 +80,7 @@ class Trial:
     ends: tuple[tuple[float, Array], ...] = ()
     added: tuple[Addition, ...] = ()
     without: Addition | None = None
+    independent: float | None = None
 
     @property
     def errors(self) -> StretchErrors:
@@ -92,7 +95,7 @@ class Trial:
 
 def gain(simple: Trial, rich: Trial) -> float:
     """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
-    samples = effective_samples(rich.residuals)
+    samples = effective_samples(rich.residuals) if rich.independent is None else rich.independent
     return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
 
 
@@ -305,4 +308,7 @@ class Trials:
         cost = 0.5 * sum(float(residual @ residual) for residual in residuals)
         plant = problem.plant
         assert isinstance(plant, DrivenPlant)
-        return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)
+        independent = independent_errors(problem, residuals)
+        return Trial(
+            plant, tuple(problem.free), problem.states(problem.start), cost, residuals, independent=independent
+        )

@@ -159,8 +159,8 @@ class Assessment:
         for start in (0, *record.breaks):
             moved[start : start + max(self.transient, RESTING)] = False
         u = record.input[moved]
-        cuts = np.sort(rng.choice(np.arange(1, len(u)), min(BLOCKS, len(u)) - 1, replace=False)) if len(u) > 1 else []
-        blocks = np.split(u, cuts)
+        count = max(min(BLOCKS, len(u)) - 1, 0)
+        blocks = np.split(u, np.sort(rng.permutation(np.arange(1, len(u)))[:count]))
         places = np.roll(rng.permutation(len(blocks)), 1)
         shuffled, held = record.input.copy(), record.input.copy()
         shuffled[moved] = np.concatenate([blocks[k] for k in places])

@@ -218,3 +218,91 @@ def test_a_right_model_under_much_noise_is_not_weak():
     assert [is_weak(on_unseen.best, some) for some in ({}, apart)] == [False, True]
     (verdict,) = model_verdicts(compare([straight()], known), on_unseen, (), apart)
     assert verdict.code == "model-unusable"
+
+
+# --- an input that explains nothing ----------------------------------------------------------------------------------
+
+
+def verdict_on(numerator, denominator, known, unseen):
+    model = emsid.Cascade((Rational(numerator, denominator, 1),), name="model")
+    return model_verdicts(compare([model], known, data="identification"), compare([model], unseen), ())[0]
+
+
+def oscillating(seed, samples=1600):
+    """sin(2π·0.7·t) beside an unrelated input."""
+    y = np.sin(2 * np.pi * 0.7 * DT * np.arange(samples) + seed)
+    return emsid.Record(
+        binary(seed, samples), y + NOISE * np.random.default_rng([2, seed]).standard_normal(samples), DT
+    )
+
+
+def test_a_model_that_oscillates_by_itself_is_not_usable():
+    """Its small response to the input makes it neither better nor worse."""
+    verdict = verdict_on([1e-6], [-2 * np.cos(2 * np.pi * 0.7 * DT), 1.0], oscillating(0), oscillating(1))
+    assert verdict.code == "model-unusable"
+    (reason,) = verdict.data["reasons"]
+    assert reason["code"] == "input-explains-nothing"
+    assert reason["shuffled"] == pytest.approx(1.0, abs=0.1)
+    assert reason["held"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_first_sentence_says_that_the_input_explains_nothing(run, tmp_path):
+    rng, log = np.random.default_rng(1), tmp_path / "drift.csv"
+    t = DT * np.arange(1200)
+    columns = np.column_stack([t, binary(2, 1200), t / 4 + 0.01 * rng.standard_normal(1200)])
+    np.savetxt(log, columns, delimiter=",", header="t,u,y", comments="")
+    words = ("--input", "u", "--output", "y", "--time", "t", "--models", "arx")
+    status, printed, _ = run("identify", log, *words, "--out", tmp_path / "out")
+    assert status == 0
+    assert printed.startswith("the input explains nothing of y")
+    data = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert data["findings"][0]["code"] == "input-explains-nothing"
+    assert data["recommendation"][0]["code"] == "no-model-recommended"
+    assert data["recommendation"][0]["data"]["reasons"][0]["code"] == "input-explains-nothing"
+    assert "the input explains nothing of y" in (tmp_path / "out" / "report.html").read_text()
+
+
+N = 1600
+BY_INPUT = {
+    "many levels": (many(5, N), 0.02),
+    "much noise": (many(5, N), 0.6),
+    "sine": (np.sin(2 * np.pi * np.arange(N) / 200), 0.02),  # a whole number of periods in any eighth
+    "square wave": (np.sign(np.sin(2 * np.pi * (np.arange(N) + 0.5) / 200)), 0.02),
+    "one step": (np.repeat([0.0, 1.0], N // 2), 0.02),
+    "rest after a third": (many(5, N) * (np.arange(N) < N / 3), 0.02),
+    "offset": (3 + 0.2 * many(5, N), 0.02),
+}
+
+
+@pytest.mark.parametrize("kind", BY_INPUT)
+def test_an_input_that_moves_the_output_is_no_reason_against_a_model(kind):
+    u, noise = BY_INPUT[kind]
+    known, unseen = (record(u, seed, noise=noise) for seed in (0, 1))
+    verdict = verdict_on([1 - POLE], [-POLE], known, unseen)
+    assert "input-explains-nothing" not in [each["code"] for each in verdict.data["reasons"]]
+    assert verdict.code != "model-unusable"
+
+
+def test_segments_with_a_constant_input_each_are_explained_by_it():
+    levels = [emsid.Record(np.full(100, u), filtered(np.full(100, u)) + NOISE, DT) for u in (0.5, 1.0, -1.0, 2.0)]
+    several = emsid.concatenate(levels)
+    assert verdict_on([1 - POLE], [-POLE], several, several).code != "model-unusable"
+
+
+@pytest.mark.parametrize("kind", ["friction", "axis", "slow", "closed loop"])
+def test_plants_of_every_kind_pass_with_a_model_that_is_nearly_right(kind):
+    """A motor with Coulomb friction, its position, a time constant of half the record, and a controlled speed."""
+    rng, u = np.random.default_rng(6), np.repeat(np.random.default_rng(7).uniform(-6, 6, N // 40), 40)
+    pole = np.exp(-2 / N) if kind == "slow" else 0.95
+    speed, y = np.zeros(N), np.zeros(N)
+    for k in range(1, N):
+        if kind == "closed loop":
+            u[k - 1] = 4 * (np.sign(np.sin(k / 60)) - speed[k - 1]) + 0.2 * rng.standard_normal()
+        friction = 0.3 * np.sign(speed[k - 1]) if kind == "friction" else 0.0
+        speed[k] = pole * speed[k - 1] + (1 - pole) * (u[k - 1] - friction)
+        y[k] = y[k - 1] + DT * speed[k - 1]
+    output = y if kind == "axis" else speed
+    noisy = emsid.Record(u, output + 0.02 * np.std(output) * rng.standard_normal(N), DT)
+    found = emsid.identify(noisy, models="output-error,arx")
+    assert found.is_recommended
+    assert "input-explains-nothing" not in {each.code for each in found.findings}

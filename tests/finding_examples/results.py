@@ -115,6 +115,7 @@ EXAMPLES: tuple[Finding, ...] = (
         },
     ),
     Finding("no-better-than-mean", "speed", {"seen": False}),
+    Finding("input-explains-nothing", "speed", {"shuffled": 1.0, "held": 0.99, "by": "feedback"}),
     Finding("worse-than-mean", "b.csv"),
     Finding("free-run-diverged", "arx", {"model": "arx", "sample": 123, "seen": False}),
     Finding("one-step-error-smaller", "arx", {"model": "arx", "ratio": 1234.5}),

@@ -43,7 +43,11 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": [{"passed": False}]}),
     *(
         Finding("model-unusable", "arx", {"model": "arx", "reasons": [reason], "tests": []})
-        for reason in ({"code": "diverges", "sample": 54}, {"code": "no-better-than-mean", "fit_percent": -37.2})
+        for reason in (
+            {"code": "diverges", "sample": 54},
+            {"code": "no-better-than-mean", "fit_percent": -37.2},
+            {"code": "input-explains-nothing", "shuffled": 1.0, "held": 0.99},
+        )
     ),
     Finding(
         "model-implausible",

@@ -49,8 +49,8 @@ IN_FULL = 3
 """Of more models than this, the screen has details of the recommended one only."""
 FIRST = "free-run-error"
 """The finding that follows the recommendation."""
-BEFORE = "unstable-in-loop"
-"""The finding before the recommendation: what models and errors mean depends on it."""
+BEFORE = ("unstable-in-loop", "input-explains-nothing")
+"""The findings before the recommendation: what models and errors mean depends on them."""
 AS_NAMES = frozenset({"not-identifiable", "weakly-identified", "intervals-include-zero"})
 """Findings whose parameters are on the screen by name."""
 OF_THE_LOOP = frozenset(
@@ -67,7 +67,7 @@ def first_screen(result: Identification, details: bool = False) -> None:
         details: whether all models, values and findings follow.
     """
     why, *then = result.recommendation
-    said = [finding for finding in result.findings if finding.code == BEFORE]
+    said = [finding for finding in result.findings if finding.code in BEFORE]
     say(*(sentence(finding, option) for finding in (*said, why, *_first(result))))
     show(text_table(models_table(result, ROWS)))
     _known(result)
@@ -141,10 +141,10 @@ def _not_known(result: Identification) -> None:
     """Print what these data do not show: values by name, and what limits the result."""
     names = not_determined(_open(result))
     warned = [finding for finding in _warnings(result) if severity(finding) is not Severity.INFO]
-    looped = any(finding.code == BEFORE for finding in result.findings)
+    looped = any(finding.code == BEFORE[0] for finding in result.findings)
     said = (
         *AS_NAMES,
-        BEFORE,
+        *BEFORE,
         *(OF_THE_LOOP if looped else ()),
         *(each["code"] for each in result.model_verdicts[0].data["reasons"]),
     )

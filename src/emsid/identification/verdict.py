@@ -1,8 +1,9 @@
 """The verdict on every model: supported by the data, to be used with limits, implausible, or unusable.
 
-It has five sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
-of the past of the inputs (lag by lag, and by a portmanteau test over all lags) and of their powers, and whether the
-one-step errors of a model with a noise model are white. Other models: whether one of them leaves less than half of the
+It has six sources. The input: whether the free run is better than one with a shuffled or a constant input. Residual
+tests with 99 % bands: whether the residual of the free run on unseen data is independent of the past of the inputs (lag
+by lag, and by a portmanteau test over all lags) and of their powers, and whether the one-step errors of a model with a
+noise model are white. Other models: whether one of them leaves less than half of the
 squared error. Agreement: between pieces of the data, and between fitted and unseen data. Other inputs: whether models
 that are as good agree there, see `determined`. Plausibility: see `plausibility`.
 
@@ -25,6 +26,7 @@ from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import deviations, stretch_errors
 from emsid.identification.unstable import horizon_of
 from emsid.models.extrapolation import MUCH_BETTER
+from emsid.models.model import Run
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better_by_ratio
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, models_noise
@@ -38,6 +40,8 @@ MOST = sqrt(1 / DIFFERENT)
 """An error above this share of the output's deviation leaves most of its variance."""
 
 Reason = dict[str, Any]
+NO_INPUT = "input-explains-nothing"
+"""The reason against a model that follows the output without its input, and the finding where it is the best one."""
 UNTESTED: Reason = {"code": "residual-untested"}
 
 
@@ -167,7 +171,22 @@ def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
     if row.fit_percent <= 0 and (unseen.input_moves or _share_of_deviation(unseen, fitted) > MOST):
         return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
-    return []
+    return _input_explains_nothing(unseen)
+
+
+def _input_explains_nothing(unseen: Assessment) -> list[Reason]:
+    """That a free run is no better than one with the input shuffled, or held at its mean, where the input changes.
+
+    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input. Less than
+    half of the squared error is better, too, in however few stretches: the input can be at rest in the others.
+    """
+    if not unseen.input_moves or np.isnan(unseen.row.fit_percent):  # the output is at rest
+        return []
+    own, others = _stretches(unseen), [_stretches(unseen, run) for run in unseen.on_other_inputs]
+    if all(DIFFERENT * own.mean < other.mean or better_by_ratio(own, other) for other in others):
+        return []
+    shares = [float(own.mean / other.mean) if other.mean > 0 else 1.0 for other in others]
+    return [{"code": NO_INPUT, "shuffled": shares[0], "held": shares[1]}]
 
 
 def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:
@@ -256,9 +275,14 @@ def _other_is_better(assessments: Sequence[Assessment]) -> dict[str, list[Reason
     }
 
 
-def _stretches(assessment: Assessment) -> StretchErrors:
-    """The squared errors of all outputs, each over its variance, by stretch; infinite where the run diverged."""
-    record, run = assessment.record, assessment.simulation
+def _stretches(assessment: Assessment, run: Run | None = None) -> StretchErrors:
+    """The squared errors of all outputs, each over its variance, by stretch; infinite where the run diverged.
+
+    Args:
+        assessment: a model on a record.
+        run: another free run of it; by default that on the record.
+    """
+    record, run = assessment.record, run or assessment.simulation
     return stretch_errors(run, record, deviations(record.output[run.counted]), STRETCHES)
 
 

@@ -30,7 +30,7 @@ from emsid.identification.records import Records
 from emsid.identification.requests import model_names
 from emsid.identification.result import Identification
 from emsid.identification.task import Task
-from emsid.identification.verdict import fails_on_unseen, model_verdicts
+from emsid.identification.verdict import NO_INPUT, fails_on_unseen, model_verdicts
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.model import Model
 from emsid.models.plants.drive import Bridge, Hold
@@ -165,21 +165,32 @@ def _judged(
     with border("errors by record"):
         by_records = by_record(judged.fits, (*task.records, *task.others), task.transient)
     stopped = found.stopped or taken.stopped or control.cancelled()
+    verdicts = _verdicts(judged, tests=not stopped)
     return Identification(
         record=task.train,
         unseen=judged.on_unseen.best.record,
         on_record=judged.on_record,
         on_unseen=judged.on_unseen,
-        findings=tuple(_findings(task, asked, found, judged, taken, final, stopped=stopped)),
+        findings=(
+            *_without_input(judged, verdicts[0]),
+            *_findings(task, asked, found, judged, taken, final, stopped=stopped),
+        ),
         profiles=taken.profiles,
         interrupted=stopped,
         on_choice=judged.on_choice,
-        model_verdicts=_verdicts(judged, tests=not stopped),
+        model_verdicts=verdicts,
         ranking=judged.ranking,
         on_all_data=final and final[0],
         by_record=by_records,
         whole=judged.whole,
     )
+
+
+def _without_input(judged: Compared, verdict: Finding) -> list[Finding]:
+    """That the inputs explain nothing of the outputs, by the verdict on the best model."""
+    outputs = " and ".join(judged.on_unseen.best.record.output_names)
+    reasons = [each for each in verdict.data["reasons"][:1] if each["code"] == NO_INPUT]
+    return [Finding(NO_INPUT, outputs, {**each, "by": verdict.model}) for each in reasons]
 
 
 def _verdicts(judged: Compared, *, tests: bool) -> tuple[Finding, ...]:

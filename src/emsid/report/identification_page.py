@@ -12,6 +12,7 @@ from emsid.estimation.borders import border, collected
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.identification.characteristics import determined
 from emsid.identification.result import Identification
+from emsid.identification.verdict import NO_INPUT
 from emsid.models.characteristics import Characteristic
 from emsid.record import Record
 from emsid.report import views
@@ -68,7 +69,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
     more = [Section("More findings", remarks=others)] if others else []
     return Report(
         title=f"Identification of {result.record.name}",
-        summary=(summary(result),),
+        summary=(*(sentence(each, argument) for each in result.findings if each.code == NO_INPUT), summary(result)),
         facts=tuple(found),
         opening=opening,
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),

@@ -7,7 +7,7 @@ therefore ranked by their free run on unseen data.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.models.free_run import mean_squared_error
+from emsid.models.free_run import RESTING, mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
@@ -145,6 +145,32 @@ class Assessment:
     def input_moves(self) -> bool:
         """Whether an input changes in the record; the data test the steady state only if none does."""
         return bool(np.ptp(self.record.input, axis=0).any())
+
+    @cached_property
+    def on_other_inputs(self) -> tuple[Run, Run]:
+        """The free runs from the same initial states with the inputs shuffled, and held at their means.
+
+        `BLOCKS` blocks of random lengths change places across the whole record, since the input can be constant in a
+        segment; blocks of equal lengths would leave a periodic input as it is. The samples that start a segment stay.
+        """
+        record, rng = self.record, np.random.default_rng(SEED)
+        moved = np.ones(len(record), dtype=bool)
+        for start in (0, *record.breaks):
+            moved[start : start + max(self.transient, RESTING)] = False
+        u = record.input[moved]
+        cuts = np.sort(rng.permutation(np.arange(1, len(u)))[: BLOCKS - 1])
+        blocks = np.split(u, cuts)
+        places = np.roll(rng.permutation(len(blocks)), 1)
+        shuffled, held = record.input.copy(), record.input.copy()
+        shuffled[moved] = np.concatenate([blocks[k] for k in places])
+        held[moved] = record.input.mean(axis=0)
+        run = self.fit.model.simulate
+        first, second = (run(replace(record, input=u), self.transient) for u in (shuffled, held))
+        return first, second
+
+
+BLOCKS, SEED = 8, 1
+"""The blocks of a shuffled input, few so that most are long beside the response; and the seed of their order."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -279,6 +279,15 @@ def no_better_than_mean(f: Finding, argument: Spelling) -> str:
     return f"on {data_name(f)}, no model is better than the mean of {f.subject}"
 
 
+@words("input-explains-nothing", Severity.PROBLEM)
+def input_explains_nothing(f: Finding, argument: Spelling) -> str:
+    """Subject: the outputs. Data: by (the best model), shuffled, held (squared errors over those on such inputs)."""
+    return (
+        f"the input explains nothing of {f.subject}: {f.data['by']} simulates it as well with the input shuffled, or "
+        "with its mean instead; check that the columns belong together"
+    )
+
+
 @words("worse-than-mean", Severity.PROBLEM)
 def worse_than_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the record."""

@@ -48,6 +48,9 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
         "it is no better than the mean of the output in the unseen data, where the output moves little (its error is "
         f"{100 * d['share']:.2g} % of its deviation in all data)"
     ),
+    "input-explains-nothing": lambda d: (
+        "its free run is no better than with the input shuffled, or with its mean instead"
+    ),
     "no-better-than-mean": lambda d: "it is no better than the mean of the output",
     "depends-on-past-inputs": lambda d: (
         f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"

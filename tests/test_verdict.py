@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
+import emsid.identification.verdict as verdict_module
 from emsid.blocks import CubicSpline, DeadZone, PiecewiseLinear, Polynomial, Rational
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
@@ -495,3 +496,46 @@ def test_an_identification_has_a_verdict_for_every_model_and_recommends_one():
     assert why.subject == result.chosen.model.name == "arx"
     assert then.data["kind"] == "in-use"
     assert isinstance(result.chosen, Fit)
+
+
+# --- findings against a verdict --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("code", ["no-response", "end-shows-little", "effect-missing", "value-contradicted"])
+@pytest.mark.parametrize("about", ["filter", ""])
+def test_a_finding_that_contradicts_a_model_allows_no_support(code, about):
+    """One about no model concerns every one, and one about another model none but that."""
+    assert verdicts(linear())[0].code == "model-supported"
+    found = Finding(code, "y", {"model": about} if about else {})
+    (own,) = verdicts(linear(), findings=[found])
+    assert own.code == "model-limited"
+    assert reasons(own) == [code]
+    assert own.data["reasons"][0]["subject"] == "y"
+    (other,) = verdicts(linear(name="another"), findings=[found])
+    assert other.code == ("model-supported" if about else "model-limited")
+
+
+def test_the_worst_reason_is_the_verdict_and_comes_first():
+    against = [Finding(code, "y", {"model": "filter"}) for code in ("effect-missing", "map-leaves-range")]
+    (found,) = verdicts(linear(), findings=against)
+    assert found.code == "model-implausible"
+    assert reasons(found) == ["map-leaves-range", "effect-missing"]
+
+
+@pytest.mark.parametrize(("noise", "limited"), [(0.02, True), (0.0005, False)])
+def test_a_residual_that_the_input_predicts_limits_a_model_whose_tests_pass(monkeypatch, noise, limited):
+    """Unless it is small beside the output."""
+    monkeypatch.setattr(verdict_module, "predictable_shares", lambda errors, record: np.full(errors.shape[1], 0.3))
+    found = verdicts(linear(), known=record(0, noise=noise), unseen=record(1, noise=noise))[0]
+    assert all(each["passed"] for each in found.data["tests"] if each["test"] != "whiteness")
+    assert ("residual-depends-on-input" in reasons(found)) == limited
+
+
+def test_a_record_without_a_response_supports_no_model():
+    rng = np.random.default_rng(5)
+    u = held(5, 1600)
+    slow = lfilter([1.0], [1.0, -0.999], 0.05 * rng.standard_normal(1600))
+    y = 0.1 * lfilter([0.0, 1 - POLE], [1.0, -POLE], u) + slow
+    found = emsid.identify(emsid.Record(u, y, DT, name="walks"), models="arx,output-error")
+    assert "no-response" in {each.code for each in found.findings}
+    assert "model-supported" not in {each.code for each in found.model_verdicts}

@@ -269,6 +269,7 @@ BY_INPUT = {
     "sine": (np.sin(2 * np.pi * np.arange(N) / 200), 0.02),  # a whole number of periods in any eighth
     "square wave": (np.sign(np.sin(2 * np.pi * (np.arange(N) + 0.5) / 200)), 0.02),
     "one step": (np.repeat([0.0, 1.0], N // 2), 0.02),
+    "rest after a third": (many(5, N) * (np.arange(N) < N / 3), 0.02),
     "offset": (3 + 0.2 * many(5, N), 0.02),
 }
 

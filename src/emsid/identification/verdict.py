@@ -24,6 +24,7 @@ from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
 from emsid.identification.ranking import deviations, stretch_errors
+from emsid.identification.remainder import LACKS
 from emsid.identification.unstable import horizon_of
 from emsid.models.extrapolation import MUCH_BETTER
 from emsid.models.model import Run
@@ -43,6 +44,14 @@ Reason = dict[str, Any]
 NO_INPUT = "input-explains-nothing"
 """The reason against a model that follows the output without its input, and the finding where it is the best one."""
 UNTESTED: Reason = {"code": "residual-untested"}
+LEVELS = ("model-supported", "model-limited", "model-implausible", "model-unusable")
+"""The verdicts, the best first. A reason allows none better than the second one."""
+ALLOWED: Mapping[str, str] = {
+    **dict.fromkeys(("diverges", "no-better-than-mean", NO_INPUT), "model-unusable"),
+    **dict.fromkeys(IMPLAUSIBLE, "model-implausible"),
+    **dict.fromkeys((*LACKS, "no-response", "end-shows-little"), "model-limited"),
+}
+"""The best verdict on a model that a reason or a finding allows: a finding about no model concerns all of them."""
 
 
 def model_verdicts(
@@ -59,7 +68,7 @@ def model_verdicts(
     Args:
         on_record: the models on the data they were fitted to.
         on_unseen: the models on unseen data.
-        findings: about the models; some make them implausible.
+        findings: about the models and the data; those in `ALLOWED` are reasons against a model.
         left_open: by model, what the data leave open about it, see `emsid.identification.determined`.
         tests: whether residuals are tested; if not, the verdicts say so.
         pole: of a plant that is unstable without its controller: a free run then tests nothing.
@@ -69,8 +78,9 @@ def model_verdicts(
     fitted = {each.row.model: each for each in on_record.assessments}
     against: dict[str, list[Reason]] = {}
     for finding in findings:
-        if finding.code in IMPLAUSIBLE:
-            against.setdefault(finding.model, []).append({"code": finding.code, **finding.data})
+        if finding.code in ALLOWED:
+            reason = {"code": finding.code, "subject": finding.subject, **finding.data}
+            against.setdefault(finding.model, []).append(reason)
 
     other = _other_is_better(on_unseen.assessments)
 
@@ -80,7 +90,7 @@ def model_verdicts(
         if is_weak(unseen, left_open or {}) and not unusable(unseen, fitted[name]):
             reason = {"code": "explains-little", "fit_percent": float(unseen.row.fit_percent)}
             return Finding("model-unusable", name, {"model": name, "reasons": [reason, *others], "tests": []})
-        return _verdict(unseen, fitted[name], against.get(name, []), shares, others)
+        return _verdict(unseen, fitted[name], [*against.get(name, []), *against.get("", [])], shares, others)
 
     if not tests:
         return tuple(map(verdict, on_unseen.assessments))
@@ -114,7 +124,7 @@ def excluded_models(findings: Iterable[Finding], errors: Mapping[str, float] | N
 def _verdict(
     unseen: Assessment,
     fitted: Assessment,
-    implausible: list[Reason],
+    found: list[Reason],
     shares: Sequence[float] | None,
     other: list[Reason],
 ) -> Finding:
@@ -128,12 +138,14 @@ def _verdict(
     limits = [] if useless else [*_poor(unseen, fitted), *tested, *other, *_disagreements(unseen, fitted)]
     if unseen.fit.ending.before_minimum:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
-    data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}
-    if useless:
-        return Finding("model-unusable", row.model, data)
-    if implausible:
-        return Finding("model-implausible", row.model, data)
-    return Finding("model-limited" if limits else "model-supported", row.model, data)
+    reasons = sorted([*useless, *found, *limits], key=_level, reverse=True)
+    data = {"model": row.model, "reasons": reasons, "tests": tests}
+    return Finding(LEVELS[max(map(_level, reasons), default=0)], row.model, data)
+
+
+def _level(reason: Reason) -> int:
+    """The place in `LEVELS` of the best verdict that a reason allows."""
+    return LEVELS.index(ALLOWED.get(reason["code"], "model-limited"))
 
 
 def _in_loop(unseen: Assessment, pole: float) -> Finding:
@@ -177,12 +189,13 @@ def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 def _input_explains_nothing(unseen: Assessment) -> list[Reason]:
     """That a free run is no better than one with the input shuffled, or held at its mean, where the input changes.
 
-    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input.
+    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input. Less than
+    half of the squared error is better, too, in however few stretches: the input can be at rest in the others.
     """
     if not unseen.input_moves or np.isnan(unseen.row.fit_percent):  # the output is at rest
         return []
     own, others = _stretches(unseen), [_stretches(unseen, run) for run in unseen.on_other_inputs]
-    if all(better_by_ratio(own, other) for other in others):
+    if all(DIFFERENT * own.mean < other.mean or better_by_ratio(own, other) for other in others):
         return []
     shares = [float(own.mean / other.mean) if other.mean > 0 else 1.0 for other in others]
     return [{"code": NO_INPUT, "shuffled": shares[0], "held": shares[1]}]
@@ -244,12 +257,17 @@ def residual_table(assessment: Assessment) -> list[Reason]:
 
 
 def _from_tests(tests: Sequence[Reason], unseen: Assessment, shares: Sequence[float]) -> list[Reason]:
-    """The failed tests that limit a model: one for the inputs, and one for the one-step errors, of every output."""
+    """The failed tests that limit a model: one for the inputs, and one for the one-step errors, of every output.
+
+    A residual that is not small, and that the inputs predict, limits it where no test fails, too.
+    """
     found = []
     for output, share in zip(unseen.record.output_names, shares, strict=True):
         failed = [each for each in tests if each["output"] == output and not each["passed"]]
         of_inputs = [each for each in failed if each["test"] != "whiteness"]
-        if of_inputs and share > PREDICTABLE:
+        if share > PREDICTABLE and not of_inputs and unseen.row.fit_percent < 100 * (1 - SMALL):
+            found.append({"code": "residual-depends-on-input", "output": output, "share": share})
+        elif share > PREDICTABLE and of_inputs:
             worst = max(of_inputs, key=lambda each: abs(each["largest"]) / each["limit"])
             found.append({"code": f"depends-on-{worst['test']}", "share": share, **worst})
         found += [{"code": "one-step-errors-coloured", **each} for each in failed if each["test"] == "whiteness"]

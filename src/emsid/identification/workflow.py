@@ -165,7 +165,7 @@ def _judged(
     with border("errors by record"):
         by_records = by_record(judged.fits, (*task.records, *task.others), task.transient)
     stopped = found.stopped or taken.stopped or control.cancelled()
-    verdicts = _verdicts(judged, tests=not stopped)
+    verdicts = _verdicts(judged, asked, tests=not stopped)
     return Identification(
         record=task.train,
         unseen=judged.on_unseen.best.record,
@@ -193,9 +193,9 @@ def _without_input(judged: Compared, verdict: Finding) -> list[Finding]:
     return [Finding(NO_INPUT, outputs, {**each, "by": verdict.model}) for each in reasons]
 
 
-def _verdicts(judged: Compared, *, tests: bool) -> tuple[Finding, ...]:
+def _verdicts(judged: Compared, asked: Sequence[Finding], *, tests: bool) -> tuple[Finding, ...]:
     """The verdict on every model; without residual tests where these fail."""
-    of = judged.on_record, judged.on_unseen, judged.findings, judged.undetermined.reasons
+    of = judged.on_record, judged.on_unseen, (*judged.findings, *asked), judged.undetermined.reasons
     with border("residual tests of the models"):
         return model_verdicts(*of, tests=tests, pole=judged.pole)
     return model_verdicts(*of, tests=False, pole=judged.pole)

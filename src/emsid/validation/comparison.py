@@ -159,8 +159,8 @@ class Assessment:
         for start in (0, *record.breaks):
             moved[start : start + max(self.transient, RESTING)] = False
         u = record.input[moved]
-        count = max(min(BLOCKS, len(u)) - 1, 0)
-        blocks = np.split(u, np.sort(rng.permutation(np.arange(1, len(u)))[:count]))
+        cuts = np.sort(rng.permutation(np.arange(1, len(u)))[: BLOCKS - 1])
+        blocks = np.split(u, cuts)
         places = np.roll(rng.permutation(len(blocks)), 1)
         shuffled, held = record.input.copy(), record.input.copy()
         shuffled[moved] = np.concatenate([blocks[k] for k in places])

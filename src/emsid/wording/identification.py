@@ -281,7 +281,7 @@ def no_better_than_mean(f: Finding, argument: Spelling) -> str:
 
 @words("input-explains-nothing", Severity.PROBLEM)
 def input_explains_nothing(f: Finding, argument: Spelling) -> str:
-    """Subject: outputs. Data: by (the best model); shuffled, held: its squared error over those with such inputs."""
+    """Subject: the outputs. Data: by (the best model), shuffled, held (squared errors over those on such inputs)."""
     return (
         f"the input explains nothing of {f.subject}: {f.data['by']} simulates it as well with the input shuffled, or "
         "with its mean instead; check that the columns belong together"

@@ -101,7 +101,9 @@ def reason_in_words(reason: Reason) -> str:
     code = reason["code"]
     if code in _SHORT:
         return _SHORT[code](reason)
-    text = CATALOGUE[code].wording(Finding(code, "", {k: v for k, v in reason.items() if k != "model"}), as_python)
+    text = CATALOGUE[code].wording(
+        Finding(code, reason.get("subject", ""), {k: v for k, v in reason.items() if k != "model"}), as_python
+    )
     return text.partition("; ")[0].partition(". ")[0]
 
 

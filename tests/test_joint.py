@@ -505,7 +505,7 @@ def test_a_servo_that_steps_at_the_first_sample_is_followed_from_where_its_arm_h
     record = Record(target, count * np.round(angle / count), 5e-3, input_units="rad", output_units="rad")
     free = ["rotor_inertia", "rotor_viscous", "rotor_friction.coulomb", "gravity.torque"]
     fit = emsid.fit(truth, record, free=free, fixed={"servo.proportional": 8.0})
-    assert fit.states[0][0] == 0.0
+    assert fit.states[0][0] == pytest.approx(0.0, abs=1e-3)  # the set that the counts allow is refined from rest
     assert fit.states[0][1] == pytest.approx(hangs, abs=count / 2)
     assert fit.noise_variance < 1.5 * count**2 / 12
     assert "error-above-rounding" not in {finding.code for finding in fit.findings}

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
+import emsid.identification.compared as compared_module
 import emsid.identification.verdict as verdict_module
 from emsid.blocks import CubicSpline, DeadZone, PiecewiseLinear, Polynomial, Rational
 from emsid.estimation.fit import Ending, Fit
@@ -190,13 +191,35 @@ def test_a_model_is_not_unusable_because_the_unseen_output_is_settled(gain, code
     assert "larger-on-unseen" not in reasons(verdict)
 
 
-def test_a_model_of_a_step_is_recommended():
+def test_a_model_of_a_step_is_the_best_and_its_limits_are_said():
     result = emsid.identify(step(), models="arx,output-error")
     assert result.on_unseen.best.row.fit_percent <= 0
-    assert result.recommendation[0].code == "model-recommended"
+    assert result.recommendation[0].code == "best-not-recommended"
+    assert "few-levels" in {each["code"] for each in result.recommendation[0].data["reasons"]}
     codes = {finding.code for finding in result.findings}
     assert "input-constant" in codes
     assert "no-better-than-mean" not in codes
+
+
+@pytest.mark.parametrize(("wiggle", "gains"), [(0.0, False), (0.5, True)])
+def test_a_model_that_is_no_better_than_a_straight_line_is_not_supported(wiggle, gains):
+    """A ramp moves the output as a line in time does; only what the input adds to it shows the response."""
+    t = np.linspace(0, 4, 1200)
+    u = t + wiggle * held(3)
+    y = lfilter([0.0, 1 - POLE], [1.0, -POLE], u) + 0.02 * np.random.default_rng(6).standard_normal(len(u))
+    whole = emsid.Record(u, y, DT, name="ramp")
+    (verdict,) = verdicts(linear(), known=whole[:800], unseen=whole[800:])
+    assert ("no-gain-over-trend" in reasons(verdict)) != gains
+    assert verdict.code == "model-limited"  # its error is larger at the end of the ramp, beyond what was fitted
+
+
+def test_an_implausible_model_stands_behind_plausible_ones(monkeypatch):
+    def names():
+        return [each.model.name for each in emsid.identify(record(), models="arx,output-error,armax").on_unseen.fits]
+
+    first, second, third = names()
+    monkeypatch.setattr(compared_module, "implausible_models", lambda findings: frozenset({second}))
+    assert names() == [first, third, second]
 
 
 def test_a_search_without_an_end_is_a_limit():

@@ -18,6 +18,7 @@ from emsid.identification.verdict import is_weak, model_verdicts
 from emsid.models.extrapolation import BEGUN
 from emsid.selection.improvement import StretchErrors
 from emsid.validation.comparison import as_fit, compare
+from emsid.wording import sentence
 
 DT, POLE, NOISE = 0.01, 0.9, 0.02
 
@@ -76,15 +77,30 @@ def test_two_levels_do_not_tell_a_straight_line_from_a_curve():
     assert few_levels(known) == 2
     found = Undetermined.of(ranking(known, straight(), bent()), known)
     assert found.straight == {"straight"}
-    assert codes(found, "straight") == ["another-differs"]
+    assert codes(found, "straight") == ["another-differs", "few-levels"]
     assert codes(found, "bent") == ["another-differs", "few-levels"]
     assert {each["other"] for some in found.reasons.values() for each in some if "other" in each} == {
         "straight",
         "bent",
     }
+    assert codes(Undetermined.of(ranking(known, straight()), known), "straight") == ["few-levels"]
+    assert codes(Undetermined.of(ranking(known, bent()), known), "bent") == ["few-levels"]
+    assert codes(Undetermined.of(ranking(known, straight(), bent()), known, {"bent"}), "straight") == ["few-levels"]
+
+
+def test_three_levels_tell_a_straight_line_from_a_curve_but_not_which_curve():
+    known = record(np.repeat(np.random.default_rng(2).integers(-1, 2, 200).astype(float), 10))
+    assert few_levels(known) == 3
     assert codes(Undetermined.of(ranking(known, straight()), known), "straight") == []
     assert codes(Undetermined.of(ranking(known, bent()), known), "bent") == ["few-levels"]
-    assert codes(Undetermined.of(ranking(known, straight(), bent()), known, {"bent"}), "straight") == []
+
+
+def test_the_best_model_of_a_two_level_record_is_named_and_not_recommended():
+    result = emsid.identify(record(binary()), models="arx,output-error")
+    first = result.recommendation[0]
+    assert first.code == "best-not-recommended"
+    assert "the input has 2 levels" in sentence(first)
+    assert "model-supported" not in {each.code for each in result.model_verdicts}
 
 
 def test_many_levels_do():

@@ -21,6 +21,7 @@ LIMITS = [
     {"code": "parts-differ", "times": None},
     {"code": "response-uncertain"},
     {"code": "few-levels", "levels": 2},
+    {"code": "no-gain-over-trend", "share": 0.97},
     {"code": "stable-model-of-unstable", "pole": 1.13, "horizon": 9},
     {"code": "only-in-loop", "pole": 1.13, "horizon": 9},
     {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200, "from": 30.0, "to": 32.0},
@@ -75,7 +76,6 @@ EXAMPLES: tuple[Finding, ...] = (
             {"models": 3, "ahead": 9, "fit_percent": None},
             {"verdict": "model-limited", "reasons": LIMITS[:2]},
             {"verdict": "model-limited", "reasons": LIMITS},
-            {"verdict": "model-implausible", "reasons": [{"code": "map-turns-without-data", "block": 2, "at": 1.571}]},
             {
                 "instead_of": "hammerstein",
                 "because": {"code": "map-leaves-range", **LEAVES},
@@ -96,6 +96,13 @@ EXAMPLES: tuple[Finding, ...] = (
                 }
                 for same_in in ("noise", "practice")
             ),
+        )
+    ),
+    *(
+        Finding("best-not-recommended", "arx", RECOMMENDED | {"verdict": verdict, "reasons": [reason]})
+        for verdict, reason in (
+            ("model-limited", {"code": "few-levels", "levels": 2}),
+            ("model-implausible", {"code": "map-turns-without-data", "block": 2, "at": 1.571}),
         )
     ),
     Finding(

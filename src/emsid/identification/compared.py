@@ -29,7 +29,7 @@ class Compared:
         record: the data they were fitted to.
         on_record: their errors on these.
         on_choice: on the unseen data that choose among them; None where `on_unseen` does.
-        on_unseen: on unseen data, the recommended model first and the others by their errors.
+        on_unseen: on unseen data, the recommended model first, implausible and useless ones last.
         ranking: their errors over the folds that ranked them.
         findings: of the estimators, and on how plausible the models are.
         undetermined: what the data leave open about the models.
@@ -148,12 +148,14 @@ def _order(
     useless: frozenset[str],
     left_open: Undetermined,
 ) -> list[Fit[Any]]:
-    """The models, the recommended one first and the others by their errors."""
+    """The models: the recommended one, plausible ones, implausible ones, and useless ones; each group by its errors."""
+    implausible = implausible_models(findings)
 
     def supported() -> list[str]:
         verdicts = model_verdicts(on_record, choice, findings, left_open.reasons)
         return [each.data["model"] for each in verdicts if each.code == "model-supported"]
 
     straight = () if left_open.levels is None else left_open.straight
-    first = recommended(ranking, implausible_models(findings), useless, straight=straight, supported=supported)
-    return [first.fit, *(each.fit for each in ranking if each is not first)]
+    first = recommended(ranking, implausible, useless, straight=straight, supported=supported)
+    by = sorted(ranking, key=lambda each: (each is not first, each.name in useless, each.name in implausible))
+    return [each.fit for each in by]

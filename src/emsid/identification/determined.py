@@ -57,6 +57,8 @@ SINES = 20
 """Sines of a probe, from one period in it to a tenth of the sampling frequency."""
 FEW_LEVELS = 3
 """So many input levels are on a parabola, so they do not tell a straight line from a curve with a turn in between."""
+TWO_LEVELS = 2
+"""So many are on a straight line and on every curve, so they do not show that a system is linear either."""
 LEAST = 1e-3
 """A difference is compared with at least this share of the deviation of the output; smaller ones are of no use."""
 
@@ -168,9 +170,9 @@ class Undetermined:
             with border(f"comparison of {each.name} with other inputs", each.name):
                 found += _of_rivals(each, [(one, own[one.name]) for one in rivals if one is not each], y, error, probes)
                 found += _of_itself(each, y, error, probes)
-                if _bend(each.refit or each.fit.model, probes) <= LARGEST * error:
-                    straight.add(each.name)
-                elif levels is not None:
+                linear = _bend(each.refit or each.fit.model, probes) <= LARGEST * error
+                straight |= {each.name} if linear else set()
+                if levels is not None and not (linear and levels > TWO_LEVELS):
                     found.append({"code": "few-levels", "levels": levels})
             if found:
                 reasons[each.name] = found

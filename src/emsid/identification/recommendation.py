@@ -2,11 +2,11 @@
 
 The simplest model is recommended that is as good as the best within noise (`emsid.selection.improvement`), by the free
 runs over data that were left out of the fit (`ranking`). In a long record noise is small. There a plausible model with
-far fewer parameters is recommended where the errors are the same in practice. An implausible model is recommended only
-if it is better than every plausible one by more than noise and by more than matters in practice. A model that cannot be
-used is not recommended at all. Among equals one that is supported by the data comes before one with limits, and only
-then the number of parameters counts; where the input has few levels, which show no nonlinearity, a linear one comes
-before both.
+far fewer parameters is the best one where the errors are the same in practice. An implausible model is the best one
+only if its error is smaller than that of every plausible one by more than noise and by more than matters in practice.
+Among equals one that is supported by the data comes before one with limits, and only then the number of parameters
+counts; where the input has few levels, which show no nonlinearity, a linear one comes before both. The best one is
+recommended unless it cannot be used, or one of the reasons of `emsid.identification.verdict.ALLOWED` is against it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from emsid.findings import Finding, finite
 from emsid.first_look.data_advice import advice_by_code
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared, within_noise
+from emsid.identification.verdict import ALLOWED
 from emsid.record import Record
 from emsid.selection.improvement import equivalent, simplest
 from emsid.validation.comparison import Comparison
@@ -97,7 +98,7 @@ def _stands_in(plausible: Ranked, best: Ranked) -> bool:
 def recommendation(
     on_unseen: Comparison, ranking: Sequence[Ranked], verdict: Finding, findings: Iterable[Finding], *, seen: bool
 ) -> Finding:
-    """The recommended model with the reasons for it.
+    """The recommended model with the reasons for it, or the best one with the reasons against it.
 
     Args:
         on_unseen: the models on unseen data, the recommended one first.
@@ -121,12 +122,13 @@ def recommendation(
     }
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)
+    vetoed = any(each["code"] in ALLOWED for each in verdict.data["reasons"])
     smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
     if data["folds"] > 1:
         data |= {"fit_percent": finite(own.fit_percent)}
     if smallest.errors.mean < own.errors.mean:
         data |= _instead_of(own, smallest, findings)
-    return Finding("model-recommended", row.model, data)
+    return Finding("best-not-recommended" if vetoed else "model-recommended", row.model, data)
 
 
 def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> dict[str, Any]:

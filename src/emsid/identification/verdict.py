@@ -1,11 +1,11 @@
 """The verdict on every model: supported by the data, to be used with limits, implausible, or unusable.
 
-It has six sources. The input: whether the free run is better than one with a shuffled or a constant input. Residual
-tests with 99 % bands: whether the residual of the free run on unseen data is independent of the past of the inputs (lag
-by lag, and by a portmanteau test over all lags) and of their powers, and whether the one-step errors of a model with a
-noise model are white. Other models: whether one of them leaves less than half of the
-squared error. Agreement: between pieces of the data, and between fitted and unseen data. Other inputs: whether models
-that are as good agree there, see `determined`. Plausibility: see `plausibility`.
+It has six sources. The input: whether the free run is better than one with a shuffled or a constant input, and than a
+straight line in time. Residual tests with 99 % bands: whether the residual of the free run on unseen data is
+independent of the past of the inputs (lag by lag, and by a portmanteau test over all lags) and of their powers, and
+whether the one-step errors of a model with a noise model are white. Other models: whether one of them leaves less than
+half of the squared error. Agreement: between pieces of the data, and between fitted and unseen data. Other inputs:
+whether models that are as good agree there, see `determined`. Plausibility: see `plausibility`.
 
 In a long record, a test rejects every model for deviations that do not matter. A residual that fails a test therefore
 limits a model only if the inputs predict more than `PREDICTABLE` of its variance.
@@ -14,6 +14,7 @@ limits a model only if the inputs predict more than `PREDICTABLE` of its varianc
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import sqrt
 from typing import Any
 
@@ -43,15 +44,18 @@ MOST = sqrt(1 / DIFFERENT)
 Reason = dict[str, Any]
 NO_INPUT = "input-explains-nothing"
 """The reason against a model that follows the output without its input, and the finding where it is the best one."""
+NO_GAIN = "no-gain-over-trend"
+"""The reason against a model that follows the output no better than a straight line does, without any input."""
 UNTESTED: Reason = {"code": "residual-untested"}
 LEVELS = ("model-supported", "model-limited", "model-implausible", "model-unusable")
 """The verdicts, the best first. A reason allows none better than the second one."""
 ALLOWED: Mapping[str, str] = {
     **dict.fromkeys(("diverges", "no-better-than-mean", NO_INPUT), "model-unusable"),
     **dict.fromkeys(IMPLAUSIBLE, "model-implausible"),
-    **dict.fromkeys((*LACKS, "no-response", "end-shows-little"), "model-limited"),
+    **dict.fromkeys((*LACKS, "no-response", "end-shows-little", "few-levels", NO_GAIN), "model-limited"),
 }
-"""The best verdict on a model that a reason or a finding allows: a finding about no model concerns all of them."""
+"""The best verdict on a model that a reason or a finding allows: a finding about no model concerns all of them. A model
+with one of them is not recommended, even where it is the best one."""
 
 
 def model_verdicts(
@@ -135,10 +139,13 @@ def _verdict(
     tested = [] if shares is None else _from_tests(tests, unseen, shares)
     if not any(each["test"] == "past-inputs" for each in tests):
         tested.append(UNTESTED)
-    limits = [] if useless else [*_poor(unseen, fitted), *tested, *other, *_disagreements(unseen, fitted)]
+    limits = (
+        [] if useless else [*_poor(unseen, fitted), *_no_gain(unseen), *tested, *other, *_disagreements(unseen, fitted)]
+    )
     if unseen.fit.ending.before_minimum:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
-    reasons = sorted([*useless, *found, *limits], key=_level, reverse=True)
+    against = [*useless, *found, *limits]
+    reasons = sorted(against, key=lambda each: (_level(each), each["code"] in ALLOWED), reverse=True)
     data = {"model": row.model, "reasons": reasons, "tests": tests}
     return Finding(LEVELS[max(map(_level, reasons), default=0)], row.model, data)
 
@@ -199,6 +206,19 @@ def _input_explains_nothing(unseen: Assessment) -> list[Reason]:
         return []
     shares = [float(own.mean / other.mean) if other.mean > 0 else 1.0 for other in others]
     return [{"code": NO_INPUT, "shuffled": shares[0], "held": shares[1]}]
+
+
+def _no_gain(unseen: Assessment) -> list[Reason]:
+    """That a free run is no better than the straight line in time that fits the unseen output best."""
+    if not unseen.input_moves or np.isnan(unseen.row.fit_percent):
+        return []
+    record, counted = unseen.record, unseen.simulation.counted
+    t = np.vander(record.time - record.time[0], 2)
+    line = t @ np.linalg.lstsq(t[counted], record.output[counted], rcond=None)[0]
+    own, trend = _stretches(unseen), _stretches(unseen, replace(unseen.simulation, output=line))
+    if DIFFERENT * own.mean < trend.mean or better_by_ratio(own, trend):
+        return []
+    return [{"code": NO_GAIN, "share": float(own.mean / trend.mean) if trend.mean > 0 else None}]
 
 
 def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:

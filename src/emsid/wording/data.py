@@ -467,12 +467,10 @@ def nearly_linear(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, because
     (little: nonlinear functions explain little; small-error: of an error that is small; noise: may do as much)."""
     d = f.data
-    then = {
-        "little": "",
-        "small-error": ", which is small",
-        "noise": ", which noise alone may do",
-    }[d["because"]]
+    begins = "no clear nonlinearity of {}" if d["because"] == "noise" else "{} is nearly linear"
+    error = "small squared error" if d["because"] == "small-error" else "squared error"
+    chance = ", as noise may do" if d["because"] == "noise" else ""
     return (
-        f"no clear nonlinearity of {f.subject}: a nonlinear model would save {100 * d['of_residual']:.2g} % of a "
-        f"linear model's squared error{then}"
+        f"{begins.format(f.subject)}: a linear model fits to {d['fit_percent']:.1f} %, and nonlinear functions explain "
+        f"{100 * d['of_residual']:.2g} % of its {error}{chance}"
     )

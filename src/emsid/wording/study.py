@@ -45,8 +45,8 @@ def load_friction(f: Finding, argument: Spelling) -> str:
 def paper_ratios(f: Finding, argument: Spelling) -> str:
     """Data: rows (study, data, paper, free_run, one_step), with those on unseen data."""
     rows = [row for row in f.data["rows"] if row["data"] == "unseen"]
-    divisors = listed([f"{row['free_run']:.3g} in {row['study']} (paper: {row['paper']:.3g})" for row in rows])
-    return f"On unseen data, the paper's nonlinear model divides the linear model's free-run MSE by {divisors}"
+    shares = [f"{1 / row['free_run']:.3g} in {row['study']} (paper: {1 / row['paper']:.2g})" for row in rows]
+    return f"On unseen data, the paper's nonlinear model's free-run MSE over the linear model's is {listed(shares)}"
 
 
 @words("study-best-model")
@@ -97,12 +97,10 @@ def largest_ratio(f: Finding, argument: Spelling) -> str:
 @words("study-two-masses", Severity.WARNING)
 def two_masses(f: Finding, argument: Spelling) -> str:
     """Data: rows (record, parameters, covered, worst, error, interval), fixed (names)."""
-    covered = [row["covered"] for row in f.data["rows"]]
-    return (
-        f"The 95 % intervals of {f.subject} contain {min(covered)} to {max(covered)} of "
-        f"{f.data['rows'][0]['parameters']} true values, depending on the record; they do not include the uncertainty "
-        "of fixed values"
-    )
+    best, worst = (end(f.data["rows"], key=lambda row: row["covered"]) for end in (max, min))
+    of = [f"{row['covered']} of {row['parameters']} true values on {row['record']}" for row in (best, worst)]
+    contain = of[0] if best is worst else f"{of[0]}, but {of[1]}"
+    return f"The 95 % intervals of {f.subject}, without the uncertainty of fixed values, contain {contain}"
 
 
 def percent(share: float) -> str:

@@ -51,6 +51,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
     "input-explains-nothing": lambda d: (
         "its free run is no better than with the input shuffled, or with its mean instead"
     ),
+    "no-gain-over-trend": lambda d: "a straight line in time follows the output as well, without any input",
     "no-better-than-mean": lambda d: "it is no better than the mean of the output",
     "depends-on-past-inputs": lambda d: (
         f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"
@@ -120,7 +121,7 @@ def model_supported(f: Finding, argument: Spelling) -> str:
 def _supported(failed: int) -> str:
     """What the residual tests of a supported model say, of which some fail in a long record."""
     if failed:
-        return "what is left looks like sensor noise, not a missing effect"
+        return "the input predicts at most 5 % of what is left"
     return "no test contradicts it"
 
 
@@ -149,10 +150,23 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     instead_of, because (None for no finding), unfinished (whether the search for it is), ratio, parameters (of it and
     of the other), ahead (the samples of the predictions that ranked models, None for free runs) and same_in (noise or
     practice, None where the errors differ) where another model has a smaller error."""
-    d = f.data
+    why, d = _best_of(f.data), f.data
+    if "instead_of" in d and d["verdict"] not in _LEVELS:  # the comparison is what there is to say
+        return f"Recommended: {f.subject}, {why}"
+    verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
+    return f"Recommended: {f.subject}, {why}; {verdict}{_first_reasons(d['reasons'])}"
+
+
+@words("best-not-recommended", Severity.WARNING)
+def best_not_recommended(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: as of model-recommended."""
+    return f"Not recommended: {f.subject}, {_best_of(f.data)}, since {_first_reasons(f.data['reasons'])}"
+
+
+def _best_of(d: Mapping[str, Any]) -> str:
+    """Among which models, and on which data, a model is the best, or to which one it is preferred."""
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     about = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
-    verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
     if "instead_of" in d:
         own, other = d["parameters"]
         against = [f"{other} parameters instead of {own}"] if other > own else []
@@ -160,16 +174,12 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         against += ["an unfinished search"] if d["unfinished"] else []
         percent = f"{100 * (d['ratio'] - 1):.2g} % smaller{_SAME_IN[d['same_in']]}"
         by = f", with {listed(against)}" if against else ""
-        why = f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
-    elif d["models"] > 1:
+        return f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
+    if d["models"] > 1:
         by = "" if d["ahead"] is None else f", by prediction {d['ahead']} samples ahead"
         on = f"in {d['folds']}-fold cross-validation" if d["folds"] > 1 else f"on {where}"
-        why = f"best of {d['models']} {on}{by}{about}"
-    else:
-        why = f"the only model{about}"
-    if "instead_of" in d and d["verdict"] not in _LEVELS:  # the comparison is what there is to say
-        return f"Recommended: {f.subject}, {why}"
-    return f"Recommended: {f.subject}, {why}; {verdict}{_first_reasons(d['reasons'])}"
+        return f"best of {d['models']} {on}{by}{about}"
+    return f"the only model{about}"
 
 
 _SAME_IN = {
@@ -179,7 +189,6 @@ _SAME_IN = {
 }
 _LEVELS = {
     "model-limited": "limit: ",
-    "model-implausible": "but implausible: ",
 }
 
 

@@ -100,7 +100,7 @@ def test_the_first_screen_answers_five_questions_in_order_in_25_lines(run, motor
     assert status == 0
     assert len(lines) <= 25
     starts = (
-        "Recommended: rigid-motor, ",
+        "Not recommended: rigid-motor, ",
         "rigid-motor: on unseen data, the free run has a fit of ",
         "on unseen data (",
         "known, with 95 % intervals",

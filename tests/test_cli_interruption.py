@@ -33,7 +33,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, no_refin
     status, out, err = run(*words, "--out", tmp_path / "out")
     assert status == 130
     assert "interrupted" in err
-    assert "Recommended: rigid-motor" in out
+    assert "rigid-motor, the only model (a fit of 97" in out
     assert json.loads((tmp_path / "out" / "result.json").read_text())["profiles"] == []
 
 

@@ -129,7 +129,7 @@ def recorded(trial: Trial) -> Line:
             raise EmsidError((log or ["no result"])[-1])
         result = json.loads((out / "result.json").read_text("utf-8"))
         names, chosen = [each["model"] for each in result["fits"]], result["chosen"]
-        handed = out / "recommended.json"
+        handed = out / "best.json"
         own = emsid.load(handed if handed.exists() else out / f"{chosen}.json")
         models = [own, *(emsid.load(out / f"{name}.json") for name in names)]
         found = errors(models, part_left_out(trial))

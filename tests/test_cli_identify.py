@@ -151,7 +151,7 @@ def test_where_no_model_can_be_used_none_is_called_recommended(run, tmp_path):
     assert "recommended; " not in printed
     assert "none is recommended" in page
     assert "arx is recommended" not in page
-    assert not (out / "recommended.json").exists()
+    assert not (out / "best.json").exists()
     assert (out / "arx.json").exists()
 
 

@@ -108,7 +108,7 @@ def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypa
     assert "interrupted" in err
     assert "Recommended: arx" in printed
     assert "report.html" not in printed
-    assert sorted(path.name for path in out.iterdir()) == ["arx.json", "recommended.json", "result.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["arx.json", "best.json", "result.json"]
 
 
 def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
@@ -186,7 +186,7 @@ def assert_whole(folder, drawn):
     """A model file for every model of the result, and the page with its figures, or neither."""
     rows = json.loads((folder / "result.json").read_text())["rows"]
     models = {f"{row['model']}.json" for row in rows}
-    assert {path.name for path in folder.glob("*.json")} == models | {"recommended.json", "result.json"}
+    assert {path.name for path in folder.glob("*.json")} == models | {"best.json", "result.json"}
     assert {path.name for path in folder.iterdir() if path.suffix != ".json"} == (
         {"report.html", "figures"} if drawn else set()
     )

@@ -121,7 +121,7 @@ def test_a_defect_of_one_part_leaves_everything_else(run, tmp_path, monkeypatch,
     assert status == 0, err
     written = json.loads((tmp_path / "out" / "result.json").read_text())
     assert {row["model"] for row in written["rows"]} == {"arx", "output-error"}
-    for name in ("arx.json", "output-error.json", "recommended.json"):
+    for name in ("arx.json", "output-error.json", "best.json"):
         assert emsid.load(tmp_path / "out" / name).parameters is not None
     page = (tmp_path / "out" / "report.html").read_text()
     Reader(page)

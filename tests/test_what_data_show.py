@@ -100,6 +100,7 @@ def test_the_best_model_of_a_two_level_record_is_named_and_not_recommended():
     first = result.recommendation[0]
     assert first.code == "best-not-recommended"
     assert "the input has 2 levels" in sentence(first)
+    assert (result.is_usable, result.is_recommended) == (True, False)
     assert "model-supported" not in {each.code for each in result.model_verdicts}
 
 
@@ -137,12 +138,10 @@ def test_fits_to_parts_that_differ_are_a_limit():
     assert reason["times"] > LARGEST
 
 
-def test_a_linear_model_is_recommended_for_two_levels_and_no_curve_is_supported():
+def test_a_linear_model_is_the_best_for_two_levels_and_none_is_supported():
     result = emsid.identify(record(binary()), models="output-error,friction-narx")
     assert result.chosen.model.name == "output-error"
-    for verdict in result.model_verdicts:
-        if verdict.data["model"] != "output-error":
-            assert verdict.code != "model-supported"
+    assert "model-supported" not in {verdict.code for verdict in result.model_verdicts}
 
 
 # --- loops -----------------------------------------------------------------------------------------------------------
@@ -320,5 +319,5 @@ def test_plants_of_every_kind_pass_with_a_model_that_is_nearly_right(kind):
     output = y if kind == "axis" else speed
     noisy = emsid.Record(u, output + 0.02 * np.std(output) * rng.standard_normal(N), DT)
     found = emsid.identify(noisy, models="output-error,arx")
-    assert found.is_recommended
+    assert found.is_usable
     assert "input-explains-nothing" not in {each.code for each in found.findings}

@@ -22,7 +22,7 @@ app = typer.Typer(
       emsid demo                                                      example records to try commands on
       emsid describe log.csv                                          ends with the command for identify
       emsid identify log.csv --input voltage --output speed --dt 1ms
-      emsid validate emsid-result/recommended.json other.csv
+      emsid validate emsid-result/best.json other.csv
       emsid study                                                     a complete study; needs no data
     """,
     pretty_exceptions_enable=False,

@@ -85,7 +85,7 @@ def first_screen(result: Identification, details: bool = False) -> None:
     if line := assumed(values, [row.name for row in fit.table if row.status is Status.ASSUMING]):
         say(line)
     _not_known(result)
-    steps = [*then, *result.next_steps] if result.is_recommended else [*result.next_steps, *then]
+    steps = [*then, *result.next_steps] if result.is_usable else [*result.next_steps, *then]
     most = 2 - len(said)
     say(*(sentence(step, option) for step in steps[:most]))
     if details:
@@ -124,7 +124,7 @@ def _values(result: Identification) -> list[tuple[str, ...]]:
     Where some parameters depend on values that nobody gave, quantities that do not come first.
     A model that cannot be used says nothing about the drive.
     """
-    if not result.is_recommended:
+    if not result.is_usable:
         return []
     name = result.chosen.model.name
     of_sensor = ("sensor.", "drive.")
@@ -210,7 +210,7 @@ def models_table(result: Identification, most: int | None = None) -> Table:
     return Table(
         ("model", *("output",) * several, "parameters", rmse, "fit %", "verdict"),
         tuple(lines),
-        f"on {result.ranked_on} ({result.unseen.name}), the smallest error first{left}",
+        f"on {result.ranked_on} ({result.unseen.name}), the best first{left}",
         text_columns=1 + several,
         ends_in_text=True,
     )

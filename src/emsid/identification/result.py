@@ -73,13 +73,18 @@ class Identification(Presented):
 
     @property
     def chosen(self) -> Fit[Any]:
-        """The recommended model: the best free run on the data that chose, or a plausible one as good within noise."""
+        """The best model: the best free run on the data that chose, or a plausible one as good within noise."""
         return self.on_unseen.best.fit
 
     @property
-    def is_recommended(self) -> bool:
-        """Whether `chosen` is recommended; where no model can be used, it is only the one with the smallest error."""
+    def is_usable(self) -> bool:
+        """Whether `chosen` can be used; where no model can, it is only the one with the smallest error."""
         return self.model_verdicts[0].code != "model-unusable"
+
+    @property
+    def is_recommended(self) -> bool:
+        """Whether `chosen` is recommended: it can be used, and no finding forbids to recommend it."""
+        return self.recommendation[0].code == "model-recommended"
 
     @property
     def recommended(self) -> Model:

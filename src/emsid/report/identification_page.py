@@ -182,7 +182,7 @@ def values(result: Identification) -> list[Fact]:
     Sensor and drive come last. A value that is equal forward and backward stands there once.
     """
     best = result.chosen.model.name
-    rows = determined(result.chosen) if result.is_recommended else []
+    rows = determined(result.chosen) if result.is_usable else []
     plant = [_parameter(row) for row in sorted(rows, key=lambda row: row.name.startswith(("sensor.", "drive.")))]
     plant = _once(plant)[:PARAMETERS]
     drive = _once([_fact(each, best) for each in result.characteristics])

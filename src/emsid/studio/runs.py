@@ -17,7 +17,7 @@ from emsid.studio.session import Session
 
 AT_ONCE = 2
 """Runs at the same time; further ones wait. Each uses a core."""
-FILES = frozenset({"task.json", "result.json", "problem.json", "shown.json", "recommended.json"})
+FILES = frozenset({"task.json", "result.json", "problem.json", "shown.json", "best.json"})
 """Files of a run that are no models of its own."""
 
 

@@ -111,8 +111,8 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
     say(kind="progress", doing="writing", done=0, total=None)
     for fit in result.fits:
         save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)
-    if result.is_recommended:
-        save(result.recommended_fit, run / "recommended.json", result.fitted_by_recommended, reading)
+    if result.is_usable:
+        save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
     atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
     write_runs(result, run)
     content = report(result, as_python)
@@ -144,7 +144,7 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
         "advice": content.advice,
         "models": models,
         "chosen": result.chosen.model.name,
-        "recommended": result.is_recommended,
+        "usable": result.is_usable,
         "ranking": [
             {"model": row.model, "fit": row.fit_percent, "rmse": row.simulation_rmse, "parameters": row.parameters}
             for row in (rows[name] for name in models)

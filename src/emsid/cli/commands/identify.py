@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from emsid.models.plants.drive import Bridge
     from emsid.record import Record
 
-RECOMMENDED = "recommended.json"
-"""The file of the recommended model with its parameters from all data."""
+BEST = "best.json"
+"""The file of the best model with its parameters from all data."""
 
 Files = Annotated[
     list[Path],
@@ -195,8 +195,7 @@ def identify(
     Models are ranked by their free run (simulation from the input alone) on unseen data, to which no model was fitted.
 
     The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for every
-    model, and the figures as SVG. The recommended model is also in recommended.json, fitted again to all data if they
-    are few.
+    model, and the figures as SVG. The best model is also in best.json, fitted again to all data if they are few.
 
     It prints at most 25 lines: which model, its error, what is known, what is not, what to do next; --details prints
     the rest.
@@ -296,8 +295,8 @@ def _run(
 
     def files(result: "Identification", data: dict[str, Any]) -> None:
         write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
-        if result.is_recommended:
-            save(result.recommended_fit, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+        if result.is_usable:
+            save(result.recommended_fit, out / BEST, result.fitted_by_recommended, reader.remembered)
 
     with one_blas_thread():  # also of what follows from the models: beside other programs, threads wait for each other
         with working() as control:
@@ -317,8 +316,8 @@ def _run(
             raise unwritten
         drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
-        written = [*(f"{fit.model.name}.json" for fit in result.fits), *([RECOMMENDED] * result.is_recommended)]
-        possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
+        written = [*(f"{fit.model.name}.json" for fit in result.fits), *([BEST] * result.is_usable)]
+        possible = [BEST, *(f"{name}.json" for name in candidates.CANDIDATES)]
         with reader_may_leave():
             say_where(out, drawn, "result.json", *written, possible=possible)
     if unshown is not None:

@@ -37,7 +37,7 @@ CV = (
 
 
 def models_table(result: Identification) -> Table:
-    """Every model with its errors, its number of parameters and the verdict on it, the smallest error first.
+    """Every model with its errors, its number of parameters and the verdict on it, the best first.
 
     With several outputs, each has a line. The numbers are those of `front_figure`.
     """
@@ -69,8 +69,8 @@ def models_table(result: Identification) -> Table:
     return Table(
         ("Model", *("Output",) * several, "No.", "Parameters", *fitted, *errors_heads, "Verdict"),
         tuple(lines),
-        f"On {result.ranked_on}, {result.unseen.name}, the smallest error first; the {bold_is} model is in bold. A "
-        "click on a heading sorts the rows.",
+        f"On {result.ranked_on}, {result.unseen.name}, by their errors, implausible ones last; the {bold_is} model is "
+        "in bold. A click on a heading sorts the rows.",
         " ".join(["No.: in the figure of error over parameters.", *[CV.format(folds)] * (folds > 1), *diverged]),
         text_columns=1 + several,
         ends_in_text=True,

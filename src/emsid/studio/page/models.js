@@ -83,7 +83,7 @@ async function result(card, run, app) {
     el("button", { class: "main", onclick: () => { app.run = run.number; app.go("compare"); } }, "Compare"),
     el("button", { onclick: () => { app.run = run.number; app.go("play"); } }, "Play"),
     el("a", { href: file("report.html"), target: "_blank", rel: "noopener" }, "Report"),
-    el("a", { href: file(found.recommended ? "recommended.json" : `${found.chosen}.json`), download: "" }, "Model file"),
+    el("a", { href: file(found.usable ? "best.json" : `${found.chosen}.json`), download: "" }, "Model file"),
     el("a", { href: file("result.json"), download: "" }, "result.json"),
     app.state.formats.map((format) => el("button", { onclick: () => attempt(() => save(run.number, found.chosen, format, allow.checked ? assumed : [])) }, `Export ${format}`))));
 }

@@ -12,6 +12,7 @@ from coverage_grey_box import (
     least_share,
 )
 from emsid.errors import DataError
+from emsid.estimation.estimates import Status
 from emsid.estimation.fit import Ending
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.free_run_error import Recent
@@ -157,6 +158,16 @@ def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
     assert found["drive.delay"].value == pytest.approx(1.4 * DT, abs=0.1 * DT)
     assert found["sensor.lag"].value == pytest.approx(4 * DT, abs=0.2 * DT)
     assert np.std(fit.simulated()[0] - record.output) == pytest.approx(count / np.sqrt(12), rel=0.05)
+
+
+def test_a_drift_of_the_load_does_not_make_the_resistance_look_identifiable():
+    """The model lacks a dead zone, which looks like a drift; its size is a part of the torque, which scales with K/R."""
+    count = 2 * np.pi / 600
+    exact = LATE.simulate(LEVELS[:, None], DT, np.array([0.0, 0.0, 0.0, 1.0]), (Signal.POSITION,))
+    record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
+    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, effects=("delay", "lag"))
+    status = {row.name: row.status for row in fit.table}
+    assert status["resistance"] is Status.KEPT
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------

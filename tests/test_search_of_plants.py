@@ -240,7 +240,9 @@ def test_the_rate_of_a_drift_is_found_where_the_first_samples_show_the_speed_ine
 def test_a_load_that_does_not_change_is_that_of_the_plant():
     u, state = 3 * levels(300, np.random.default_rng(0), 30)[:, None], np.array([0.1, 0.2, 0.1])
     for plant in (AXIS, AXIS.with_values({"drive.delay": 0.012}), AXIS.with_hold(Hold.FIRST)):
-        (under,) = plant.simulate_each([plant], [u], 5e-3, [[state]], (Signal.POSITION,), [np.full(300, 0.2)])
+        (under,) = plant.simulate_each(
+            [plant], [u], 5e-3, [[state]], (Signal.POSITION,), [np.full(300, 0.2 / plant.largest_force(u))]
+        )
         loaded = plant.with_values({"offset": plant.value("offset") + 0.2})
         assert np.allclose(under[0], loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
     two = DrivenMotor(Motor())

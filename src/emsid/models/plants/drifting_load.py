@@ -19,7 +19,8 @@ Near a drift d₀ the free run ŷ is linear in d with derivative M, so the error
 
 with P from q and τ. Least squares of the error times the inverse root of this covariance over σ², which is the
 identity but for K directions, is the maximum likelihood of θ with the drift integrated out. For small q it is the
-plain error; for large q it ignores whatever a drift can explain, but nothing else.
+plain error; for large q it ignores whatever a drift can explain, but nothing else. The drift is a part of the largest
+force of the plant at θ, so that d₀ does not determine the scale of the force, which a position alone does not show.
 
 References:
     Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sec. 2.7, on explicit basis functions.
@@ -76,14 +77,14 @@ class DriftingLoad:
     """The error of a segment under a load that drifts, linearised at a plant.
 
     Args:
-        loads: (K,) d₀ in the unit of the load.
+        drifted: (K,) d₀ as a part of the largest force.
         effects: (N, K) M, by a drift as a part of the largest force.
         missed: (N,) M·d₀.
         basis, shares: (N, K) orthonormal directions, and (K,) which share of the error in each is left out.
         drift: how the load drifts.
     """
 
-    loads: Array
+    drifted: Array
     effects: Array
     missed: Array
     basis: Array
@@ -110,13 +111,11 @@ class DriftingLoad:
             drift: how the load drifts.
             drifted: (K,) d₀ as a part of the largest force.
         """
-        force = plant.largest_force(segment.input)
-        loads = force * drifted
-        effects = force * load_effects(plant, segment, state, signals, loads, SMALL * force)
+        effects = load_effects(plant, segment, state, signals, drifted)
         values, vectors = np.linalg.eigh(drift.prior(len(segment) * segment.dt))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         basis, sizes, _ = np.linalg.svd(effects @ root / drift.noise, full_matrices=False)
-        return cls(loads, effects, effects @ drifted, basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2), drift)
+        return cls(drifted, effects, effects @ drifted, basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2), drift)
 
     def __call__(self, error: Array, dt: float) -> Array:
         """(…, N) e(θ) of the segment for ŷ(θ, d₀) − y, times the inverse root of its covariance, in its unit."""
@@ -134,23 +133,21 @@ class DriftingLoad:
         return seconds * int(np.argmax(seen)) / len(self.effects)
 
 
-def by_sample(loads: Array, samples: int) -> Array:
-    """(N,) the load at every sample of a segment, from (K,) those of its pieces."""
-    return np.asarray(loads[np.arange(samples) * len(loads) // samples])
+def by_sample(drifted: Array, samples: int) -> Array:
+    """(N,) the drift at every sample of a segment, from (K,) that of its pieces."""
+    return np.asarray(drifted[np.arange(samples) * len(drifted) // samples])
 
 
-def load_effects(
-    plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
-) -> Array:
-    """(N, K) the derivative of the free run by the load in every piece; a slow load does not see an inductance."""
+def load_effects(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], drifted: Array) -> Array:
+    """(N, K) the derivative of the free run by the drift in every piece; a slow load does not see an inductance."""
     if "inductance" in plant.handles:
         plant = plant.with_values({"inductance": 0.0})
-    drifts = [loads, *(loads + change * each for each in np.eye(PIECES))]
+    drifts = [drifted, *(drifted + SMALL * each for each in np.eye(PIECES))]
     plain, *runs = (_free_run(plant, segment, state, signals, each) for each in drifts)
-    return np.column_stack([(run - plain) / change for run in runs])
+    return np.column_stack([(run - plain) / SMALL for run in runs])
 
 
-def _free_run(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
-    """(N,) the free run of a segment under the load in every piece."""
-    held = by_sample(loads, len(segment))
+def _free_run(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], drifted: Array) -> Array:
+    """(N,) the free run of a segment under the drift in every piece."""
+    held = by_sample(drifted, len(segment))
     return plant.simulate_each([plant], [segment.input], segment.dt, [[state]], signals, [held])[0][0, :, 0]

@@ -167,7 +167,9 @@ class DrivenPlant(Plant):
         masses = [plant._as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
         if loads:
             against = on[0].held(loads)
-            masses = [mass._replace(force=mass.force - against) for mass in masses]
+            for k, plant in enumerate(plants):
+                sizes = [np.full(len(u), plant.largest_force(u)) for u in inputs]
+                masses[k] = masses[k]._replace(force=masses[k].force - on[0].held(sizes) * against)
         motion = moved(
             masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2], on[0].load
         )

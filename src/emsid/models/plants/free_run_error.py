@@ -96,7 +96,7 @@ def elsewhere(weighting: Weighting, plant: Plant, segments: Sequence[Record], si
     """
     if not isinstance(weighting, tuple) or not isinstance(plant, DrivenPlant):
         return weighting
-    drift, none = weighting[0].drift, np.zeros_like(weighting[0].loads)
+    drift, none = weighting[0].drift, np.zeros_like(weighting[0].drifted)
     return tuple(
         DriftingLoad.around(plant, segment, plant.first_state(signals, segment), signals, drift, none)
         for segment in segments
@@ -294,8 +294,8 @@ class FreeRunError:
                 here = [plant.of_record(record) for plant in plants]
                 segments, begin = [self.segments[k] for k in which], [[each[k] for k in which] for each in states]
                 loads: list[Array] = []
-                if isinstance(self.weighting, tuple) and any(self.weighting[k].loads.any() for k in which):
-                    loads = [by_sample(self.weighting[k].loads, len(self.segments[k])) for k in which]
+                if isinstance(self.weighting, tuple) and any(self.weighting[k].drifted.any() for k in which):
+                    loads = [by_sample(self.weighting[k].drifted, len(self.segments[k])) for k in which]
                 inputs = [segment.input for segment in segments]
                 runs = here[0].simulate_each(here, inputs, dt, begin, self.signals, loads)
                 for k, run in zip(which, runs, strict=True):

@@ -188,7 +188,8 @@ class Plant(ABC):
             dt: sample time in s.
             states: of every plant the initial state for every input.
             signals: of the outputs.
-            loads: (N,) for every input, held over every sample, besides that of the plant; of one mass only.
+            loads: (N,) for every input, held over every sample, besides that of the plant, as a part of the largest
+                force of each plant; of one mass only.
 
         Returns:
             (P, N, ny) for every input.

@@ -229,11 +229,9 @@ class _Choice:
             return self.weighting
         found, signals, weightings = self.found, self._trials.signals, []
         states = [self._scaling.output * state for state in self.trial.states]
-        drifting = zip(record.segments, self._record.segments, states, self.weighting, strict=True)
-        for segment, fewer, state, each in drifting:
-            drifted = each.loads / self.trial.plant.largest_force(fewer.input)
+        for segment, state, each in zip(record.segments, states, self.weighting, strict=True):
             drift = each.drift._replace(noise=self._scaling.output * each.drift.noise)
-            weightings.append(DriftingLoad.around(found, segment, state, signals, drift, drifted))
+            weightings.append(DriftingLoad.around(found, segment, state, signals, drift, each.drifted))
         return tuple(weightings)
 
     @property

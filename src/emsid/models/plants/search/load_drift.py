@@ -35,7 +35,7 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
+from emsid.models.plants.drifting_load import PIECES, DriftingLoad, LoadDrift, load_effects
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
 from emsid.models.plants.initial_state import InitialState, agree, begun, may_rest, starts_from_samples
@@ -153,10 +153,7 @@ def _estimated(
 ) -> tuple[DriftingLoad, ...]:
     """The drift that a trial shows, linearised at a known one; none where Schwarz's criterion prefers none."""
     plant, signals, segments = trial.plant, trials.signals, trials.segments
-    drifted = [np.zeros(PIECES) for _ in segments]
-    if known:
-        sizes = [plant.largest_force(segment.input) for segment in segments]
-        drifted = [each.loads / size for each, size in zip(known, sizes, strict=True)]
+    drifted = [each.drifted for each in known] or [np.zeros(PIECES) for _ in segments]
     around = list(zip(segments, trial.states, strict=True))
     try:
         plain = tuple(
@@ -243,7 +240,7 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
     (segment,), (state,) = task.segments, problem.states(problem.start)
     try:
         ((residual, jacobian),) = problem.exactly(problem.start)
-        raw = load_effects(plant, segment, state, task.signals, np.zeros(PIECES), SMALL * force)
+        raw = load_effects(plant, segment, state, task.signals, np.zeros(PIECES))
         effects = np.column_stack([task.weighting(column, segment.dt) for column in raw.T])
     except (EmsidError, Stopped):
         return none
@@ -252,7 +249,7 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
     basis, triangle = np.linalg.qr(jacobian[:, columns] / sizes)
     across = residual - basis @ (basis.T @ residual)
     best = _likeliest(
-        force * (effects - basis @ (basis.T @ effects)),
+        effects - basis @ (basis.T @ effects),
         across,
         across,
         [longest],
@@ -260,12 +257,12 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
     )
     if best.gained <= 0:
         return none
-    prior = force**2 * best.drift.prior(longest)
+    prior = best.drift.prior(longest)
     moves = np.zeros((len(minimum.estimate), PIECES))
     moves[columns] = np.linalg.lstsq(triangle, basis.T @ effects, rcond=1e-10)[0] / sizes[:, None]
     moved = moves[: len(names)]
-    mean = float(prior.mean())
-    finding = _finding(plant, names, load, prior, mean=float(np.sqrt(mean)))
+    mean = force**2 * float(prior.mean())
+    finding = _finding(plant, names, load, force**2 * prior, mean=float(np.sqrt(mean)))
     return Addition(moved @ prior @ moved.T + mean * np.outer(load, load), (finding,))
 
 

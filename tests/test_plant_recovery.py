@@ -161,11 +161,12 @@ def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
 
 
 def test_a_drift_of_the_load_does_not_make_the_resistance_look_identifiable():
-    """The model lacks a dead zone, which looks like a drift; its size is a part of the torque, which scales with K/R."""
+    """What looks like a drift is a part of the torque, which scales with K/R, and a position shows no scale."""
     count = 2 * np.pi / 600
     exact = LATE.simulate(LEVELS[:, None], DT, np.array([0.0, 0.0, 0.0, 1.0]), (Signal.POSITION,))
     record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
-    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, effects=("delay", "lag"))
+    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, effects=("dead-zone", "delay", "lag"))
+    assert "load-drifts" in {each.code for each in fit.findings}
     status = {row.name: row.status for row in fit.table}
     assert status["resistance"] is Status.KEPT
 

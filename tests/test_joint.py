@@ -462,6 +462,17 @@ def test_an_error_above_that_of_rounding_is_one_of_the_model() -> None:
     assert not [each for each in other.findings if each.code == "error-above-rounding"]  # the rest is noise
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_intervals_hold_the_truth_where_an_effect_is_missing_and_the_reading_has_no_noise(seed) -> None:
+    """A gear loses a part of the torque; least squares is off by two of its own half widths in inertia."""
+    gear = joint().with_frictions({"rotor_friction": PowerFriction(0.1, motor=0.1, outside=0.02)})
+    fit = emsid.fit(emsid.plants.joint(), recorded(gear, torque(1500, seed, 0.3)), search=False)
+    for name in ("rotor_viscous", "rotor_inertia", "gravity.torque", "gravity.angle"):
+        low, high = fit[name].interval
+        assert low <= joint().value(name) <= high
+        assert high - low < 0.5 * abs(joint().value(name)) or name == "rotor_viscous"
+
+
 # --- gravity that a record does not show -----------------------------------------------------------------------------
 
 

@@ -157,8 +157,8 @@ def error_above_rounding(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: ratio (of the error to that of rounding), step, unit."""
     step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
     return (
-        f"the error is {f.data['ratio']:.2g} times what rounding to {step} makes: an effect is missing, and the "
-        "intervals do not include its error"
+        f"the error is {f.data['ratio']:.2g} times what rounding to {step} makes: an effect is missing; the intervals "
+        "hold all parameters whose largest error is no larger"
     )
 
 

@@ -5,13 +5,14 @@ clusters, and an exact model is within half a step of every reading, which often
 than least squares (`emsid.estimation.uncertainty.rounding`). Initial states are then estimated too: a counter at rest
 shows them to half a step only. Where no parameters do that, an effect is missing or there is other noise; where an
 output stays at exactly one value while it rests, it has hardly any other noise, and a larger error is one of the model,
-which is the same in every part of the record and which intervals from the spread of the errors do not include.
+the same function of the motion everywhere, which intervals from the spread of the errors do not include. The intervals
+are then the extent of the parameters with which no error is larger than the largest one of least squares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
@@ -24,12 +25,12 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.rounding import quantisation
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.rounding import Extent, extent, runs
+from emsid.estimation.uncertainty.rounding import EXACT, Extent, extent, runs
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.task import Task
+from emsid.models.plants.search.task import Limits, Task
 
 Array = NDArray[np.float64]
 
@@ -113,64 +114,117 @@ def within_rounding(task: Task, problem: FreeRunError, names: Sequence[str], min
         names: (p,) the parameters that were estimated.
         minimum: where the search ended.
     """
-    model, p, steps = problem.plant.name, len(names), steps_of(problem)
-    unit, none = task.segments[0].output_units[0], Rounded(problem, minimum, ())
-    if steps is None:
+    p, steps = len(names), steps_of(problem)
+    free = minimum.free[:p] & np.isfinite(np.diag(minimum.covariance)[:p])
+    none = Rounded(problem, minimum, ())
+    if steps is None or not free.any():
+        return none
+    prevailing, of_model = prevails(problem, problem.residuals(problem.start)), _is_of_the_model(task)
+    if not prevailing and not of_model:
         return none
     step = float(steps[0, 0] * problem.output_scale[0])
-    if not prevails(problem, problem.residuals(problem.start)):
-        at_rest = any(_rests_exactly(segment.input[:, 0], segment.output[:, 0]) for segment in task.segments)
-        if task.signals != (Signal.POSITION,) or not at_rest:
-            return none
-        ratio = sqrt(12.0 * minimum.noise_variance) / step
-        data = {"ratio": ratio, "step": step, "unit": unit}
-        return none._replace(findings=(Finding("error-above-rounding", model, data),) if ratio > ABOVE else ())
-    free = minimum.free[:p] & np.isfinite(np.diag(minimum.covariance)[:p])
-    if not free.any():
-        return none
+    data = {"step": step, "unit": task.segments[0].output_units[0]}
+    about = _Polytope.of(replace(task, begins=InitialState.FREE), problem, names, free, steps[1])
     try:
-        found, set_of = _settled(replace(task, begins=InitialState.FREE), problem, names, free, steps[1])
+        found, set_of = about.settled() if prevailing else (about, None)
+        if prevailing and set_of is None:
+            return none
+        inside = set_of is not None and bool(set_of.half_width.any())
+        wide = about.widened() if of_model and not inside else None
     except (EmsidError, Stopped, np.linalg.LinAlgError):
         return none
-    if set_of is None:
-        return none
-    data = {"step": step, "unit": unit}
-    if not set_of.half_width.any():
-        return none._replace(findings=(Finding("outside-rounding", model, data | {"least": set_of.least}),))
-    before, covariance = np.sqrt(np.diag(minimum.covariance)[:p][free]), np.zeros((p, p))
-    own = int(free.sum())
-    covariance[np.ix_(free, free)] = set_of.covariance[:own, :own]
-    narrower = float(np.median(before / np.sqrt(np.diag(set_of.covariance)[:own])))
-    refined = replace(minimum, estimate=found.start[:p], covariance=covariance, free=minimum.free[:p])
-    return Rounded(found, refined, (Finding("within-rounding", model, data | {"narrower": narrower}),))
+    own, covariance = int(free.sum()), np.zeros((p, p))
+    if set_of is not None and inside:
+        covariance[np.ix_(free, free)] = set_of.covariance[:own, :own]
+        before = np.sqrt(np.diag(minimum.covariance)[:p][free])
+        data["narrower"] = float(np.median(before / np.sqrt(np.diag(set_of.covariance)[:own])))
+        estimate = found.problem.start[:p]
+        refined = replace(minimum, estimate=estimate, covariance=covariance, free=minimum.free[:p])
+        return Rounded(found.problem, refined, (Finding("within-rounding", problem.plant.name, data),))
+    if wide is not None:
+        covariance[np.ix_(free, free)] = wide.covariance[:own, :own]
+        minimum = replace(minimum, covariance=covariance, free=minimum.free[:p])
+    if set_of is not None:
+        finding = Finding("outside-rounding", problem.plant.name, data | {"least": set_of.least})
+    else:
+        ratio = sqrt(12.0 * minimum.noise_variance) / step
+        finding = Finding("error-above-rounding", problem.plant.name, data | {"ratio": ratio})
+    return Rounded(problem, minimum, (finding,))
 
 
-def _settled(
-    task: Task, problem: FreeRunError, names: Sequence[str], free: NDArray[np.bool_], largest: Array
-) -> tuple[FreeRunError, Extent | None]:
-    """The set, linearised at its centre again until that stays; None where it does not settle.
+@dataclass(frozen=True)
+class _Polytope:
+    """The parameters with which a linearised model is near every reading.
 
-    Args:
-        task: in which the initial states are estimated.
-        problem: begun at the minimum.
-        names: (p,) of the parameters.
-        free: (p,) which of them are neither fixed nor at a bound.
-        largest: (ny,) the largest error of every reading, in the units of the residual.
+    Attributes:
+        problem: begun at where it is linearised.
+        columns: which of its coordinates are free.
+        half: (N,) the largest error of every reading, in the units of the residual.
+        limits: of the parameters.
     """
-    found = task.problem(problem.plant, names, problem.states(problem.start))
-    columns = np.flatnonzero(np.append(free, np.ones(len(found.start) - len(names), bool)))
-    half = np.concatenate([np.repeat(largest, len(segment)) for segment in task.segments])
-    for _ in range(ROUNDS):
-        blocks = found.exactly(found.start)
-        lower, upper = (bound[columns] - found.start[columns] for bound in found.within(task.limits))
-        residual = np.concatenate([each for each, _ in blocks])
-        set_of = extent(residual, np.concatenate([each for _, each in blocks])[:, columns], half, lower, upper)
-        if np.all(np.abs(set_of.centre) <= SETTLED * set_of.half_width):
-            return found, set_of
-        theta = found.start.copy()
-        theta[columns] += set_of.centre
-        found = found.begun_at(theta)
-    return found, None if set_of.half_width.any() else set_of
+
+    problem: FreeRunError
+    columns: NDArray[np.intp]
+    half: Array
+    limits: Limits
+
+    @classmethod
+    def of(
+        cls, task: Task, problem: FreeRunError, names: Sequence[str], free: NDArray[np.bool_], largest: Array
+    ) -> _Polytope:
+        """About a minimum.
+
+        Args:
+            task: in which the initial states are estimated.
+            problem: begun at the minimum.
+            names: (p,) of the parameters.
+            free: (p,) which of them are neither fixed nor at a bound.
+            largest: (ny,) the largest error of every reading, in the units of the residual.
+        """
+        found = task.problem(problem.plant, names, problem.states(problem.start))
+        columns = np.flatnonzero(np.append(free, np.ones(len(found.start) - len(names), bool)))
+        half = np.concatenate([np.repeat(largest, len(segment)) for segment in task.segments])
+        return cls(found, columns, half, task.limits)
+
+    def settled(self) -> tuple[_Polytope, Extent | None]:
+        """Linearised at its centre again until that stays; without an extent where it does not settle."""
+        found = self
+        for _ in range(ROUNDS):
+            residual, jacobian, (lower, upper) = found._linear()
+            set_of = extent(residual, jacobian, self.half, lower, upper)
+            if np.all(np.abs(set_of.centre) <= SETTLED * set_of.half_width):
+                return found, set_of
+            theta = found.problem.start.copy()
+            theta[self.columns] += set_of.centre
+            found = replace(found, problem=found.problem.begun_at(theta))
+        return found, None if set_of.half_width.any() else set_of
+
+    def widened(self) -> Extent:
+        """With the largest error of the minimum in place of that of rounding; its extent is about the minimum.
+
+        An error of the model that is the same function of the motion everywhere is not smaller with other parameters
+        that are as good, so these are where no error is larger than the largest one of the minimum.
+        """
+        residual, jacobian, (lower, upper) = self._linear()
+        times = float(np.max(np.abs(residual) / self.half))
+        found = extent(residual, jacobian, times * (1 + EXACT) * self.half, lower, upper)
+        reach = 1.0 + np.abs(found.centre) / found.half_width
+        return found._replace(covariance=found.covariance * np.outer(reach, reach))
+
+    def _linear(self) -> tuple[Array, Array, tuple[Array, Array]]:
+        """The residual (N,), its derivative by what is free (N, q), and how far that may go down and up, (q,) each."""
+        blocks = self.problem.exactly(self.problem.start)
+        start = self.problem.start[self.columns]
+        lower, upper = (bound[self.columns] - start for bound in self.problem.within(self.limits))
+        jacobian = np.concatenate([each for _, each in blocks])[:, self.columns]
+        return np.concatenate([each for each, _ in blocks]), jacobian, (lower, upper)
+
+
+def _is_of_the_model(task: Task) -> bool:
+    """Whether an error above that of rounding is one of the model: the position rests exactly at a value."""
+    if task.signals != (Signal.POSITION,):
+        return False
+    return any(_rests_exactly(segment.input[:, 0], segment.output[:, 0]) for segment in task.segments)
 
 
 def _rests_exactly(u: Array, y: Array) -> bool:

@@ -120,7 +120,11 @@ CASES: dict[str, Callable[[], Case]] = {
     "dead-zone-likely": lambda: (2 * SLOW, dead(2 * SLOW, 4)),
     "amplitude-near-dead-zone": lambda: (SLOW, dead(SLOW, 7)),
     "coarse-values": lambda: (U, 10 * np.rint(motor(U) / 10)),
-    "values-cut-off": clipped,
+    "values-cut-off": lambda: (smooth(), np.clip(motor(smooth()), -6, None)),
+    "output-clipped": clipped,
+    "few-output-levels": lambda: (U, 20 * np.rint(np.clip(motor(U) / 20, -1, 1))),
+    "output-is-input": lambda: (U, -2.5 * U),
+    "input-logged-slower": lambda: (np.repeat(steps(hold=1)[::2], 2), motor(steps(hold=1))),
     "command-may-be-duty": lambda: (np.clip(np.round(20 * U), -100, 100), motor(U)),
     "command-limited": lambda: (np.clip(2 * smooth(), -4, 4), motor(np.clip(2 * smooth(), -4, 4))),
     "outliers": lambda: (U, spikes(motor(U))),
@@ -299,11 +303,13 @@ def test_outliers_hide_nothing_else() -> None:
 def test_both_limits_of_a_sensor_are_seen_behind_a_held_input() -> None:
     """A staircase rarely changes while the sensor is at a limit, so that the output could have settled there."""
     found = advice(record := Record(SLOW, np.clip(motor(SLOW, noise=0.3), -30, 20), 0.01), response_of(record))
-    limits = {finding.data["side"]: finding.data["limit"] for finding in found if finding.code == "values-cut-off"}
-    assert limits == {"lower": -30, "upper": 20}
+    limits = [(each.data["lower"], each.data["upper"]) for each in found if each.code == "output-clipped"]
+    assert limits == [(-30, 20)]
     square = np.sign(SLOW) * (np.abs(SLOW) > 5)
-    assert "values-cut-off" not in findings(square, motor(square, 0.5, noise=0))  # it settles, to the last digit
-    assert "values-cut-off" not in findings(SLOW, np.rint(motor(SLOW)))
+    assert not {"values-cut-off", "output-clipped"} & set(
+        findings(square, motor(square, 0.5, noise=0))
+    )  # it settles, to the last digit
+    assert not {"values-cut-off", "output-clipped"} & set(findings(SLOW, np.rint(motor(SLOW))))
 
 
 def test_times_that_were_resampled_are_not_taken_as_equal() -> None:
@@ -563,7 +569,7 @@ class TestQuestions:
 
     def test_a_saturated_sensor(self) -> None:
         (found,) = asked([Record(*clipped(), 0.01, output_names="y")])
-        assert (found.code, found.subject) == ("values-cut-off", "y")
+        assert (found.code, found.subject) == ("output-clipped", "y")
 
     def test_each_kind_is_given_once(self) -> None:
         records = [Record(U, spikes(motor(U)), 0.01, name=f"{k}") for k in range(3)]

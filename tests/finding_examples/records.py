@@ -67,6 +67,14 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4, "dt": 0.01}),
     Finding("sample-time-of-file", "other.csv", {"column": "t", "dt": 0.02, "before": 0.01}),
     Finding("data-resampled", "log.csv", {"dt": 0.01}),
+    Finding("outliers", "y", {"count": 2, "sample": 9, "size": 80.0, "confidence": 0.8, "mask": "", "masked": True}),
+    Finding("output-clipped", "y", {"lower": -5.0, "upper": 5.0, "unit": "rad/s", "share": 0.4}),
+    Finding(
+        "output-clipped", "y", {"lower": -5.0, "upper": 5.0, "unit": "", "share": 0.4, "mask": "y <= -5 OR y >= 5"}
+    ),
+    Finding("few-output-levels", "y", {"levels": 3}),
+    Finding("output-is-input", "y", {"input": "u", "factor": 2.0}),
+    Finding("input-logged-slower", "u", {"output": "y", "factor": 2, "dt": 0.001}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),
     Finding("aliasing-possible", "y", {"share": 0.15, "frequency": 175.0, "confidence": 0.5}),
     Finding("output-integrates", "y", {"input": "u"}),
@@ -126,6 +134,7 @@ EXAMPLES: tuple[Finding, ...] = (
         },
     ),
     Finding("values-missing", "y", {"count": 99, "rows": 2000}),
+    Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5, "masked": True}),
     *(Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5, "mask": mask}) for mask in ("", "y = 3.5")),
     Finding("position-differentiated", "qm", {"input": ""}),
     Finding("position-differentiated", "y", {"input": "u"}),

@@ -22,7 +22,6 @@ from emsid.cli.terminal import (
     text_table,
 )
 from emsid.estimation.estimates import Status
-from emsid.identification.characteristics import determined
 from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
 from emsid.report.numbers import both_directions
@@ -111,7 +110,8 @@ def _known(result: Identification) -> None:
     """Print values with their intervals, those of the plant first."""
     rows = _values(result)
     if not rows:
-        say(NOTHING_KNOWN)
+        fault = result.of_sensor
+        say(NOTHING_KNOWN if fault is None else f"known: nothing, since {sentence(fault, option)}")
         return
     left = further(len(rows) - VALUES, option)
     headings: dict[str, Any] = {"quantity": "left", "value": "right", "±": "right", "unit": "left", "model": "left"}
@@ -130,7 +130,7 @@ def _values(result: Identification) -> list[tuple[str, ...]]:
     of_sensor = ("sensor.", "drive.")
     plant = [
         (row.name, f"{row.value:.4g}", half_width(row), plain_unit(row.unit), _source(name, row.given))
-        for row in sorted(determined(result.chosen), key=lambda row: row.name.startswith(of_sensor))
+        for row in sorted(result.known, key=lambda row: row.name.startswith(of_sensor))
     ]
     inside = [each for each in plant if not each[0].startswith(of_sensor)]
     of_drive: list[tuple[str, ...]] = [
@@ -178,7 +178,7 @@ def _not_known(result: Identification) -> None:
 
 def _open(result: Identification) -> list[str]:
     """Names of the values that the chosen model has and the data do not determine."""
-    known = {row.name for row in determined(result.chosen)}
+    known = {row.name for row in result.known}
     table = capabilities_of(result.chosen.model).physical_rows(result.chosen)
     of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN, *((Status.ASSUMING,) if result.chosen.assumed else ()))
     names = [row.name for row in table if row.name not in known and row.status not in of_search]

@@ -137,7 +137,7 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         distinct=len(levels),
         step=quantisation(levels),
         codes=codes,
-        stuck=_stuck(values, levels),
+        stuck=stretches_without_change(values, levels),
         period=period,
         values=values if period is None else unwrapped(values, period),
     )
@@ -204,7 +204,7 @@ def _isolated(levels: Array, counts: NDArray[np.intp], side: int) -> int:
     return 0
 
 
-def _stuck(values: Array, levels: Array) -> tuple[Stretch, ...]:
+def stretches_without_change(values: Array, levels: Array) -> tuple[Stretch, ...]:
     """The longest stretch without change, if it is ten times longer than nearly all others, and the longest at 0."""
     if len(levels) < FEWEST_LEVELS:
         return ()

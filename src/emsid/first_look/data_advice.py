@@ -36,6 +36,8 @@ LINEAR_ORDER, FRICTION_ORDER = 4, 8
 """The order of excitation that a linear model of second order needs, and that of a regression with friction terms."""
 TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
+SAME_SIGNAL = 1e-6
+"""Two channels with this largest difference, as a share of the largest value, are one signal in another unit."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
 
@@ -83,6 +85,12 @@ def _useless(record: Record) -> Iterable[Finding]:
             yield Finding("output-constant", name, data | {"input_unit": record.input_units[0]})
         elif name in record.output_names or not (x[0] and settles(record)):
             yield Finding("channel-constant", name, data)
+    y = record.output[:, 0]
+    if np.ptp(u) and np.ptp(y):
+        k = int(np.argmax(np.abs(u)))  # the ratio of the largest values, of which no square is needed
+        if y[k] and np.max(np.abs(y / y[k] - u / u[k])) <= SAME_SIGNAL:
+            data = {"input": record.input_names[0], "factor": float(y[k] / u[k])}
+            yield Finding("output-is-input", record.output_names[0], data)
 
 
 def excitation(data: Examined) -> Iterable[Finding]:
@@ -264,10 +272,14 @@ QUESTIONABLE = frozenset(
         "all-standstill",
         "command-before-its-row",
         "feedback-likely",
+        "few-output-levels",
+        "input-logged-slower",
         "no-response",
         "outliers",
+        "output-clipped",
         "output-drifts",
         "output-integrates",
+        "output-is-input",
         "output-noise-only",
         "output-without-sign",
         "response-negative",
@@ -326,6 +338,9 @@ def questions(records: Sequence[Record], responses: Sequence[Response | None]) -
     """
     found: dict[str, Finding] = {}
     for record, answered in zip(records, responses, strict=True):
+        for finding in _useless(record) if record.output.shape[1] else ():
+            if finding.code in QUESTIONABLE:
+                found.setdefault(finding.code, finding)
         if answered is None:
             continue
         data = Examined(record, answered, TOLERANCE)

@@ -19,6 +19,7 @@ import numpy as np
 from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.levels import PART
+from emsid.first_look.measurement import CLIPPED
 from emsid.first_look.outliers import limit_of_ordinary, outliers_of
 
 STUCK, STOP = "value-stuck", "joint-at-stop"
@@ -118,4 +119,10 @@ def _exact(number: float) -> str:
     return repr(number).removesuffix(".0")
 
 
-_CONDITIONS = {STUCK: _stuck, STOP: _cut_off, "values-cut-off": _cut_off}
+def _clipped(finding: Finding, column: Column) -> str:
+    """The condition for both limits of an output."""
+    name = in_expression(column)
+    return f"{name} <= {_exact(column.low)} OR {name} >= {_exact(column.high)}"
+
+
+_CONDITIONS = {STUCK: _stuck, STOP: _cut_off, "values-cut-off": _cut_off, CLIPPED: _clipped}

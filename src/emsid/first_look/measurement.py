@@ -18,14 +18,19 @@ from emsid.estimation.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of
-from emsid.first_look.levels import MOST, PART, SAME
+from emsid.first_look.levels import FEW, LAGS, MOST, PART, SAME
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.stops import stops
+from emsid.selection.improvement import DIFFERENT
 
 Array = NDArray[np.float64]
 
+CLIPPED = "output-clipped"
+"""The finding about an output that stands at both ends of its range."""
 FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
+FEWEST_CHANGES = 30
+"""Fewer changes of a signal show no rate at which it is updated."""
 FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 
@@ -38,10 +43,13 @@ def resolution(data: Examined) -> Iterable[Finding]:
         levels, counts = np.unique(x, return_counts=True)
         step = quantisation(levels)
         is_output = name == data.output
-        if is_output and step is not None and x.std() < FEW_STEPS * step:
+        if is_output and len(levels) <= FEW:
+            yield Finding("few-output-levels", name, {"levels": len(levels)})
+        elif is_output and step is not None and x.std() < FEW_STEPS * step:
             yield Finding("coarse-values", name, {"step": step, "unit": unit, "levels": float(x.std() / step)})
         if len(levels) < FEWEST_LEVELS:
             continue
+        limits = []
         for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
             share = float(counts[k] / counts.sum())
             is_zero = abs(levels[k]) <= SAME * np.max(np.abs(x))
@@ -54,7 +62,12 @@ def resolution(data: Examined) -> Iterable[Finding]:
                 code = "joint-at-stop"
             else:
                 code = "values-cut-off" if is_output else "command-limited"
-            yield Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share})
+            limits.append(Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share}))
+        if [each.code for each in limits] == ["values-cut-off"] * 2:  # a tank or an axis at one end is no such sensor
+            lower, upper = (each.data["limit"] for each in limits)
+            share = sum(each.data["share"] for each in limits)
+            limits = [Finding(CLIPPED, name, {"lower": lower, "upper": upper, "unit": unit, "share": share})]
+        yield from limits
 
 
 def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
@@ -92,6 +105,7 @@ def outliers(data: Examined) -> Iterable[Finding]:
 def sampling(data: Examined) -> Iterable[Finding]:
     """Repeated samples, aliasing, and the sample time against the time constant."""
     dt = data.record.dt
+    yield from _input_logged_slower(data)
     held = repeated(data.y[~data.near_zero] if (~data.near_zero).any() else data.y)
     if held > 1:
         yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})
@@ -115,6 +129,29 @@ def sampling(data: Examined) -> Iterable[Finding]:
         yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
 
 
+def _input_logged_slower(data: Examined) -> Iterable[Finding]:
+    """An input that changes at every k-th row only, though the drive follows one that changes more often.
+
+    A command that is held explains every sample. After one that has changed unseen, one-step errors are larger than
+    after a new one: by 2 to 30 in the square for signals of noise, PRBS and drifts, k of 2 to 5, and at most by 1.4 for
+    held ones. A nonlinearity, which a linear model lacks, makes them largest after a new one.
+    """
+    changes = np.flatnonzero(np.diff(data.u)) + 1
+    if len(changes) < FEWEST_CHANGES or data.response.delay is None:
+        return
+    k, delay = int(np.gcd.reduce(np.diff(changes))), max(data.response.delay, 1)
+    if k < 2 or len(data.y) <= LAGS + delay:
+        return
+    t, lags = np.arange(LAGS + delay, len(data.y)), range(1, LAGS + 1)
+    past = [data.y[t - lag] for lag in lags] + [data.u[t - delay - lag + 1] for lag in lags]
+    regressors = np.column_stack([*past, np.ones(len(t))])
+    errors = data.y[t] - regressors @ np.linalg.lstsq(regressors, data.y[t], rcond=None)[0]
+    phase = (t - delay - changes[0]) % k
+    squares = [float(np.mean(errors[phase == each] ** 2)) for each in range(k)]
+    if DIFFERENT * squares[0] < min(squares[1:]):
+        yield Finding("input-logged-slower", data.input, {"output": data.output, "factor": k, "dt": data.record.dt})
+
+
 def _settles_without_trend(data: Examined) -> bool:
     """Whether a model that settles within the record explains the output but for its trend: it drifts then."""
     settling, longest = data.linear_without_trend, max(map(len, data.record.segments))
@@ -134,7 +171,7 @@ def _is_proportional(data: Examined) -> bool:
 def repeated(y: Array) -> int:
     """How many times every value of y (N,) is repeated, as where a log is faster than its sensor; 1 where it is not."""
     changes = np.flatnonzero(np.diff(y) != 0)
-    if len(changes) < 30:
+    if len(changes) < FEWEST_CHANGES:
         return 1
     distances, sizes = np.diff(changes), np.abs(y[changes + 1] - y[changes])
     usual = int(np.median(distances))

@@ -9,12 +9,14 @@ from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from emsid.estimation.borders import border, collected
+from emsid.estimation.estimates import Estimate
 from emsid.findings import Finding, plain
-from emsid.identification.characteristics import characteristics
+from emsid.identification.characteristics import characteristics, determined
 from emsid.identification.conclusions import measurements, next_steps, verdicts
 from emsid.identification.curves import curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
+from emsid.identification.verdict import OF_SENSORS
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve
 from emsid.presentation import Presented
@@ -85,6 +87,16 @@ class Identification(Presented):
     def is_recommended(self) -> bool:
         """Whether `chosen` is recommended: it can be used, and no finding forbids to recommend it."""
         return self.recommendation[0].code == "model-recommended"
+
+    @property
+    def of_sensor(self) -> Finding | None:
+        """What was found about how the channels were measured, after which no estimate is known; None for nothing."""
+        return next((each for each in self.findings if each.code in OF_SENSORS), None)
+
+    @property
+    def known(self) -> list[Estimate]:
+        """The parameters of `chosen` that the data determine; none of a model or of a sensor that cannot be used."""
+        return determined(self.chosen) if self.is_usable and self.of_sensor is None else []
 
     @property
     def recommended(self) -> Model:
@@ -165,9 +177,10 @@ class Identification(Presented):
     def characteristics(self) -> tuple[Characteristic, ...]:
         """Gain, time constant, dead zone and friction, as far as the models have them, with their intervals.
 
-        A plant that is unstable without its controller never settles, so it has none of them.
+        A plant that is unstable without its controller never settles, so it has none of them, and neither has one
+        whose sensor cannot be used.
         """
-        if any(finding.code == "unstable-in-loop" for finding in self.findings):
+        if self.of_sensor is not None or any(finding.code == "unstable-in-loop" for finding in self.findings):
             return ()
         return self._part("characteristics", lambda: characteristics(self.on_unseen, self.record), ())
 

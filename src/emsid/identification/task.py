@@ -14,6 +14,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.first_look.data_advice import questions, response_of
 from emsid.first_look.dynamics import Response
+from emsid.first_look.faults import without_faults
 from emsid.first_look.stops import without_stops
 from emsid.identification.candidates import lift_an_arm, usual_for, with_unit_of_name
 from emsid.identification.delay import with_delay
@@ -89,6 +90,7 @@ class Task:
         """
         several = given_records(records, reading)
         others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
+        several, others = tuple(map(without_faults, several)), tuple(map(without_faults, others))
         record = _long_enough(as_one(several))
         check_sizes(record)
         names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free), control)

@@ -47,12 +47,14 @@ NO_INPUT = "input-explains-nothing"
 NO_GAIN = "no-gain-over-trend"
 """The reason against a model that follows the output no better than a straight line does, without any input."""
 UNTESTED: Reason = {"code": "residual-untested"}
+OF_SENSORS = frozenset({"output-clipped", "few-output-levels", "input-logged-slower", "samples-repeated"})
+"""Findings about how the channels were measured, after which no estimate is known, however narrow its interval."""
 LEVELS = ("model-supported", "model-limited", "model-implausible", "model-unusable")
 """The verdicts, the best first. A reason allows none better than the second one."""
 ALLOWED: Mapping[str, str] = {
-    **dict.fromkeys(("diverges", "no-better-than-mean", NO_INPUT), "model-unusable"),
+    **dict.fromkeys(("diverges", "no-better-than-mean", NO_INPUT, "output-is-input"), "model-unusable"),
     **dict.fromkeys(IMPLAUSIBLE, "model-implausible"),
-    **dict.fromkeys((*LACKS, "no-response", "end-shows-little", "few-levels", NO_GAIN), "model-limited"),
+    **dict.fromkeys((*LACKS, *OF_SENSORS, "no-response", "end-shows-little", "few-levels", NO_GAIN), "model-limited"),
 }
 """The best verdict on a model that a reason or a finding allows: a finding about no model concerns all of them. A model
 with one of them is not recommended, even where it is the best one."""

@@ -92,7 +92,10 @@ def hold_back_records(
 
 
 def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
-    """The first and the last but one sample of the part to hold back: the last one that shows enough, or the end.
+    """The first sample of the part to hold back and the one after its last.
+
+    It is the last part that shows enough and leaves enough. Where no part does, as after a long rest before the only
+    motion, it is the end from where this fraction of the changes of the inputs is left, or that of the samples.
 
     Args:
         record: all data.
@@ -101,6 +104,9 @@ def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
     first = round((1 - fraction) * len(record))
     size = len(record) - first
     parts = [(k, k + size) for k in range(first, -1, -max(size // 2, 1))]
+    changes = np.flatnonzero(np.diff(record.input, axis=0).any(axis=1)) + 1
+    if len(changes):
+        parts.append((int(changes[round((1 - fraction) * (len(changes) - 1))]), len(record)))
     return next((part for part in parts if shares(record, *part).min() >= FAIR), parts[0])
 
 

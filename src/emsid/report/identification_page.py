@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from emsid.errors import listed
 from emsid.estimation.borders import border, collected
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
-from emsid.identification.characteristics import determined
 from emsid.identification.result import Identification
 from emsid.identification.verdict import NO_INPUT
 from emsid.models.characteristics import Characteristic
@@ -182,8 +181,9 @@ def values(result: Identification) -> list[Fact]:
     Sensor and drive come last. A value that is equal forward and backward stands there once.
     """
     best = result.chosen.model.name
-    rows = determined(result.chosen) if result.is_usable else []
-    plant = [_parameter(row) for row in sorted(rows, key=lambda row: row.name.startswith(("sensor.", "drive.")))]
+    plant = [
+        _parameter(row) for row in sorted(result.known, key=lambda row: row.name.startswith(("sensor.", "drive.")))
+    ]
     plant = _once(plant)[:PARAMETERS]
     drive = _once([_fact(each, best) for each in result.characteristics])
     assumed = [

@@ -9,7 +9,7 @@ from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
 from emsid.wording.durations import duration, sample_time
-from emsid.wording.lists import assigned, shortened
+from emsid.wording.lists import assigned, ordinal, shortened
 from emsid.wording.sureness import how_sure
 
 NOTABLE_DISTORTION, HIDDEN_DISTORTION = 0.02, 0.05
@@ -335,14 +335,50 @@ def command_limited(f: Finding, argument: Spelling) -> str:
 
 @words("outliers", Severity.WARNING)
 def outliers(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: count, sample, size, confidence, mask (a condition, empty where none is known)."""
+    """Subject: the output. Data: count, sample, size, confidence, mask (a condition, empty where none is known), and
+    masked where they are left out."""
     d = f.data
     many = d["count"] > 1
     condition = f" {d['mask']!r}" if d["mask"] else ""
+    out = f"leave {'them' if many else 'it'} out with {argument('mask')}{condition}"
     return (
         f"{f.subject} {how_sure(d['confidence'])} has {d['count']} outlier{'s' * many} of up to {d['size']:.3g}, "
-        f"{'the first' if many else 'it is'} at sample {d['sample']}; leave {'them' if many else 'it'} out with "
-        f"{argument('mask')}{condition}"
+        f"{'the first' if many else 'it is'} at sample {d['sample']}; "
+        + (f"{'they are' if many else 'it is'} left out" if d.get("masked") else out)
+    )
+
+
+@words("output-clipped", Severity.WARNING)
+def output_clipped(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: lower, upper, unit, share, mask (a condition; absent or empty where none is known)."""
+    d = f.data
+    condition = f" {d['mask']!r}" if d.get("mask") else ""
+    return (
+        f"{f.subject} is clipped to {d['lower']:.4g} … {_in_unit(d['upper'], d['unit'])} in {100 * d['share']:.2g} % "
+        f"of the samples; leave them out with {argument('mask')}{condition}"
+    )
+
+
+@words("few-output-levels", Severity.WARNING)
+def few_output_levels(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: levels."""
+    return f"{f.subject} has {f.data['levels']} values only, which show no dynamics; measure it with a finer sensor"
+
+
+@words("output-is-input", Severity.WARNING)
+def output_is_input(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, factor."""
+    d = f.data
+    return f"{f.subject} is {d['factor']:.4g} times {d['input']} in every row: one signal twice; check the columns"
+
+
+@words("input-logged-slower", Severity.WARNING)
+def input_logged_slower(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: output, factor, dt (s)."""
+    d = f.data
+    return (
+        f"{f.subject} changes at every {ordinal(d['factor'])} row, and {d['output']} does not follow the rows between; "
+        f"log both at one rate, or keep every {ordinal(d['factor'])} row with {argument('decimate')} {d['factor']}"
     )
 
 
@@ -367,9 +403,9 @@ def samples_repeated(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: factor, dt (s), better (s)."""
     d = f.data
     return (
-        f"{f.subject} changes at every {d['factor']}th sample only: it is measured every {duration(d['better'])} "
-        f"and logged every {duration(d['dt'])}. Keep every {d['factor']}th sample with {argument('decimate')} "
-        f"{d['factor']}"
+        f"{f.subject} changes at every {ordinal(d['factor'])} sample only: it is measured every "
+        f"{duration(d['better'])} and logged every {duration(d['dt'])}. Keep every {ordinal(d['factor'])} sample with "
+        f"{argument('decimate')} {d['factor']}"
     )
 
 

@@ -246,8 +246,14 @@ def isolated_values(f: Finding, argument: Spelling) -> str:
 
 @words("value-stuck", Severity.WARNING)
 def value_stuck(f: Finding, argument: Spelling) -> str:
-    """Subject: the column. Data: row, length, value, mask (a condition; absent or empty where none is known)."""
+    """Subject: the column. Data: row, length, value, and mask (a condition; absent or empty where none is known) or
+    masked."""
     d = f.data
+    if d.get("masked"):
+        return (
+            f"{f.subject} stays at {d['value']:g} for {d['length']} samples from sample {d['row']} on, while the input "
+            "changes; they are left out"
+        )
     mask = f"{argument('mask')} {d['mask']!r}" if d.get("mask") else f"{argument('rows')} or {argument('mask')}"
     return (
         f"{f.subject} stays at {d['value']:g} for {d['length']} rows from data row {d['row']} on; if the log stood "

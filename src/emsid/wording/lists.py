@@ -37,3 +37,13 @@ def assigned(name: str, value: str) -> str:
     """
     text = f"{name}={value}"
     return text if quote(name) == name else quote(text)
+
+
+def ordinal(number: int) -> str:
+    """A whole number as an ordinal.
+
+    >>> [ordinal(k) for k in (1, 2, 3, 4, 11, 12, 22)]
+    ['1st', '2nd', '3rd', '4th', '11th', '12th', '22nd']
+    """
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"

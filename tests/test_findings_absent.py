@@ -25,6 +25,7 @@ QUIET = "test_live.py::test_a_source_without_faults_gives_no_finding"
 ELSEWHERE = {
     "change-detected": QUIET,
     "source-gap": QUIET,
+    "nothing-excites": QUIET,
     "samples-not-tracked": QUIET,
     "source-disconnected": QUIET,
     "source-silent": QUIET,

@@ -36,7 +36,7 @@ def test_the_estimate_over_time_has_many_points_also_where_a_file_comes_at_once(
 
 def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     absent = {"change-detected", "source-gap", "samples-not-tracked", "source-disconnected", "source-silent"}
-    absent |= {"lines-not-used", "log-not-written", "tracking-errors-coloured"}
+    absent |= {"lines-not-used", "log-not-written", "tracking-errors-coloured", "nothing-excites"}
     session, found = tracked(lines(3000), folder=tmp_path, settings=Settings(0.1, patience=1, false_alarm=3600))
     assert not absent & set(findings(found))
     assert [each["kind"] for each in found if each["kind"] != "estimate"] == ["start", "end"]
@@ -61,6 +61,17 @@ def test_errors_that_follow_each_other_are_said(tmp_path: Path) -> None:
         rows[k] = f"{before},{float(y) + np.sin(k / 10):.6f}"
     _, found = tracked("\n".join([*rows, ""]).encode(), folder=tmp_path)
     assert "tracking-errors-coloured" in findings(found)
+
+
+@pytest.mark.parametrize("samples", [100, 1000])
+def test_a_source_at_zero_volts_excites_nothing_and_that_is_said_once(tmp_path: Path, samples: int) -> None:
+    noise = np.random.default_rng(0).standard_normal(samples)
+    rows = [lines(2).decode().splitlines()[0], *(f"{k},{k * DT:.4f},0,{y:.6f}" for k, y in enumerate(noise))]
+    session, found = tracked("\n".join([*rows, ""]).encode(), folder=tmp_path)
+    assert findings(found).count("nothing-excites") == 1
+    assert session.counts["samples"] == samples
+    _, driven = tracked(lines(samples), folder=tmp_path / "driven")
+    assert "nothing-excites" not in findings(driven)
 
 
 def test_a_change_of_the_motor_is_announced_with_its_delay(tmp_path: Path) -> None:

@@ -34,6 +34,8 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 Message = dict[str, Any]
 
+UNCHANGED = 200
+"""Samples after which an input that has not changed is said to excite nothing; a test signal changes sooner."""
 SILENT = 5.0
 """Seconds without a byte after which a source is called silent."""
 HEADER = 1.0
@@ -301,7 +303,22 @@ class _Work:
         if now - self.estimated >= self.settings.every and session.tracking is not None:
             self.estimated = now
             yield from self.report_unused()
+            yield from self.report_constant(UNCHANGED)
             yield self.estimate()
+
+    def report_constant(self, samples: int) -> Iterator[Message]:
+        """Say once that nothing excites the system, where no input has changed in so many samples."""
+        session, tracking = self.session, self.session.tracking
+        if tracking is None or tracking.last is None or tracking.samples < samples:
+            return
+        if np.any(tracking.highest > tracking.lowest) or "nothing-excites" in {each.code for each in session.findings}:
+            return
+        of = tracking.last
+        inputs = [
+            {"name": name, "level": float(level), "unit": unit}
+            for name, level, unit in zip(of.input_names, tracking.highest, of.input_units, strict=True)
+        ]
+        yield self.found(Finding("nothing-excites", session.name, {"inputs": inputs, "samples": tracking.samples}))
 
     def report_unused(self) -> Iterator[Message]:
         """Report lines that are no samples: in one message during the session, and with their number at the end."""
@@ -318,6 +335,7 @@ class _Work:
     def conclude(self) -> Iterator[Message]:
         """Findings at the end, about the lines and about the prediction errors."""
         yield from self.report_unused()
+        yield from self.report_constant(1)
         tracking = self.session.tracking
         if tracking is not None and tracking.correlation > COLOURED:
             yield self.found(Finding("tracking-errors-coloured", data={"correlation": tracking.correlation}))

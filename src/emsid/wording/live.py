@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from emsid.findings import Finding
+from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import listed
 
 CAUSES = {
     "lost": "the source has left them out",
@@ -58,6 +60,15 @@ def source_disconnected(f: Finding, argument: Spelling) -> str:
 def source_silent(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: seconds."""
     return f"{f.subject} has sent nothing for {f.data['seconds']:.3g} s"
+
+
+@words("nothing-excites", Severity.WARNING)
+def nothing_excites(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: inputs (name, level, unit), samples."""
+    stays = listed(
+        [f"{x['name']} stays at {with_unit(format(x['level'], '.4g'), x['unit'])}" for x in f.data["inputs"]]
+    )
+    return f"{stays}, which excites nothing: the gain is not determined; change the input while tracking"
 
 
 @words("lines-not-used", Severity.WARNING)

@@ -28,6 +28,7 @@ from emsid.first_look.levels import CHANCE, EXPLAINS, FEWEST_SAMPLES, LAGS, MOST
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
+from emsid.first_look.responses import SEEN, answers
 from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
 from emsid.record import Record
 from emsid.wording import sentence as worded
@@ -303,7 +304,22 @@ def response_of(record: Record, *, integrates: bool = False) -> Response | None:
         return None
     clean = without_outliers(record)
     found = response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
-    return _as_modelled(found, middle(clean, SAMPLES))
+    return _as_modelled(_as_simulated(found, clean), middle(clean, SAMPLES))
+
+
+def _as_simulated(found: Response, record: Record) -> Response:
+    """A response with the sign of the simulated one that explains the output best, of both signs, if one does.
+
+    A correlation has the wrong sign in a closed loop, and at a delay of half a period. A periodic input shows neither
+    delay nor sign alone: of the delays that explain the output as well, the shortest one is taken.
+    """
+    table = np.column_stack([record.input[:, 0], record.output[:, 0]])
+    answer = answers(table, [0, *record.breaks]).get((0, 1))
+    if answer is None or answer.evidence < SEEN:
+        return found
+    sign = 0 if answer.ambiguous else answer.sign
+    shorter = answer.periodic and found.delay is not None and answer.delay < found.delay
+    return replace(found, sign=sign, delay=answer.delay if shorter else found.delay)
 
 
 def _as_modelled(found: Response, record: Record) -> Response:

@@ -7,8 +7,9 @@ output.
 
 The sign of such a plant is a pole outside the unit circle in a regression one step ahead, from every quarter of the
 record. Noise may move a pole out a little, as that of a position at 1; so it counts only if an error would grow by
-`RUNAWAY` over a quarter. Models are then ranked by their predictions over the samples in which an error grows by the
-factor e.
+`RUNAWAY` over a quarter. Where the input repeats itself, or moves the output within its row, such a regression has
+other solutions; so a plant that the simulated response of a simple stable system explains is not one of these. Models
+are then ranked by their predictions over the samples in which an error grows by the factor e.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.findings import Finding
+from emsid.first_look.levels import PART
+from emsid.first_look.responses import answers
 from emsid.models.free_run import RUNAWAY
 from emsid.models.regression.structures import arx
 from emsid.record import Record
@@ -37,6 +40,10 @@ def unstable_pole(record: Record) -> float | None:
         record: one input and one output.
     """
     if record.input.shape[1] != 1 or record.output.shape[1] != 1:
+        return None
+    table = np.column_stack([record.input[:, 0], record.output[:, 0]])
+    answer = answers(table, [0, *record.breaks]).get((0, 1))
+    if answer is not None and answer.left < PART and not answer.integrates:
         return None
     segment = max(record.segments, key=len)
     size, found = len(segment) // QUARTERS, []

@@ -1,0 +1,257 @@
+r"""How much of one column another one explains: the evidence for a pair of input and output.
+
+Every column u drives a bank of simple responses: static and of first order with time constants τ over three decades,
+each also integrated, from a steady start and from rest, at several delays. Only a gain of any sign, and a drift of what
+is integrated, are fitted to a column y, on half of `STRETCHES` stretches; the response on the other half, a free run,
+leaves a share λ of the variance of y. The evidence that u drives y is, in nats,
+
+    E = W/2 · log(λ₀/λ),      λ₀ what a straight line leaves, or the responses to columns shifted against u,
+
+where W (`WITNESSES`) counts the independent errors: all these models are wrong in detail, so more rows say no more.
+A slow system is seen in means over several rows, a fast one in the rows themselves; both are tried (`SCALES`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.filtering import filtered
+
+Array = NDArray[np.float64]
+
+MOST, FEWEST = 2000, 24
+"""Rows of an excerpt: twenty time constants of a hundred. With fewer than the second, no response is fitted."""
+SCALES = (1, 8, 64, 512)
+"""Rows to average; the time constants span a factor of 300, so that none falls between."""
+TIME_CONSTANTS = (0, 0.5, 1, 1.8, 3, 5.6, 10, 18, 30, 56, 100, 180, 300)
+"""In rows, four a decade: one between two of them loses less than 1 % of the variance."""
+DELAYS, AHEAD = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32), (-1, -2, -4, -8, -16)
+"""In rows; no cause acts ahead of itself, so that a response ahead speaks for the other order."""
+BLOCKS, STRETCHES = 8, 32
+"""A level is free in every block, as offsets add up in a position; odd stretches judge even ones, and the reverse."""
+WITNESSES = 8
+"""Independent errors, one a block."""
+SEEN = 3.0
+"""From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
+SHIFTS = (0.23, 0.41, 0.59, 0.77)
+"""Parts of the record by which columns are shifted, to see what chance explains; no ratios of small whole numbers."""
+WITHIN, WITHIN_PERIODIC = 0.15, 0.5
+"""Errors that differ by less are equal: the grids are coarse and records short; a periodic input shows the shape of a
+response less well than the delay that is nearest to it."""
+ROUGH = 0.003
+"""Of the variance: what dry friction leaves of a linear model of first order at the right delay."""
+PERIODIC = 0.85
+"""The correlation of a periodic column with itself one period later."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How one column answers another one.
+
+    Attributes:
+        evidence: that the other one drives it, in nats.
+        left: share of its variance that the best response leaves.
+        ahead: the same evidence, in nats, for the best response ahead of time over the best later one.
+        integrates: whether it is an integral of the response, as a position is.
+        static: whether it follows without lag or delay.
+        delay: the shortest delay in rows of the responses that are as good.
+        gain: of that response.
+        ambiguous: whether a response of the other sign is as good.
+        periodic: whether the other one is periodic, so that later delays are as good.
+    """
+
+    evidence: float
+    left: float
+    ahead: float
+    integrates: bool
+    static: bool
+    delay: int
+    gain: float
+    ambiguous: bool
+    periodic: bool
+
+    @property
+    def sign(self) -> int:
+        """Of its gain: 1 or −1."""
+        return int(np.sign(self.gain))
+
+
+def answers(table: Array, starts: Sequence[int] = (0,)) -> Mapping[tuple[int, int], Answer]:
+    """For pairs (u, y) of the columns of a table (N, k), how y answers u.
+
+    Args:
+        table: numbers without gaps, a row for each sample.
+        starts: the first row of every run.
+    """
+    found: dict[tuple[int, int], Answer] = {}
+    for scale in SCALES:
+        if table.shape[1] > 1 and len(table) >= (MOST // 4 * scale if scale > 1 else FEWEST):
+            for pair, answer in _at_scale(*_excerpt(table, starts, scale), scale).items():
+                # a coarser scale has to be clearly better
+                if pair not in found or answer.evidence > found[pair].evidence + log(1 + scale) / 2:
+                    found[pair] = answer
+    return found
+
+
+def _excerpt(table: Array, starts: Sequence[int], scale: int) -> tuple[Array, NDArray[np.intp], bool]:
+    """At most `MOST` rows of means over ``scale`` rows, where most columns change most; the first rows of its runs, and
+    whether the excerpt begins with one."""
+    if scale > 1:
+        cut = len(table) // scale * scale
+        table = table[:cut].reshape(-1, scale, table.shape[1]).mean(axis=1)
+        starts = sorted({start // scale for start in starts if start < cut})
+    if len(table) <= MOST:
+        return table, np.asarray(starts, dtype=np.intp), True
+    both = np.hstack([table, np.diff(table, axis=0, prepend=table[:1])])  # levels and changes
+    size = np.where(both.std(axis=0) > 0, both.std(axis=0), 1.0)
+    windows = range(0, len(table) - MOST + 1, MOST // 2)
+    best = max(windows, key=lambda k: float(np.minimum(both[k : k + MOST].std(axis=0) / size, 1.0).sum()))
+    inside = [start - best for start in starts if best < start < best + MOST]
+    return table[best : best + MOST], np.array([0, *inside], dtype=np.intp), best in starts
+
+
+def _bank(u: Array, starts: NDArray[np.intp], whole: bool) -> tuple[Array, NDArray[np.void]]:
+    """(A, N) the responses to a column (N,), and what each of them is.
+
+    Args:
+        u: the column.
+        starts: the first row of every run.
+        whole: whether the first run is there from its start, where it may be at rest while the input is not zero.
+    """
+    run = np.searchsorted(starts, np.arange(len(u)), "right") - 1
+    steady = u - u[starts][run]
+    driving = [(steady, False, True), (steady * np.abs(steady), False, False)]  # a propeller answers the square
+    if whole and np.any(u[starts]):
+        driving.insert(1, (u, True, True))
+    rows, kinds = [], []
+    delays = [delay for delay in (*DELAYS, *AHEAD) if abs(delay) <= len(u) / 6]
+    for v, from_rest, also_integrated in driving:
+        for tau in (each for each in TIME_CONSTANTS if np.any(v) and each <= len(u) / 3):
+            pole = np.exp(-1 / tau) if tau else 0.0
+            lagged = _by_run(lambda piece, p=pole: filtered([1 - p], [1, -p], piece), v, starts)
+            for integrates in (False, True) if also_integrated else (False,):
+                x = _by_run(np.cumsum, lagged, starts) if integrates else lagged
+                for delay in delays:
+                    rows.append(_later(x, run, delay))
+                    kinds.append((integrates, from_rest, tau, delay))
+    fields = [("integrates", bool), ("from_rest", bool), ("tau", float), ("delay", int)]
+    return np.array(rows).reshape(-1, len(u)), np.array(kinds, dtype=fields)
+
+
+def _by_run(function: Callable[[Array], Array], x: Array, starts: NDArray[np.intp]) -> Array:
+    """(N,) a function of every run of a column."""
+    return np.concatenate([function(piece) for piece in np.split(x, starts[1:])])
+
+
+def _later(x: Array, run: NDArray[np.intp], delay: int) -> Array:
+    """(N,) a response some rows later, or earlier, within its run; before that it rests."""
+    source = np.arange(len(x)) - delay
+    near = np.clip(source, 0, len(x) - 1)
+    return np.where((source == near) & (run[near] == run), x[near], 0.0)
+
+
+def _edges(starts: NDArray[np.intp], n: int) -> NDArray[np.intp]:
+    """The first rows of about `BLOCKS` blocks, none of which reaches over the end of a run."""
+    count = max(1, round(BLOCKS / len(starts)))
+    pieces = [np.linspace(a, b, count + 1)[:-1] for a, b in zip(starts, [*starts[1:], n], strict=True)]
+    return np.unique(np.concatenate(pieces).astype(np.intp))
+
+
+def _centred(x: Array, edges: NDArray[np.intp]) -> Array:
+    """Rows (A, N) without their mean in every block."""
+    sizes = np.diff([*edges, x.shape[1]])
+    return np.asarray(x - np.repeat(np.add.reduceat(x, edges, axis=1) / sizes, sizes, axis=1))
+
+
+def _left(x: Array, y: Array, edges: NDArray[np.intp], drifts: Array) -> tuple[Array, Array, Array]:
+    """What responses leave of columns on the stretches that they were not fitted to.
+
+    Args:
+        x: (A, N) responses.
+        y: (N, m) columns, centred.
+        edges: the first rows of the blocks.
+        drifts: (A, 1) one for a response that has a drift besides, as that of an input with an offset, else zero.
+
+    Returns:
+        (A, m) shares of the variance that are left, (m,) those that a straight line alone leaves where there is a drift
+        (the same for all others), and (A, m) the gains of the fits to all rows.
+    """
+    x = _centred(x, edges)
+    size = np.sqrt((x * x).sum(axis=1, keepdims=True)) + 1e-300
+    x = x / size
+    line = _centred(np.arange(len(y), dtype=float)[None] / len(y), edges)[0]
+    odd = np.arange(len(y)) * STRETCHES // len(y) % 2 == 1
+    sums = []
+    for part in (odd, ~odd):
+        xp, yp, d = x[:, part], y[part], line[part]
+        sums.append(((xp * xp).sum(1)[:, None], (xp @ d)[:, None], d @ d + 1e-12, xp @ yp, d @ yp, (yp * yp).sum(0)))
+
+    def fitted(xx: Array, xd: Array, dd: float, xy: Array, dy: Array, _: Array) -> tuple[Array, Array]:
+        slope = drifts * (xx * dy - xd * xy) / (xx * dd - xd**2 + 1e-12)
+        return slope, (xy - slope * xd) / (xx + 1e-12)
+
+    left, alone = np.zeros((len(x), y.shape[1])), np.zeros(y.shape[1])
+    total = sums[0][5] + sums[1][5] + 1e-300
+    for own, other in (sums, sums[::-1]):
+        slope, gain = fitted(*own)
+        xx, xd, dd, xy, dy, yy = other
+        left += yy - 2 * gain * xy - 2 * slope * dy + gain**2 * xx + 2 * gain * slope * xd + slope**2 * dd
+        of_line = own[4] / own[2]
+        alone += yy - 2 * of_line * dy + of_line**2 * dd
+    whole = fitted(*(a + b for a, b in zip(*sums, strict=True)))[1] / size
+    return np.clip(left / total, 1e-6, 1.0), np.clip(alone / total, 1e-6, 1.0), whole
+
+
+def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -> Mapping[tuple[int, int], Answer]:
+    """How the columns of an excerpt (n, k) answer each other."""
+    n, count = table.shape
+    edges = _edges(starts, n)
+    y_all = _centred(table.T, edges).T
+    moving = [k for k in range(count) if np.abs(y_all[:, k]).max() > 1e-9 * (1 + np.abs(table[:, k]).max())]
+    shifted = np.hstack([y_all, *(np.roll(y_all, int(share * n), axis=0) for share in SHIFTS)])
+    banks, by_chance = {}, []
+    for u in range(count):
+        x, kinds = _bank(table[:, u], starts, whole)
+        if len(kinds):
+            drifts = (kinds["integrates"] & ~kinds["from_rest"]).astype(float)[:, None]
+            left, line, gain = _left(x, shifted, edges, drifts)
+            banks[u] = kinds, left[:, :count], gain[:, :count]
+            of_shifted = left[kinds["delay"] >= 0, count:].min(axis=0).reshape(len(SHIFTS), count)
+            by_chance.append(np.log(of_shifted).mean(axis=0))
+    found = {}
+    for u, (kinds, left, gain) in banks.items():
+        causal, delay = kinds["delay"] >= 0, kinds["delay"]
+        periodic = _is_periodic(y_all[:, u])
+        for y in (each for each in moving if each != u):
+            best = float(left[causal, y].min())
+            equal = causal & (left[:, y] <= best * (1 + (WITHIN_PERIODIC if periodic else WITHIN)) + ROUGH)
+            # an input acts after its row, unless its own row is clearly better
+            soonest = min(delay[equal].tolist(), key=lambda d: {0: 1.5, 1: 0.5}.get(d, d))
+            k = min(np.flatnonzero(equal & (delay == soonest)), key=lambda i: left[i, y])
+            chance = float(np.exp(np.mean(by_chance, axis=0))[y])
+            base = max(float(line[y]) if periodic else min(chance, float(line[y])), best)
+            found[u, y] = Answer(
+                evidence=WITNESSES / 2 * log(base / best),
+                left=best,
+                ahead=WITNESSES / 2 * log(best / float(left[:, y].min())),
+                integrates=bool(kinds["integrates"][k]),
+                static=bool(kinds["tau"][k] == 0 == delay[k]),
+                delay=int(delay[k]) * scale,
+                gain=float(gain[k, y]),
+                ambiguous=bool(np.any(equal & (delay == soonest) & (gain[:, y] * gain[k, y] < 0))),
+                periodic=periodic,
+            )
+    return found
+
+
+def _is_periodic(x: Array) -> bool:
+    """Whether a centred column (n,) repeats itself at least three times."""
+    n = len(x)
+    itself = np.correlate(x, x, "full")[n - 1 :] / (x @ x + 1e-300)
+    again = (itself[k] * n / (n - k) for k in range(n // 100 + 4, n // 3))
+    return bool(np.any(itself[: n // 8] < 0)) and max(again, default=0.0) > PERIODIC

@@ -38,6 +38,8 @@ WITNESSES = 8
 """Independent errors, one a block."""
 SEEN = 3.0
 """From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
+SAME_MOTION, LEADS = 0.95, 4
+"""The share of displacements that the speed of a motion explains, and rows by which clocks of the two may differ."""
 SHIFTS = (0.23, 0.41, 0.59, 0.77)
 """Parts of the record by which columns are shifted, to see what chance explains; no ratios of small whole numbers."""
 WITHIN, WITHIN_PERIODIC = 0.15, 0.5
@@ -98,6 +100,37 @@ def answers(table: Array, starts: Sequence[int] = (0,)) -> Mapping[tuple[int, in
     return found
 
 
+def same_motion(speed: Array, position: Array, starts: Sequence[int]) -> bool:
+    """Whether the displacements of a column (N,), within runs, are the sums of another one that does not lead them.
+
+    Args:
+        speed, position: the two columns; rows with a missing value (NaN) are left out.
+        starts: the first row of every run but the first.
+    """
+    run = np.searchsorted(starts, np.arange(len(speed)), "right")
+    middle = slice(max((len(speed) - MOST) // 2, 0), max((len(speed) - MOST) // 2, 0) + MOST)
+    run, speed, position = run[middle], speed[middle], position[middle]
+    for width in (1, 2, 4, 8):  # more rows have less of the steps of an encoder
+        if len(speed) <= width + FEWEST:
+            break
+        inside = (run[width:] == run[:-width])[LEADS:-LEADS]
+        moved = (position[width:] - position[:-width])[LEADS:-LEADS]
+        sums = np.convolve(speed, np.ones(width), "valid")
+        pairs = [(moved, sums[LEADS + lag :][: len(moved)]) for lag in range(1 - LEADS, LEADS)]
+        shares = [_correlation(a[inside], b[inside]) ** 2 for a, b in pairs]
+        if max(shares) > SAME_MOTION:
+            return int(np.argmax(shares)) >= LEADS - 1
+    return False
+
+
+def _correlation(a: Array, b: Array) -> float:
+    """Of two columns, where both are known; zero where one is constant."""
+    known = np.isfinite(a) & np.isfinite(b)
+    if known.sum() < FEWEST or not np.ptp(a[known]) or not np.ptp(b[known]):
+        return 0.0
+    return float(np.corrcoef(a[known], b[known])[0, 1])
+
+
 def _excerpt(table: Array, starts: Sequence[int], scale: int) -> tuple[Array, NDArray[np.intp], bool]:
     """At most `MOST` rows of means over ``scale`` rows, where most columns change most; the first rows of its runs, and
     whether the excerpt begins with one."""
@@ -133,9 +166,14 @@ def _bank(u: Array, starts: NDArray[np.intp], whole: bool) -> tuple[Array, NDArr
     for v, from_rest, also_integrated in driving:
         for tau in (each for each in TIME_CONSTANTS if np.any(v) and each <= len(u) / 3):
             pole = np.exp(-1 / tau) if tau else 0.0
-            lagged = _by_run(lambda piece, p=pole: filtered([1 - p], [1, -p], piece), v, starts)
+            pieces = np.split(v, starts[1:])
+            lagged = np.concatenate([filtered([1 - pole], [1, -pole], piece) for piece in pieces])
             for integrates in (False, True) if also_integrated else (False,):
-                x = _by_run(np.cumsum, lagged, starts) if integrates else lagged
+                x = (
+                    np.concatenate([np.cumsum(piece) for piece in np.split(lagged, starts[1:])])
+                    if integrates
+                    else lagged
+                )
                 for delay in delays:
                     rows.append(_later(x, run, delay))
                     kinds.append((integrates, from_rest, tau, delay))

@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.first_look.columns import Code, Column, runs
-from emsid.first_look.dynamics import influence
 from emsid.first_look.levels import MOST, NAMED, PART, SAME
 from emsid.first_look.names import ColumnQuantity
+from emsid.first_look.responses import SEEN, Answer, answers, same_motion
+from emsid.io.selection import signs_of
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
+ENOUGH = 12.0
+"""Evidence in nats, 5 % of the variance left, beyond which a fit says how good a model is and not what drives what."""
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
 REPEATS = 1 - 1e-9
@@ -106,6 +109,9 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     if not pairs:
         only = compared[0].name if compared else ""
         return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
+    lengths = {len(column.values) for column in compared}
+    for length in lengths:
+        facts.compare([column for column in compared if len(column.values) == length])
     alone = {(u.name, y.name): totals["input"][u.name] + totals["output"][y.name] for u, y in pairs}
     least = max(alone.values()) - sum(weight for _, weight, _ in _PAIRS)  # others cannot exceed it
     of_pairs = {
@@ -154,12 +160,14 @@ class _Facts:
     Attributes:
         experiments: of each column: the number at the end of its name, or the sheet or group before its last dot. A
             group counts where another one, or none, has a column of the same name; without a group it is ``"."`` then.
+            Words at the end of names, such as those of axes, count too where other names have the same ones.
         order: the place of each column in the file.
     """
 
     def __init__(self, columns: Sequence[Column], clock: str) -> None:
         times = next((column.values for column in columns if column.name == clock), np.zeros(0))
         self.times = times
+        self.columns = columns
         self.starts = np.flatnonzero(np.diff(times) < 0) + 1 if len(times) > 1 else np.zeros(0, dtype=np.intp)
         self.order = {column.name: k for k, column in enumerate(columns)}
         groups: dict[str, list[str]] = {}
@@ -169,9 +177,13 @@ class _Facts:
         self.experiments: dict[str, str] = {}
         for column in columns:
             group, _, name = column.name.rpartition(".")
-            self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else column.meaning.number
+            of_axis = _shared_endings([each.name for each in columns]).get(column.name, "")
+            number = column.meaning.number or of_axis
+            self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else number
         self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
         self._spreads: dict[str, float] = {}
+        self._answers: dict[Pair, Answer | None] = {}
+        self._motions: dict[Pair, bool] = {}
         for column in columns:
             if column.kind == "numbers":
                 key = self._kind(column)
@@ -183,6 +195,54 @@ class _Facts:
             known = column.signal[np.isfinite(column.signal)]
             self._spreads[column.name] = float(known.std()) if len(known) else 0.0
         return self._spreads[column.name]
+
+    def answer(self, u: Column, y: Column) -> Answer | None:
+        """How one column answers another one."""
+        if (u.name, y.name) not in self._answers:
+            self.compare((u, y))
+        return self._answers[u.name, y.name]
+
+    def compare(self, columns: Sequence[Column]) -> None:
+        """Find how columns of one length answer each other, all at once: the responses to a column serve all others."""
+        several = [(column.name, numbers) for column in columns for numbers in self.signed(column)]
+        table = np.column_stack([numbers for _, numbers in several])
+        known = np.isfinite(table).all(axis=1)
+        starts = np.searchsorted(np.flatnonzero(known), self.starts)
+        found = answers(table[known], np.unique([0, *starts[starts < known.sum()]]).tolist())
+        for (u, y), answer in found.items():
+            names = several[u][0], several[y][0]
+            if names[0] != names[1] and answer.evidence > getattr(self._answers.get(names), "evidence", -1.0):
+                self._answers[names] = answer
+        for pair in permutations([column.name for column in columns], 2):
+            self._answers.setdefault(pair, None)
+
+    def signed(self, column: Column) -> list[Array]:
+        """The numbers of a column; of a command without a sign also with the sign of every column of two values."""
+        if _AS_INPUT.get(column.meaning.quantity, 0.0) < NAMED or column.low < 0:
+            return [column.signal]
+        signs = [x for x in self.columns if x.distinct == 2 and len(x.values) == len(column.values) and x is not column]
+        return [column.signal, *(signs_of(each.values) * column.signal for each in signs)]
+
+    def explained(self, u: Column, y: Column) -> float:
+        """The evidence that the first column drives the second one, as a share of what is enough."""
+        answer = self.answer(u, y)
+        return 0.0 if answer is None or answer.evidence < SEEN else min(answer.evidence / ENOUGH, 1.0)
+
+    def first(self, u: Column, y: Column) -> float:
+        """How much better the second column answers the first one than the other way round, and how much later."""
+        one, other = self.answer(u, y), self.answer(y, u)
+        if one is None or other is None:
+            return 0.0
+        order = [min(each.evidence, ENOUGH) - min(each.ahead, ENOUGH / 2) for each in (one, other)]
+        return float(np.clip((order[0] - order[1]) / (ENOUGH / 2), -1, 1))
+
+    def one_motion(self, speed: Column, position: Column) -> bool:
+        """Whether the displacements of a column within runs are the sums of another one."""
+        pair = speed.name, position.name
+        if pair not in self._motions:
+            steps = np.diff(self.times, append=np.nan) if len(self.times) == len(speed.values) else 1.0
+            self._motions[pair] = same_motion(speed.signal * steps, position.signal, self.starts.tolist())
+        return self._motions[pair]
 
     def motion(self, column: Column) -> float:
         """The share of the largest motion of a column of the same quantity and unit; 1 where it is alone."""
@@ -196,6 +256,24 @@ class _Facts:
     @staticmethod
     def _kind(column: Column) -> tuple[ColumnQuantity, str, int]:
         return column.meaning.quantity, column.meaning.unit, len(column.values)
+
+
+def _shared_endings(names: Sequence[str]) -> dict[str, str]:
+    """The last words of names behind ``_`` by name, where another beginning has the same two last words or more.
+
+    >>> _shared_endings(["ref_x", "ref_y", "pos_x", "pos_y", "speed_rpm"])
+    {'ref_x': 'x', 'ref_y': 'y', 'pos_x': 'x', 'pos_y': 'y'}
+    """
+    parts = {name: name.rpartition("_")[::2] for name in names if "_" in name}
+    endings: dict[str, set[str]] = {}
+    for begins, ends in parts.values():
+        endings.setdefault(begins, set()).add(ends)
+    found = {}
+    for name, (begins, ends) in parts.items():
+        others = [other & endings[begins] for first, other in endings.items() if first != begins]
+        if any(ends in shared and len(shared) > 1 for shared in others):
+            found[name] = ends
+    return found
 
 
 def _constant_in_runs(column: Column, facts: _Facts) -> float:
@@ -215,6 +293,16 @@ def _repeats_clock(column: Column, facts: _Facts) -> float:
     if np.count_nonzero(known) < 3 or not np.ptp(facts.times[known]):
         return 0.0
     return float(np.corrcoef(column.values[known], facts.times[known])[0, 1] > REPEATS)
+
+
+def _sags(column: Column, facts: _Facts) -> float:
+    """Whether a voltage falls as a current rises, as that of a supply does."""
+    if column.meaning.quantity is not ColumnQuantity.VOLTAGE or column.kind != "numbers":
+        return 0.0
+    same = [x for x in facts.columns if x.kind == "numbers" and len(x.values) == len(column.values)]
+    currents = [x for x in same if x.meaning.quantity is ColumnQuantity.CURRENT and not x.constant]
+    found = [answer for x in currents if (answer := facts.answer(x, column)) is not None]
+    return float(any(each.evidence >= SEEN and each.sign < 0 for each in found))
 
 
 def _counts_rows(column: Column, facts: _Facts) -> float:
@@ -238,9 +326,10 @@ _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = 
     ("output", "its name or unit is of an output", 1.0, lambda column, facts: _named(column, _AS_OUTPUT)),
     # Content overrules names, whose weight is at most 1.
     ("channel", "it is constant", -1.5, lambda column, facts: column.constant and not column.codes),
-    ("channel", "it is constant in every run", -1.5, _constant_in_runs),
+    ("output", "it is constant in every run", -1.5, _constant_in_runs),
     ("channel", "it repeats the times", -1.5, _repeats_clock),
     ("channel", "it counts the rows", -1.5, _counts_rows),
+    ("input", "it falls as a current rises, as the voltage of a supply does", -1.0, _sags),
     (
         "channel",
         "others of its kind move much more",
@@ -250,12 +339,10 @@ _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = 
 )
 """By role, or for every channel: a reason, its weight, and a test of how far it applies to a column, from 0 to 1."""
 _PAIRS: tuple[tuple[str, float, Callable[[Column, Column, _Facts], float]], ...] = (
-    ("they are of one experiment", 0.3, lambda u, y, facts: facts.of_one_experiment(u.name, y.name)),
-    (
-        "the past of the first predicts the second, more than the other way round",
-        0.6,
-        lambda u, y, facts: influence(u.signal, y.signal) - influence(y.signal, u.signal),
-    ),
+    ("they are of one experiment", 0.6, lambda u, y, facts: facts.of_one_experiment(u.name, y.name)),
+    ("a simulated response to the first explains the second", 1.0, lambda u, y, facts: facts.explained(u, y)),
+    ("the response to the first is better, or later, than to the second", 0.3, lambda u, y, facts: facts.first(u, y)),
+    ("one is the speed of the other", -1.5, lambda u, y, facts: facts.one_motion(u, y) or facts.one_motion(y, u)),
     ("the first changes in steps, more than the second", 0.3, lambda u, y, facts: _held(u) - _held(y)),
     ("the first stands before the second", 0.05, lambda u, y, facts: facts.order[u.name] < facts.order[y.name]),
 )

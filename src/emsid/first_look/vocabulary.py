@@ -103,7 +103,7 @@ def meaning_of(name: str, unit: str, values: Array) -> Meaning:
 
 
 def _are_pulses(values: Array) -> bool:
-    """Whether numbers go up and down in the range of pulses, which times do not."""
+    """Whether numbers stay or go down in the range of pulses, which times do not."""
     steps = np.diff(values)
     inside = len(values) > 2 and PULSE[0] <= values.min() and values.max() <= PULSE[1]
-    return bool(inside and np.any(steps < 0) and np.mean(steps > 0) < 0.9)
+    return bool(inside and np.mean(steps > 0) < 0.9)

@@ -115,9 +115,7 @@ Found = tuple[Array, list[Array]]
 """States, and their residuals: of the samples and of the prior."""
 
 
-@np.errstate(
-    over="ignore", invalid="ignore"
-)  # states from which a run overflows are found by their error, and left out
+@np.errstate(over="ignore", invalid="ignore")  # a state whose run overflows is found by its error, and left out
 def initial_state(model: Startable, u: Array, y: Array, quick: bool = False) -> Array:
     """(n,) the states at the first sample of a segment.
 

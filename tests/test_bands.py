@@ -13,6 +13,7 @@ import emsid
 from emsid.blocks import DeadZone, Rational
 from emsid.estimation.fit import Fit
 from emsid.identification import curves
+from emsid.models.bands import with_error
 from emsid.validation import (
     free_run_band,
     frequency_response_band,
@@ -522,3 +523,22 @@ def test_a_step_is_upwards_unless_the_input_goes_mostly_down() -> None:
     assert usual_step(np.linspace(-3.0, 0.5, 101)) == (0.0, pytest.approx(-2.65))
     assert usual_step(np.linspace(1.0, 2.0, 101)) == (pytest.approx(1.1), pytest.approx(1.9))
     assert usual_step(np.linspace(-10.0, -1.0, 101)) == (pytest.approx(-9.1), pytest.approx(-1.9))
+
+
+def test_a_curve_that_is_infinite_somewhere_has_its_band_elsewhere_and_no_warning():
+    fit = arx(deviation=(1e-3, 1e-3))
+    value, error = with_error(fit, lambda model: model.parameters / np.array([1.0, 0.0]))
+    assert np.isinf(value[1])
+    assert np.isnan(error[1])
+    assert error[0] == pytest.approx(1e-3, rel=1e-6)
+    _, large = with_error(fit, lambda model: model.parameters * 1e250)
+    assert large == pytest.approx(1e247 * np.ones(2), rel=1e-6)
+
+
+def test_a_state_from_which_a_run_overflows_is_left_out_without_a_warning():
+    u = np.repeat(np.random.default_rng(0).uniform(-6, 6, 20), 10)
+    known = emsid.Record(u, 0.01 * np.cumsum(u) + 5, 0.01)
+    for b, a in ((1.0, -1e30), (1.0, -3.0)):
+        cascade = emsid.blocks.Cascade((Rational(np.array([b]), np.array([a, 0.2])), DeadZone()), dt=0.01)
+        assert emsid.validate(cascade, known).findings[0].code == "free-run-diverged"
+        assert np.shape(cascade.initial(known, 50).blocks) == (2,)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import tomllib
@@ -176,3 +177,15 @@ def test_every_finding_has_what_triggers_it_and_what_to_do():
 
 def test_citation_has_this_version():
     assert f"version: {emsid.__version__}" in (HOME / "CITATION.cff").read_text("utf-8")
+
+
+def test_pictures_of_a_page_need_no_packages_of_the_tests(tmp_path, monkeypatch):
+    """`make docs` in a fresh clone has neither pytest nor a browser: the page is without its pictures."""
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(HOME / "docs" / "_extensions")
+    monkeypatch.delenv("EMSID_PICTURES", raising=False)
+    executed = importlib.import_module("executed")
+    monkeypatch.setattr(executed, "find_spec", lambda name: None if name == "pytest" else name)
+    monkeypatch.setattr(executed.subprocess, "run", lambda *_, **__: pytest.fail("tests were run"))
+    executed.take_pictures(HOME / "tests" / "test_studio_in_browser.py", "x", executed.Page(tmp_path), "page")
+    assert not list(tmp_path.iterdir())

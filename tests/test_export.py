@@ -268,3 +268,23 @@ def test_files_are_replaced_only_on_request(tmp_path: Path) -> None:
         emsid.export(arx, "c99", tmp_path, name="plant")
     emsid.export(arx, "c99", tmp_path, name="plant", force=True)
     assert (tmp_path / "plant.c").read_bytes() == before
+
+
+def test_words_of_python_and_static_cascades_are_refused_for_python_control(tmp_path: Path) -> None:
+    pytest.importorskip("control")
+    with pytest.raises(emsid.ModelError, match="'class' is a word of Python"):
+        emsid.export(motor(), "python-control", tmp_path / "out", name="class")
+    static = emsid.blocks.Cascade((emsid.blocks.DeadZone(),), dt=0.1)
+    with pytest.raises(emsid.ModelError, match="no linear part"):
+        emsid.export(static, "python-control", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_filter_of_a_cascade_is_in_the_script(tmp_path: Path) -> None:
+    pytest.importorskip("control")
+    filters = [emsid.blocks.Rational(np.array([b]), np.array([a])) for b, a in ((1.0, -0.5), (3.0, -0.2))]
+    cascade = emsid.blocks.Cascade((filters[0], emsid.blocks.DeadZone(), filters[1]), dt=0.1)
+    scope: dict[str, object] = {}
+    exec(texts(tmp_path, cascade, "python-control")["cascade.py"], scope)
+    gains = [float(np.squeeze(scope[f"cascade_{k}"].dcgain())) for k in (1, 2)]  # type: ignore[attr-defined]
+    assert gains == pytest.approx([2.0, 3.75])

@@ -78,6 +78,7 @@ def test_a_signal_beyond_its_words_is_clipped() -> None:
 
 def test_what_has_no_form_is_refused(tmp_path: Path) -> None:
     smooth = emsid.RegressionModel(emsid.Structure.parse("-y(t-1)", "tanh(u(t-1)/2)"), np.array([-0.5, 1.0]), dt=0.01)
+    squared = emsid.RegressionModel(emsid.Structure.parse("y(t-1)", "u(t-1)^2"), np.array([0.5, 1.0]), dt=0.01)
     for model, options, message in (
         (smooth, {"largest": "1,1"}, "tanh.* has no form in whole numbers"),
         (LINEAR, {}, "the largest size of the output and of each input: 2 positive numbers"),
@@ -89,6 +90,11 @@ def test_what_has_no_form_is_refused(tmp_path: Path) -> None:
             "do not fit",
         ),
         (emsid.plants.rigid_motor(), {"largest": "1,1"}, "no regression"),
+        (squared, {"largest": "1,1e300"}, "do not fit"),
+        (squared, {"largest": "1e-310,1"}, "do not fit"),
+        (LINEAR, {"largest": "1,1e301"}, "positive numbers up to 1e"),
+        (LINEAR, {"largest": "1,inf"}, "positive numbers up to 1e"),
+        (emsid.RegressionModel(emsid.Structure.parse("y(t-1)"), np.array([0.5]), dt=0.01), {"largest": 1}, "no input"),
     ):
         with pytest.raises(emsid.ModelError, match=message):
             emsid.export(model, "fixed-point", tmp_path, dt=None if model is not LINEAR else 0.01, **options)

@@ -163,6 +163,18 @@ def test_channels_and_parameters_are_variables_with_units(tmp_path: Path) -> Non
         assert (units["V"].kg, units["V"].m, units["V"].s, units["V"].A) == (1, 2, -3, -1)
 
 
+@pytest.mark.parametrize("version", ["3.0", "2.0"])
+def test_names_with_a_tab_or_a_line_feed_and_odd_units_are_read(version: str, tmp_path: Path) -> None:
+    u = np.random.default_rng(3).standard_normal(99)
+    record = emsid.Record(u, np.cumsum(u), 0.01, "motor\tvoltage", "speed\nof\r\nshaft", "V\n", "m^-")
+    emsid.export(emsid.fit(emsid.arx(na=1, nb=1), record), "fmu", tmp_path, name="model", version=version)
+    found = fmpy.read_model_description(str(tmp_path / "model.fmu")).modelVariables
+    assert {each.name: each.unit for each in found if each.causality != "local" and each.name != "time"} == {
+        "motor voltage": "V",
+        "speed of shaft": "m^-",
+    }
+
+
 @needs_gcc
 def test_the_state_is_kept_and_given_back(tmp_path: Path) -> None:
     about = fmpy.read_model_description(str(exported(ARX, tmp_path)))
@@ -204,6 +216,7 @@ def test_the_state_is_kept_and_given_back(tmp_path: Path) -> None:
         ("rad/(s*V)", {"rad": "1", "kg": "-1", "m": "-2", "s": "2", "A": "1"}),
         ("1", {}),
         ("rpm", None),
+        *((unit, None) for unit in ("m^-", "m^", "m^--2", "m/s^-", "m^9999999999")),
     ],
 )
 def test_units_have_exponents_of_base_units(unit: str, found: dict[str, str] | None) -> None:

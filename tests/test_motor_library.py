@@ -127,3 +127,35 @@ def test_a_check_that_compares_nothing_fails(identified, run) -> None:
     status, _, err = run("motors", home, "--check", f"bare={identified / 'axis.json'}", "--record", log)
     assert status == 2
     assert "nothing to compare" in err
+
+
+def test_records_of_one_name_are_told_apart_by_their_folders_and_can_be_checked(identified, run) -> None:
+    home, model, content = identified / "library", identified / "axis.json", (identified / "log.csv").read_bytes()
+    paths = [identified / each for each in ("M1/log.csv", "M2/log.csv", "x/M2/log.csv", "M1/other.csv")]
+    for k, path in enumerate(paths):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content + b"\n" * k)
+    words = [word for path in paths for word in ("--record", path)]
+    assert run("motors", home, "--add", f"axis={model}", *words, "--command", "emsid identify")[0] == 0
+    names = [each.file for each in actuators(home)["axis"].records]
+    assert names == ["M1/log.csv", f"{identified.name}/M2/log.csv", "x/M2/log.csv", "other.csv"]
+    assert run("motors", home, "--check", f"axis={model}", *words)[0] == 0
+    assert run("motors", home, "--check", f"axis={model}", *words[2:], *words[:2])[0] == 0
+    status, _, err = run("motors", home, "--check", f"axis={model}", *words[2:])
+    assert (status, "identified from M1/log.csv too" in err) == (2, True)
+    paths[2].write_bytes(b"changed")
+    status, _, err = run("motors", home, "--check", f"axis={model}", *words)
+    assert (status, f"{paths[2]} is not the file" in err) == (2, True)
+    status, _, err = run("motors", home, "--add", f"b={model}", *words[:2], *words[:2], "--command", "emsid identify")
+    assert (status, "given twice" in err) == (2, True)
+
+
+def test_an_actuator_is_replaced_only_with_force(identified, run) -> None:
+    home, log = identified / "library", identified / "log.csv"
+    words = ("motors", home, "--add", f"axis={identified / 'axis.json'}", "--record", log, "--command")
+    assert run(*words, "the first")[0] == 0
+    status, _, err = run(*words, "the second")
+    assert (status, err.count("\n"), "--force" in err) == (2, 1, True)
+    assert actuators(home)["axis"].command == "the first"
+    assert run(*words, "the second", "--force")[0] == 0
+    assert actuators(home)["axis"].command == "the second"

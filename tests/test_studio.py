@@ -351,6 +351,17 @@ def test_uplot_of_another_checksum_is_not_installed() -> None:
         uplot.unpack(b"other")
 
 
+def test_without_npm_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(uplot, "PLACE", tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SystemExit) as end:
+        uplot.main()
+    assert (end.value.code, capsys.readouterr().err.count("\n")) == (2, 1)
+    assert not list(tmp_path.iterdir())
+
+
 def test_own_code_of_the_page_is_small() -> None:
     page = Path(uplot.__file__).parent / "page"
     assert sum(path.stat().st_size for path in page.iterdir() if path.suffix in (".js", ".css")) < 100_000

@@ -28,6 +28,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from html import escape
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -48,6 +49,8 @@ NEEDS = re.compile(r"\A---\n.*?^needs: (\w+)$.*?^---\n", re.MULTILINE | re.DOTAL
 """A folder of the repository that the commands of a page use."""
 PICTURES = re.compile(r"\A---\n.*?^pictures: (\w+) -k (.+)$.*?^---\n", re.MULTILINE | re.DOTALL)
 """Tests that take the pictures of a page."""
+TAKES_PICTURES = ("pytest", "xdist", "hypothesis", "selenium")
+"""Packages of the tests that take pictures."""
 LONGEST = 60
 """Lines of output of a block that are shown; a page says so where there are more."""
 
@@ -202,11 +205,14 @@ class Runner:
 def take_pictures(tests: Path, which: str, page: Page, name: str) -> None:
     """Run tests that leave pictures in the folder of a page; they are skipped where they have no browser.
 
+    The site needs none of the packages of `TAKES_PICTURES`; where one is missing, the page is without its pictures.
     Where EMSID_PICTURES names a folder, they have been run and their pictures are there.
     """
     if taken := os.environ.get("EMSID_PICTURES"):
         for file in Path(taken).glob("*.png"):
             shutil.copy(file, page.folder)
+        return
+    if not all(map(find_spec, TAKES_PICTURES)):
         return
     began = processor_time()
     words = [sys.executable, "-m", "pytest", "-q", "-n", "0", str(tests), "-k", which]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, isfinite, log2
+from math import ceil, log2, prod
 from string import Template
 from typing import Any
 
@@ -30,6 +30,8 @@ Words = NDArray[np.int64]
 
 HEADROOM = 2.0
 """The full scale of a signal over its largest size: a free run and a difference of two values exceed that."""
+LARGEST = 1e300
+"""The largest size of a signal, so that its scale is a number of double precision."""
 IN_C = {
     Transform.VALUE: "{x}",
     Transform.ABOVE: "above((wide){x} - {p})",
@@ -147,7 +149,8 @@ class FixedPoint:
             for factor in regressor.factors:
                 if factor.transform not in IN_C and factor.transform is not Transform.SIGN:
                     raise ModelError(f"{factor.transform.text} has no form in whole numbers; use c99")
-        if not -self.fraction < self.exponent <= self.guard or len(self.regressors) > self.terms:
+        fits = np.isfinite(self._coefficients).all() and -self.fraction < self.exponent <= self.guard
+        if not fits or len(self.regressors) > self.terms:
             raise ModelError(
                 f"the coefficients of {self.model.name} do not fit into words of {self.fraction + 1} bits; take "
                 "bits=32, or c99"
@@ -178,10 +181,13 @@ class FixedPoint:
     def _coefficients(self) -> list[float]:
         found = []
         for regressor, theta in zip(self.regressors, self.model.parameters.tolist(), strict=True):
-            size = 1.0 / self.scales[0]
-            for factor in regressor.factors:
-                size *= 1.0 if factor.transform is Transform.SIGN else self.scales[factor.channel] ** factor.power
-            found.append((-theta if regressor.negative else theta) * size)
+            scales = [
+                self.scales[factor.channel]
+                for factor in regressor.factors
+                if factor.transform is not Transform.SIGN
+                for _ in range(factor.power)
+            ]
+            found.append((-theta if regressor.negative else theta) * prod(scales, start=1.0 / self.scales[0]))
         return found
 
     @property
@@ -288,6 +294,8 @@ def fixed_point(export: Export) -> tuple[Files, list[str]]:
     bits = str(export.options.get("bits", "32"))
     if bits not in ("16", "32"):
         raise ModelError(f"words of {bits} bits; give 16 or 32", arguments=("option",))
+    if not export.model.structure.inputs:  # type: ignore[attr-defined]
+        raise ModelError(f"{export.model.name} has no input, so it has no form in whole numbers; export it as c99")
     sizes = _sizes(export)
     made = FixedPoint(export.model, int(bits) - 1, tuple(2.0 ** ceil(log2(HEADROOM * size)) for size in sizes))
     steps = [repr(scale / (1 << made.fraction)) for scale in made.scales]
@@ -332,9 +340,10 @@ def _sizes(export: Export) -> list[float]:
         found = [float(each) for each in str(given).split(",")]
     except ValueError:
         found = []
-    if len(found) != count or not all(isfinite(each) and each > 0 for each in found):
+    if len(found) != count or not all(0 < each <= LARGEST for each in found):
         raise ModelError(
-            f"words need the largest size of the output and of each input: {count} positive numbers, largest=300,12",
+            f"words need the largest size of the output and of each input: {count} positive numbers up to "
+            f"{LARGEST:g}, largest=300,12",
             arguments=("option",),
         )
     return found

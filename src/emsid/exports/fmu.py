@@ -133,13 +133,14 @@ def variables(export: Export, header: str) -> list[Variable]:
         found.append(Variable(row.name, row.unit, "constant", float(row.value), text))
     names = {"time"}
     for k, variable in enumerate(found):
-        name = variable.name
-        if UNHELD.search(name):
-            raise ModelError(f"{name!r} has a sign that XML cannot hold; rename the channel", arguments=("name",))
-        while name in names:
-            name = f"{variable.kind} {name}"
+        for text in (variable.name, variable.unit):
+            if UNHELD.search(text):
+                raise ModelError(f"{text!r} has a sign that XML cannot hold; rename the channel", arguments=("name",))
+        name, unit = (re.sub(r"\s+", " ", text).strip() for text in (variable.name, variable.unit))
+        while name in names or not name:
+            name = f"{variable.kind} {name}".strip()
         names.add(name)
-        found[k] = variable._replace(name=name)
+        found[k] = variable._replace(name=name, unit=unit)
     return found
 
 
@@ -152,10 +153,10 @@ def base_unit(unit: str) -> dict[str, str] | None:
     powers: dict[str, int] = {}
     for k, part in enumerate(unit.replace("(", "").replace(")", "*/").replace("·", "*").split("/")):
         for factor in filter(None, part.split("*")):
-            name, _, power = factor.partition("^")
+            name, sign, power = factor.partition("^")
             if name == "1":
                 continue
-            if name not in BASE or not re.fullmatch(r"-?\d*", power):
+            if name not in BASE or not re.fullmatch(r"-?\d{1,2}" if sign else "", power):
                 return None
             for base, exponent in BASE[name].items():
                 powers[base] = powers.get(base, 0) + (-1 if k else 1) * exponent * int(power or 1)

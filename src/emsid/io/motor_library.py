@@ -9,7 +9,8 @@ Of the actuator NAME there are ``NAME.json``, a model file, and ``NAME.motor.jso
 format        ``emsid motor``
 schema        version of this layout, a whole number
 model_sha256  checksum of the model file, byte by byte
-records       names and checksums of the files that it was identified from, byte by byte
+records       names and checksums of the files that it was identified from, byte by byte; files of one name in several
+              folders have the shortest ends of their paths that differ, ``M1/log.csv`` and ``M2/log.csv``
 command       the command line that made it, to be run beside these records
 ============  =========================================================================================================
 """
@@ -61,6 +62,8 @@ def add_actuator(
     model: str | os.PathLike[str],
     records: Sequence[str | os.PathLike[str]],
     command: str,
+    *,
+    force: bool = False,
 ) -> None:
     """Add an actuator to a library.
 
@@ -70,9 +73,11 @@ def add_actuator(
         model: its model file.
         records: the files that it was identified from.
         command: the command line that made it.
+        force: whether an actuator, or another file, of this name is replaced.
 
     Raises:
-        DataError: for an impossible name, one that the library has, one of another file there, or without a record.
+        DataError: for an impossible name, one that the library has, one of another file there, without a record, or for
+            a record that is given twice.
         FormatError: for a file that cannot be read or is no model file.
     """
     if not _NAME.fullmatch(name) or name.endswith((".motor", ".json")):
@@ -80,17 +85,47 @@ def add_actuator(
     if not records:
         raise DataError(f"{name}: name the records that it was identified from, so that it can be identified again")
     home = Path(folder)
-    if (home / f"{name}{ENDING}").exists():
-        raise DataError(f"{home} has an actuator {name} already; give this one another name")
-    if (home / f"{name}.json").exists():
-        raise DataError(f"{home / name}.json exists and is not of this library; give the actuator another name")
+    if not force and (home / f"{name}{ENDING}").exists():
+        raise DataError(
+            f"{home} has an actuator {name} already; give this one another name, or replace it", arguments=("force",)
+        )
+    if not force and (home / f"{name}.json").exists():
+        raise DataError(
+            f"{home / name}.json exists and is not of this library; give the actuator another name, or replace the file",
+            arguments=("force",),
+        )
     load_model(model)
     content = read_bytes(model)
-    known = tuple(Recorded(Path(record).name, _sha256(read_bytes(record))) for record in records)
+    known = tuple(
+        Recorded(file, _sha256(read_bytes(record))) for file, record in zip(_named(records), records, strict=True)
+    )
     entry = Actuator(FORMAT, SCHEMA, _sha256(content), known, command)
     home.mkdir(parents=True, exist_ok=True)
     atomic_write(home / f"{name}.json", content)
     atomic_write(home / f"{name}{ENDING}", msgspec.json.format(msgspec.json.encode(entry), indent=2) + b"\n")
+
+
+def _named(records: Sequence[str | os.PathLike[str]]) -> list[str]:
+    """The names of files; of one name in several folders, the shortest ends of their paths that differ.
+
+    Raises:
+        DataError: for a file that is given twice.
+    """
+    paths = [Path(os.path.abspath(record)) for record in records]
+    found = []
+    for path, given in zip(paths, records, strict=True):
+        alike = [other for other in paths if other.name == path.name]
+        count = next(
+            (k for k in range(1, len(path.parts)) if sum(_end(each, k) == _end(path, k) for each in alike) == 1), 0
+        )
+        if not count:
+            raise DataError(f"{given} is given twice as a record; leave one of them out")
+        found.append(_end(path, count))
+    return found
+
+
+def _end(path: Path, count: int) -> str:
+    return "/".join(path.parts[-count:])
 
 
 def actuators(folder: str | os.PathLike[str]) -> dict[str, Actuator]:
@@ -128,17 +163,18 @@ def check_records(
         FormatError: as `actuators` does.
     """
     model_of(folder, name)
-    known = {record.file: record for record in actuators(folder)[name].records}
-    for path in map(Path, records):
-        entry = known.get(path.name)
-        if entry is None:
-            raise DataError(f"{path}: {name} was identified from {listed(list(known))}")
-        if _sha256(read_bytes(path)) != entry.sha256:
+    known = actuators(folder)[name].records
+    given = {_sha256(read_bytes(path)): Path(path) for path in records}
+    for checksum, path in given.items():
+        if checksum in {record.sha256 for record in known}:
+            continue
+        if path.name in {Path(record.file).name for record in known}:
             raise DataError(f"{path} is not the file that {name} was identified from: its checksum differs")
-    missing = [file for file in known if file not in {Path(record).name for record in records}]
+        raise DataError(f"{path}: {name} was identified from {listed([record.file for record in known])}")
+    missing = [record.file for record in known if record.sha256 not in given]
     if missing:
         raise DataError(f"{name} was identified from {listed(missing)} too; give it as a record")
-    return tuple(known.values())
+    return known
 
 
 def _read(path: Path) -> Actuator:

@@ -93,11 +93,13 @@ def banded(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
 
 
 def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
-    """A curve and its standard error."""
-    here = np.asarray(curve(fit.model), dtype=float)
+    """A curve and its standard error; NaN where the curve is not finite."""
+    with np.errstate(all="ignore"):  # a resonance without damping, an integrator at 0 Hz: infinite, as it should be
+        here = np.asarray(curve(fit.model), dtype=float)
     if not fit.has_bands or fit.method == "file":  # a model alone has no estimates
         return here, np.full_like(here, np.nan)
-    variance, directions = np.zeros_like(here), _directions(fit.covariance)
+    known = np.isfinite(here)
+    error, directions = np.where(known, 0.0, np.nan), _directions(fit.covariance)
     if directions:
         _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
     steps = getattr(fit.model, "band_steps", SHORTER)
@@ -105,9 +107,9 @@ def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
         for step in steps:
             change = _change(fit, curve, here, step * direction)
             if change is not None:
-                variance += (change / step) ** 2
+                error[known] = np.hypot(error[known], change / step)
                 break
-    return here, np.sqrt(variance)
+    return here, error
 
 
 def _directions(covariance: Array) -> list[Array]:
@@ -127,21 +129,22 @@ def _directions(covariance: Array) -> list[Array]:
 
 
 def _change(fit: Fit[Any], curve: Curve, here: Array, move: Array) -> Array | None:
-    """The change of a curve over a move of the estimate; None where it cannot be computed."""
-    above, below = (_moved(fit, curve, here, fit.estimate + side * move) for side in (1, -1))
+    """The change of the finite part of a curve over a move of the estimate; None where it cannot be computed."""
+    known = np.isfinite(here)
+    above, below = (_moved(fit, curve, known, fit.estimate + side * move) for side in (1, -1))
     if above is not None and below is not None:
-        return (above - below) / 2
-    return above - here if above is not None else here - below if below is not None else None
+        return above / 2 - below / 2
+    return above - here[known] if above is not None else here[known] - below if below is not None else None
 
 
-def _moved(fit: Fit[Any], curve: Curve, here: Array, theta: Array) -> Array | None:
-    """The curve of the model with another estimate; None where that cannot be run, or diverges."""
+def _moved(fit: Fit[Any], curve: Curve, known: NDArray[np.bool_], theta: Array) -> Array | None:
+    """The known part of the curve with another estimate; None where that cannot be run, or diverges."""
     try:
         with np.errstate(all="ignore"):
-            found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)
+            found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)[known]
     except (EmsidError, Infeasible, ValueError, ArithmeticError):
         return None
-    return found if np.isfinite(found[np.isfinite(here)]).all() else None
+    return found if np.isfinite(found).all() else None
 
 
 def _move_of(model: Any) -> Callable[[Sequence[str], Array], Any]:

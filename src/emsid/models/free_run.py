@@ -243,8 +243,7 @@ def continued(model: Model, state: object, segment: Record, samples: int) -> Arr
     if late:
         tail = 2 * inputs[-1] - inputs[-1 - late : -1][::-1] if len(inputs) > late else np.repeat(inputs[-1:], late, 0)
         rest = np.concatenate([rest, tail])
-    with np.errstate(all="ignore"):
-        return model.run(state, rest)[0][late:]
+    return model.run(state, rest)[0][late:]
 
 
 def begins_at_rest(segment: Record) -> bool:
@@ -320,7 +319,8 @@ def _over_segments(
     for segment, whole in zip(segments, begun, strict=True):
         stop = first + len(segment)
         if not measured or len(whole) > start:
-            values = values_of(whole, start)
+            with np.errstate(all="ignore"):  # of a run that diverges, which is found below
+                values = values_of(whole, start)
             lost = _first_beyond(values, bound)
             if lost is not None:
                 values[lost:] = np.nan

@@ -115,6 +115,7 @@ Found = tuple[Array, list[Array]]
 """States, and their residuals: of the samples and of the prior."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a state whose run overflows is found by its error, and left out
 def initial_state(model: Startable, u: Array, y: Array, quick: bool = False) -> Array:
     """(n,) the states at the first sample of a segment.
 
@@ -197,9 +198,8 @@ def _far_starts(model: Startable, u: Array, y: Array, trials: Array, least: floa
 
 def _missed(model: Startable, u: Array, y: Array, states: Array) -> Array:
     """(k,) the squared error over the first samples from states (k, n); not finite where a run diverges."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = (model.outputs(u, states) - y)[:, model.edge :]
-        return np.asarray(np.einsum("ij,ij->i", errors, errors))
+    errors = (model.outputs(u, states) - y)[:, model.edge :]
+    return np.asarray(np.einsum("ij,ij->i", errors, errors))
 
 
 def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: int) -> Found:
@@ -225,11 +225,10 @@ def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: 
 
 def _prior(cloud: Array) -> tuple[Array, Array, Array]:
     """The mean (n,) of states (K, n), and the eigenvalues (n,) and -vectors (n, n) of their covariance; else zeros."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        spread = np.atleast_2d(np.cov(cloud.T)) if len(cloud) > 1 else np.full((1, 1), np.inf)
-        if not np.isfinite(spread).all():
-            return np.zeros(1), np.zeros(1), np.zeros((1, 1))
-        return cloud.mean(axis=0), *np.linalg.eigh(spread)
+    spread = np.atleast_2d(np.cov(cloud.T)) if len(cloud) > 1 else np.full((1, 1), np.inf)
+    if not np.isfinite(spread).all():
+        return np.zeros(1), np.zeros(1), np.zeros((1, 1))
+    return cloud.mean(axis=0), *np.linalg.eigh(spread)
 
 
 def _searched(problem: _Start, starts: list[Array], effort: dict[str, Any]) -> Iterator[Found]:

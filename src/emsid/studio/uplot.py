@@ -62,7 +62,16 @@ def fetch() -> None:
         unpack((Path(folder) / f"uplot-{VERSION}.tgz").read_bytes())
 
 
-if __name__ == "__main__":
-    if not is_there():
-        fetch()
+def main() -> None:
+    """Get uPlot unless it is there; an error is one line on standard error, and exit status 2."""
+    try:
+        if not is_there():
+            fetch()
+    except FormatError as problem:
+        sys.stderr.write(f"emsid: {problem}\n")
+        sys.exit(2)
     sys.stdout.write(f"uPlot {VERSION} is in {PLACE}\n")
+
+
+if __name__ == "__main__":
+    main()

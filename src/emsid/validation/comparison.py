@@ -15,6 +15,7 @@ import numpy as np
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.findings import Finding
 from emsid.models.free_run import RESTING, mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.models.verbs import for_model
@@ -141,6 +142,15 @@ class Assessment:
     def nonlinear_tests(self) -> tuple[tuple[NonlinearTest, ...], ...]:
         """The residual of every output against nonlinear functions of the inputs, see `free_run_tests`."""
         return free_run_tests(self.record, self.simulation)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """That the free run diverges, or is no better than the mean of the output; empty where neither is the case."""
+        row, seen = self.row, self.row.data == "identification"
+        if row.diverged_at is not None:
+            data = {"model": row.model, "sample": int(row.diverged_at), "seen": seen}
+            return (Finding("free-run-diverged", row.model, data),)
+        return (Finding("worse-than-mean", self.record.name),) if row.fit_percent <= 0 else ()
 
     @property
     def input_moves(self) -> bool:

@@ -40,6 +40,7 @@ def motors(
     command: Command = "",
     compare: Compare = [],  # noqa: B006
     check: Check = [],  # noqa: B006
+    force: Annotated[bool, typer.Option("--force", help="Replace an actuator, or another file, of this name.")] = False,
     json: Json = False,
 ) -> None:
     """Keep identified actuators as data: list, add, compare, check.
@@ -63,7 +64,7 @@ def motors(
         if not command:
             raise DataError("--add needs --command, the command line that identified the model")
         for name, model in added.items():
-            add_actuator(library, name, model, record, command)
+            add_actuator(library, name, model, record, command, force=force)
     if check:
         for name, model in pairs(check, "--check", "NAME=MODEL").items():
             _check(library, name, Path(model), record)

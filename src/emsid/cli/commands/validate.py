@@ -131,7 +131,7 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
     found = [Finding("data-not-unseen", record.name)] if fitted else []
     found += [*record.findings, *([] if source is None else source.differences(record))]
     found += [*([finding] if (finding := worst_region(assessed)) else []), *lateness(record, assessed.simulation)]
-    return found + ([Finding("worse-than-mean", record.name)] if assessed.row.fit_percent <= 0 else [])
+    return [*found, *assessed.findings]
 
 
 def _document(

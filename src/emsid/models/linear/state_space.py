@@ -131,14 +131,20 @@ class StateSpaceModel(RunMethods):
         return run_linear(a, b, self.c, d, self.first_state(y, u), np.hstack([u, y - self.level]))[1]
 
     def first_state(self, y: Array, u: Array) -> Array:
-        """(n,) the state before outputs y (N, ny) and inputs u (N, nu), by least squares on the prediction error."""
+        """(n,) the state before outputs y (N, ny) and inputs u (N, nu), by least squares on the prediction error.
+
+        NaN where the prediction overflows, so that a run from there diverges.
+        """
         a, b, d = self.predictor
         forced, _ = run_linear(a, b, self.c, d, np.zeros(self.order), np.hstack([u, y - self.level]))
         rows, power = [], self.c
         for _ in range(len(y)):
             rows.append(power)
             power = power @ a
-        return np.asarray(np.linalg.lstsq(np.vstack(rows), (y - self.level - forced).ravel(), rcond=None)[0])
+        both = np.column_stack([np.vstack(rows), (y - self.level - forced).ravel()])
+        if not np.isfinite(both).all():
+            return np.full(self.order, np.nan)
+        return np.asarray(np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0])
 
     def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         """The outputs (N, ny) for inputs (N, nu), and the state (n,) after them."""

@@ -157,7 +157,7 @@ def test_a_dropped_file_is_described_corrected_and_taken_back(opened: Any) -> No
     client.post("api/undo")
     assert state(client)["step"]["given"] == {}
     client.post("api/redo")
-    assert state(client)["step"]["given"] == {"units": {"speed": "rpm"}}
+    assert state(client)["step"]["given"] == {"log.csv": {"units": {"speed": "rpm"}}}
 
 
 def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> None:
@@ -165,14 +165,14 @@ def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> Non
     client.post("api/files?name=log.csv", content=table())
     ask = {"file": "log.csv", "first": 1.0, "last": 1.49}
     assert client.post("api/brush", json={"kind": "mask", **ask}).status_code == 200
-    assert studio.session.step["given"]["mask"] == "row >= 100 AND row < 150"
+    assert studio.session.step["given"]["log.csv"]["mask"] == "row >= 100 AND row < 150"
     record = state(client)["data"]["records"][0]
     assert record["samples"] == 350
     assert any(mark["kind"] == "gap" and mark["first"] == pytest.approx(0.99) for mark in record["marks"])
     client.post("api/brush", json={"kind": "mask", "file": "log.csv", "first": 2.0, "last": 2.09})
     assert state(client)["data"]["records"][0]["samples"] == 340
     client.post("api/brush", json={"kind": "cut", "file": "log.csv", "first": 0.5, "last": 3.0})
-    assert studio.session.step["given"]["rows"] == [50, 301]
+    assert studio.session.step["given"]["log.csv"]["rows"] == [50, 301]
     client.post("api/brush", json={"kind": "split", "file": "log.csv", "first": 2.5, "last": 3.0})
     assert studio.session.step["unseen"] == pytest.approx(51 / 191)
 

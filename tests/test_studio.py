@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import re
 import shlex
+import subprocess
+import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -157,7 +159,7 @@ def test_a_dropped_file_is_described_corrected_and_taken_back(opened: Any) -> No
     client.post("api/undo")
     assert state(client)["step"]["given"] == {}
     client.post("api/redo")
-    assert state(client)["step"]["given"] == {"units": {"speed": "rpm"}}
+    assert state(client)["step"]["given"] == {"log.csv": {"units": {"speed": "rpm"}}}
 
 
 def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> None:
@@ -165,14 +167,14 @@ def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> Non
     client.post("api/files?name=log.csv", content=table())
     ask = {"file": "log.csv", "first": 1.0, "last": 1.49}
     assert client.post("api/brush", json={"kind": "mask", **ask}).status_code == 200
-    assert studio.session.step["given"]["mask"] == "row >= 100 AND row < 150"
+    assert studio.session.step["given"]["log.csv"]["mask"] == "row >= 100 AND row < 150"
     record = state(client)["data"]["records"][0]
     assert record["samples"] == 350
     assert any(mark["kind"] == "gap" and mark["first"] == pytest.approx(0.99) for mark in record["marks"])
     client.post("api/brush", json={"kind": "mask", "file": "log.csv", "first": 2.0, "last": 2.09})
     assert state(client)["data"]["records"][0]["samples"] == 340
     client.post("api/brush", json={"kind": "cut", "file": "log.csv", "first": 0.5, "last": 3.0})
-    assert studio.session.step["given"]["rows"] == [50, 301]
+    assert studio.session.step["given"]["log.csv"]["rows"] == [50, 301]
     client.post("api/brush", json={"kind": "split", "file": "log.csv", "first": 2.5, "last": 3.0})
     assert studio.session.step["unseen"] == pytest.approx(51 / 191)
 
@@ -440,3 +442,251 @@ def test_deep_json_and_long_names_are_answered_in_one_line(opened: tuple[TestCli
     assert client.post("api/files?name=%00", content=b"x").status_code == 400
     assert client.get("api/runs/1/file/%00").status_code in (400, 404)
     assert client.get("page/%00").status_code in (400, 404)
+
+
+# --- what is said of a record stays with it ---------------------------------------------------------------------------
+
+
+def other_table(rows: int = 400) -> bytes:
+    """The same motor with other names of columns."""
+    return table(rows).replace(b't,voltage,"speed"', b"time,u1,omega")
+
+
+def test_settings_of_an_example_are_not_of_a_file_that_is_added(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    client.post("api/example", json={"name": "motor"})
+    example = studio.session.step["files"][0]
+    for edit in (
+        {"given": {"input": "voltage", "units": {"voltage": "V"}, "rows": [0, 900]}},
+        {"models": ["arx"], "unseen": 0.4, "options": {"na": "1", "fixed": {"resistance": "2 ohm"}}},
+    ):
+        assert client.post("api/edit", json=edit).status_code == 200
+    client.post("api/files?name=own.csv", content=other_table())
+    found = state(client)
+    assert found["step"]["options"] == {"na": 1, "fixed": {"resistance": "2 ohm"}}  # a further record of it
+    own = found["data"]["records"][1]
+    assert "problem" not in own
+    assert (own["samples"], [each["name"] for each in own["channels"]]) == (400, ["u1", "omega"])
+    assert client.post("api/edit", json={"files": ["own.csv"]}).status_code == 200  # remove
+    found = state(client)
+    assert found["step"]["files"] == ["own.csv"]
+    assert (found["step"]["given"], found["step"]["models"], found["step"]["options"]) == ({}, [], {})
+    assert found["step"]["unseen"] == 0.3
+    assert found["data"]["reading"]["input"] == "u1"
+    assert not found["problem"]
+    client.post("api/undo")
+    assert studio.session.step["given"][example]["units"] == {"voltage": "V"}
+    assert studio.session.step["options"]["fixed"] == {"resistance": "2 ohm"}
+
+
+def test_known_values_stay_with_the_files_that_they_were_said_of(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    for name in ("a.csv", "b.csv"):
+        client.post(f"api/files?name={name}", content=table())
+    client.post("api/edit", json={"options": {"fixed": {"resistance": "2 ohm"}}})
+    client.post("api/files?name=c.csv", content=table())
+    client.post("api/edit", json={"files": ["b.csv", "c.csv"]})
+    assert studio.session.step["options"] == {"fixed": {"resistance": "2 ohm"}}
+    client.post("api/edit", json={"files": ["c.csv"]})
+    assert studio.session.step["options"] == {}
+
+
+def test_a_mask_concerns_the_record_on_which_it_was_drawn(opened: tuple[TestClient, Studio]) -> None:
+    client, _ = opened
+    for name in ("a.csv", "b.csv"):
+        client.post(f"api/files?name={name}", content=table())
+    client.post("api/brush", json={"kind": "mask", "file": "b.csv", "first": 1.0, "last": 1.49})
+    client.post("api/edit", json={"given": {"units": {"speed": "rpm"}}})
+    client.post("api/brush", json={"kind": "cut", "file": "a.csv", "first": 0.5, "last": 2.99})
+    found = state(client)
+    assert [record["samples"] for record in found["data"]["records"]] == [250, 350]
+    assert [record["channels"][1]["unit"] for record in found["data"]["records"]] == ["rad/s", "rad/s"]
+    assert "command" not in found  # it would read both files in one way
+    assert found["script"].count("mask=") == 1
+
+
+def test_the_script_of_files_that_are_read_differently_runs_from_any_folder(
+    opened: tuple[TestClient, Studio], tmp_path: Path
+) -> None:
+    client = opened[0]
+    for name in ("a 'b'.csv", "c.csv"):
+        client.post(f"api/files?name={name}", content=table())
+    client.post("api/edit", json={"given": {"units": {"voltage": "V", "speed": "rad/s"}}})
+    client.post("api/brush", json={"kind": "mask", "file": "c.csv", "first": 1.0, "last": 1.49})
+    client.post("api/files?name=d.csv&unseen=1", content=table(300))
+    fixed = {"resistance": "2 ohm ± 5 %"}
+    client.post("api/edit", json={"models": ["arx", "rigid-motor"], "options": {"na": "1", "fixed": fixed}})
+    script = tmp_path / "fit.py"
+    script.write_text(state(client)["script"], "utf-8")
+    (tmp_path / "elsewhere").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-W", "error", script], cwd=tmp_path / "elsewhere", capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "rigid-motor" in done.stdout
+
+
+def test_results_of_other_data_are_marked(opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table())
+    client.post("api/edit", json={"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}})
+    finished(client, client.post("api/run").json()["run"])
+
+    def stale() -> list[str]:
+        (run,) = state(client)["runs"]
+        found: list[str] = run["stale"]
+        return found
+
+    assert stale() == []
+    client.post("api/edit", json={"models": ["output-error"]})
+    assert stale() == []  # of the same data
+    client.post("api/brush", json={"kind": "mask", "file": "log.csv", "first": 1.0, "last": 1.49})
+    assert stale() == ["mask"]
+    client.post("api/undo")
+    assert stale() == []
+    client.post("api/edit", json={"unseen": 0.4})
+    assert stale() == ["part kept unseen"]
+    client.post("api/undo")
+    client.post("api/files?name=more.csv", content=table())
+    assert stale() == ["files"]
+    client.post("api/undo")
+    path = studio.session.path("log.csv")
+    path.write_bytes(table().replace(b"0.02,", b"0.020,"))
+    assert stale() == ["content of log.csv"]
+    path.write_bytes(table())
+    assert stale() == []
+    monkeypatch.setattr("emsid.__version__", "0.0.1")
+    assert stale() == ["version of emsid"]
+    client.post("api/edit", json={"files": []})
+    assert stale() == ["data"]
+
+
+def test_a_file_is_read_again_once_it_has_changed(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table(400))
+    assert state(client)["data"]["records"][0]["samples"] == 400
+    window = client.get("api/window?file=log.csv&channel=speed&from=0&to=4&width=1000").content
+    studio.session.path("log.csv").write_bytes(table(300))
+    assert state(client)["data"]["records"][0]["samples"] == 300
+    again = client.get("api/window?file=log.csv&channel=speed&from=0&to=4&width=1000").content
+    assert (np.frombuffer(window[:4], "<u4")[0], np.frombuffer(again[:4], "<u4")[0]) == (400, 300)
+
+
+def test_a_session_of_the_first_version_is_read(tmp_path: Path) -> None:
+    step = {"files": ["a.csv", "b.csv"], "given": {"units": {"speed": "rpm"}}, "models": ["arx"]}
+    document = {"format": "emsid session", "version": 1, "at": 1, "steps": [{}, step]}
+    (tmp_path / "session.json").write_bytes(msgspec.json.encode(document))
+    session = Session.at_folder(tmp_path)
+    assert session.step["given"] == {"a.csv": {"units": {"speed": "rpm"}}}
+    assert (session.step["chosen_for"], session.step["models"]) == (["a.csv", "b.csv"], ["arx"])
+    assert msgspec.json.decode((tmp_path / "session.json").read_bytes())["version"] == 2
+
+
+# --- hostile sessions and requests ------------------------------------------------------------------------------------
+
+
+def test_mutated_session_files_are_read_or_refused_in_one_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    with studio_in(tmp_path / "s") as (client, studio):
+        client.post("api/files?name=log.csv", content=table(100))
+        client.post("api/edit", json={"given": {"units": {"speed": "rpm"}, "rows": [0, 90]}})
+        client.post("api/edit", json={"models": ["arx"], "options": {"fixed": {"resistance": "2 ohm"}, "na": 1}})
+        path = studio.session.folder / "session.json"
+        content = path.read_bytes()
+        kinds = [b"[]", b"{}", b"null", b"1e400", b"-1", b'"../x"', b'"\\u0000"', b"[" * 500 + b"]" * 500, b"\xff"]
+        read, refused = 0, []
+        for k in range(200):
+            a, b = sorted(rng.integers(0, len(content), 2))
+            if k % 4 == 0:  # a value becomes another
+                values = [m.span(1) for m in re.finditer(rb':("[^"]*"|[\d.]+|\[\]|\{\})', content)]
+                a, b = values[rng.integers(len(values))]
+                mutated = content[:a] + kinds[rng.integers(len(kinds))] + content[b:]
+            elif k % 4 == 1:  # a byte becomes another
+                mutated = content[:a] + bytes([rng.integers(32, 127)]) + content[a + 1 :]
+            else:  # a part is missing, or there twice
+                mutated = content[:a] + (content[b:] if k % 4 == 2 else content[a:b] + content[a:])
+            path.write_bytes(mutated)
+            try:
+                studio.session = studio.data.session = Session.at_folder(path.parent)
+            except FormatError as problem:
+                refused.append(str(problem))
+                continue
+            read += 1
+            answer = client.get("api/state")
+            assert answer.status_code == 200, answer.text
+            assert "\n" not in answer.json()["problem"]
+        assert 20 < read < 180
+        assert not any("\n" in problem for problem in refused)
+
+
+def test_requests_that_would_leave_no_readable_session_are_refused(opened: tuple[TestClient, Studio]) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table(100))
+    deep: Any = 1
+    for _ in range(400):
+        deep = [deep]
+    for content in (
+        {"files": ""},
+        {"files": {"log.csv": 1}},
+        {"files": ["log.csv"], "chosen_for": ["other"]},
+        {"given": {"mask": deep}},
+        {"given": {"rows": [1, 2, 3, 4, 5]}},
+        {"given": [1]},
+        {"given": {"units": {"speed": deep}}},
+        {"options": {"fixed": 3}},
+        {"options": {"na": "9" * 5000}},
+        {"unseen": "x"},
+        {"unseen": True},
+        {"models": [deep]},
+    ):
+        answer = client.post("api/edit", json=content)
+        assert (answer.status_code, "\n" in answer.text) == (400, False), content
+    assert len(studio.session.steps) == 2
+    assert Session.at_folder(studio.session.folder).step == studio.session.step
+
+
+def test_an_example_that_comes_too_late_leaves_no_file(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, studio = opened
+    arrived = studio.session.arrived
+
+    def edited_meanwhile(name: str) -> None:
+        arrived(name)
+        studio.session.change(studio.session.version, unseen=0.4)
+
+    monkeypatch.setattr(studio.session, "arrived", edited_meanwhile)
+    assert client.post("api/example", json={"name": "motor"}).status_code == 409
+    assert [*studio.session.path("").iterdir(), *(studio.session.folder / "incoming").iterdir()] == []
+
+
+def test_what_was_left_of_a_killed_upload_is_deleted(tmp_path: Path) -> None:
+    session = Session.at_folder(tmp_path / "s")
+    upload = session.adding("secret.csv")
+    name, incoming = upload.__enter__()
+    incoming.write_bytes(b"half")
+    assert session.free_name(name) == "secret-2.csv"
+    again = Session.at_folder(tmp_path / "s")
+    assert not incoming.exists()
+    assert again.free_name(name) == name
+
+
+@pytest.mark.parametrize("part", ["described", "reading"])
+def test_a_part_that_fails_costs_that_part_only(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, part: str
+) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table(100))
+
+    def fails(*arguments: Any, **options: Any) -> Any:
+        raise ZeroDivisionError("in the test")
+
+    monkeypatch.setattr(studio.data, part, fails)
+    with caplog.at_level("DEBUG", "emsid"):
+        found = state(client)
+    assert "an error inside the program (ZeroDivisionError: in the test)" in found["problem"]
+    assert found["step"]["files"] == ["log.csv"]
+    assert ("script" in found) == (part == "described")
+    assert any(record.exc_info for record in caplog.records)
+    answer = client.post("api/run")
+    assert (answer.status_code, "\n" in answer.text) == ((200, False) if part == "described" else (500, False))

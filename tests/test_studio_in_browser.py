@@ -309,6 +309,71 @@ def test_two_tabs_show_one_session_and_a_reload_in_the_middle_of_a_fit_finds_it(
     browser.switch_to.window(first)
 
 
+def test_eight_tabs_share_one_stream_of_messages(page: Page) -> None:
+    """A browser opens six connections to one server; the tab that listens may be closed."""
+    browser = page.browser
+    first = browser.current_window_handle
+    page.open("models")
+    page.says("no data yet")
+    for _ in range(7):
+        browser.switch_to.new_window("tab")
+        page.open("models")
+        page.says("no data yet", 10)
+    others = [handle for handle in browser.window_handles if handle != first]
+    keeper = others.pop()
+    page.post("edit", {"unseen": 0.4})
+    page.post("example", {"name": "motor"})
+    for handle in (first, *others):
+        browser.switch_to.window(handle)
+        page.find("#fit")
+        assert page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.4"
+    for handle in (first, *others):
+        browser.switch_to.window(handle)
+        browser.close()
+    browser.switch_to.window(keeper)
+    page.find("#fit")
+    page.post("edit", {"files": []})
+    page.says("no data yet", 10)
+
+
+def test_a_refused_change_draws_the_page_anew(page: Page) -> None:
+    tell = page.browser.execute_cdp_cmd
+    tell("Network.enable", {})
+    tell("Network.setBlockedURLs", {"urls": ["*/api/events"]})  # this page learns nothing of other changes
+    try:
+        page.post("example", {"name": "motor"})
+        page.open("models")
+        page.find("#fit")
+        page.post("edit", {"unseen": 0.45})
+        number = len(page.state()["runs"])
+        page.type("Part kept unseen", "0.2")
+        page.press("Fit")
+        page.until(lambda: "has changed meanwhile" in page.find("#message").text, 10)
+        page.until(lambda: page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.45", 10)
+        assert (len(page.state()["runs"]), page.state()["step"]["unseen"]) == (number, 0.45)
+    finally:
+        tell("Network.setBlockedURLs", {"urls": []})
+        page.open("data")
+        page.browser.get_log("browser")  # of the requests that were blocked and refused
+
+
+def test_a_result_of_other_data_is_called_so(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.post("edit", {"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}})
+    number = page.post("run")["run"]
+    page.until(lambda: page.state()["runs"][0]["state"] == "done")
+    page.open("models")
+    page.find(f"[aria-label='Run {number}'] table")
+    assert "Not a result of the present data" not in page.find(f"[aria-label='Run {number}']").text
+    name = page.state()["step"]["files"][0]
+    page.post("brush", {"kind": "mask", "file": name, "first": 1.0, "last": 1.5})
+    page.until(lambda: "different: mask" in page.find(f"[aria-label='Run {number}']").text)
+    page.open("compare")
+    page.says("different: mask")
+    page.post("undo")
+    page.until(lambda: "different:" not in page.text())
+
+
 def test_arrows_change_the_part_and_keep_the_focus_on_its_tab(page: Page) -> None:
     page.open("data")
     chosen = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -22,16 +23,34 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
+from emsid.studio import uplot
+
 PROC, NO_PROC = Path("/proc/self/cmdline").exists(), "finds the processes that fit in /proc"
 START = """
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
+from emsid.studio import impatient, server
+from emsid.cli.commands.studio import command_of, track_of
+impatient.HEAD = 1.0
+signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends by an exception, as in a command
+with suppress(KeyboardInterrupt):
+    server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=command_of, track=track_of,
+                 say=lambda address: print(address, flush=True))
+"""
+"""The server without the check for uPlot, which these tests do not draw with."""
+
+
+REFUSED = """
 import sys
 from pathlib import Path
 from emsid.studio import server
-from emsid.cli.commands.studio import command_of, track_of
-server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=command_of, track=track_of,
-             say=lambda address: print(address, flush=True))
+try:
+    server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=str, track=list, say=print)
+except Exception as problem:
+    print(type(problem).__name__, problem)
 """
-"""The server without the check for uPlot, which these tests do not draw with."""
 
 
 class Server:
@@ -42,12 +61,13 @@ class Server:
         self.process = process
         self.address = urlsplit(process.stdout.readline().strip())
 
-    def ask(self, path: str, content: Any = None, body: Any = None) -> tuple[int, bytes]:
-        """Status and content of an answer; a table or a body is posted."""
+    def ask(self, path: str, content: Any = None, body: Any = None, on: int | None = None) -> tuple[int, bytes]:
+        """Status and content of an answer; a table or a body is posted, made on a version."""
         connection = http.client.HTTPConnection(str(self.address.hostname), self.address.port, timeout=60)
         try:
             sent = msgspec.json.encode(content) if content is not None else body
-            connection.request("GET" if sent is None else "POST", self.address.path + path, sent)
+            headers = {} if on is None else {"If-Match": str(on)}
+            connection.request("GET" if sent is None else "POST", self.address.path + path, sent, headers)
             answer = connection.getresponse()
             return answer.status, answer.read()
         finally:
@@ -80,9 +100,9 @@ class Server:
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[Server]:
+def serving(folder: Path, **options: Any) -> Iterator[Server]:
     words = [sys.executable, "-c", START, str(folder)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, **options) as process:
         try:
             yield Server(process)
         finally:
@@ -224,3 +244,177 @@ def test_two_hundred_files_that_are_added_at_once_are_all_kept(tmp_path: Path) -
         step = server.state()["step"]
         assert len({*step["files"], *step["unseen_files"]}) == 201
         assert len(list((tmp_path / "session" / "data").iterdir())) == 201
+
+
+def test_corrections_at_once_lose_none(tmp_path: Path) -> None:
+    with serving(tmp_path / "session") as server:
+        server.ask("api/files?name=log.csv", body=table(60))
+
+        def correct(given: dict[str, Any]) -> int:
+            """Do it again after a refusal, as a user of a page that was drawn anew; the number of refusals."""
+            refused = 0
+            while (answer := server.ask("api/edit", {"given": given}, on=server.state()["version"]))[0] == 409:
+                refused += 1
+            assert answer[0] == 200
+            return refused
+
+        with ThreadPoolExecutor(2) as pool:
+            for k in range(6):
+                corrections = {"mask": f"row < {k + 1}"}, {"units": {"speed": ["rpm", "rad/s"][k % 2]}}
+                list(pool.map(correct, corrections))
+                assert server.state()["step"]["given"] == {"log.csv": corrections[0] | corrections[1]}
+        version = server.state()["version"]
+        assert version == 1 + 12
+        with ThreadPoolExecutor(8) as pool:  # of those made on one version, one is taken
+            asked = pool.map(lambda k: server.ask("api/edit", {"unseen": 0.2 + k / 100}, on=version)[0], range(8))
+            assert sorted(asked) == [200] + 7 * [409]
+
+
+def test_a_session_is_open_in_one_studio_at_a_time(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    second = [sys.executable, "-m", "emsid", "studio", "--no-browser", "--session", str(folder)]
+    with serving(folder) as server:
+        server.ask("api/files?name=log.csv", body=table(60))
+        before = (folder / "session.json").read_bytes()
+        done = subprocess.run(
+            [sys.executable, "-c", REFUSED, str(folder)], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines() == [
+            f"DataError {folder}: another process (number {server.process.pid}) has this session open; "
+            "use its page, or name another folder"
+        ]
+        if uplot.is_there():
+            refused = subprocess.run(second, capture_output=True, text=True, timeout=60, check=False)
+            assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
+        assert (folder / "session.json").read_bytes() == before
+        server.process.kill()
+        server.process.wait()
+    assert (folder / ".lock").exists()  # of a process that is no more
+    with serving(folder) as server:
+        assert server.state()["step"]["files"] == ["log.csv"]
+    assert not (folder / ".lock").exists()
+
+
+@pytest.mark.skipif(not PROC, reason=NO_PROC)
+def test_interrupting_a_studio_in_a_run_leaves_a_readable_session(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    for k, how in enumerate((signal.SIGINT, signal.SIGKILL)):
+        with serving(folder) as server:
+            if k == 0:
+                server.ask("api/files?name=log.csv", body=table(600))
+            number = server.begin()
+            until(lambda: workers(folder))
+            server.process.send_signal(how)
+            server.process.wait(30)
+            until(lambda: not workers(folder))
+        with serving(folder) as server:
+            found = server.state()
+            assert (found["step"]["files"], found["problem"]) == (["log.csv"], "")
+            run = server.run(number)
+            assert run["state"] in ("ended", "done", "failed")
+            for name in run["models"]:
+                assert server.ask(f"api/runs/{number}/sliders/{name}")[0] == 200
+            assert not list(folder.rglob("*.tmp"))
+
+
+def test_half_a_request_is_closed_after_seconds_unless_it_has_the_token(server: Server) -> None:
+    host, port = str(server.address.hostname), int(server.address.port or 0)
+    starts = [
+        b"",
+        b"GET / HTTP/1.1\r\nHost: x",
+        b"POST /none/api/files HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n",
+    ]
+    begun = time.monotonic()
+    idle = [socket.create_connection((host, port)) for _ in starts]
+    for connection, start in zip(idle, starts, strict=True):
+        connection.sendall(start)
+    slow = socket.create_connection((host, port))
+    slow.sendall(
+        f"POST {server.address.path}api/edit HTTP/1.1\r\nHost: {host}:{port}\r\nContent-Length: 2\r\n\r\n{{".encode()
+    )
+    for connection in idle:
+        connection.settimeout(20)
+        with suppress(ConnectionResetError):
+            while connection.recv(1000):  # until the server closes it
+                pass
+        connection.close()
+    assert time.monotonic() - begun < 10
+    time.sleep(max(0.0, begun + 2 - time.monotonic()))
+    slow.sendall(b"}")
+    slow.settimeout(20)
+    assert slow.recv(1000).startswith(b"HTTP/1.1 200")
+    slow.close()
+
+
+def test_an_upload_that_breaks_off_leaves_no_file(tmp_path: Path) -> None:
+    with serving(tmp_path / "session") as server:
+        connection = http.client.HTTPConnection(str(server.address.hostname), server.address.port, timeout=60)
+        connection.putrequest("POST", server.address.path + "api/files?name=log.csv")
+        connection.putheader("content-length", "1000")
+        connection.endheaders(b"t,voltage")
+        until(lambda: list((tmp_path / "session" / "incoming").iterdir()))
+        connection.close()
+        until(lambda: not list((tmp_path / "session" / "incoming").iterdir()))
+        assert list((tmp_path / "session" / "data").iterdir()) == []
+        assert server.state()["step"]["files"] == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files as POSIX does")
+def test_a_full_disk_is_answered_in_one_line_and_changes_nothing(tmp_path: Path) -> None:
+    import resource
+
+    folder, most = tmp_path / "session", 4000
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))  # writing more than this fails, as on a full disk
+
+    with serving(folder) as server:
+        server.ask("api/files?name=log.csv", body=table(60))
+        for k in range(12):
+            server.ask("api/edit", {"unseen": 0.2 + k / 100})
+    steps = 0
+    with serving(folder, preexec_fn=limit) as server:
+        for path, content, body in (
+            ("api/files?name=more.csv", None, table(600)),
+            ("api/example", {"name": "motor"}, None),
+        ):
+            status, answer = server.ask(path, content, body)
+            assert status in (400, 507), answer
+            assert b"\n" not in answer
+        while (answers := server.ask("api/edit", {"unseen": 0.5 + steps / 1000}))[0] == 200:
+            steps += 1
+            assert steps < 100
+        assert answers[0] in (400, 507)
+        assert b"\n" not in answers[1]
+        assert server.state()["step"]["unseen"] == pytest.approx(0.5 + (steps - 1) / 1000)
+        server.ask("api/undo", {})
+    assert [path.name for path in (folder / "data").iterdir()] == ["log.csv"]
+    assert list((folder / "incoming").iterdir()) == []
+    with serving(folder) as server:
+        assert server.state()["step"]["files"] == ["log.csv"]
+
+
+@pytest.mark.skipif(not PROC, reason="looks for a command line in /proc")
+def test_the_token_is_in_no_command_line(tmp_path: Path) -> None:
+    seen, browser = tmp_path / "seen", tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {seen}.part; mv {seen}.part {seen}\n')
+    browser.chmod(0o700)
+    start = START.replace("browser=False", "browser=True")
+    environment = {**os.environ, "BROWSER": f"{browser} %s"}
+    words = [sys.executable, "-c", start, str(tmp_path / "session")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        try:
+            server = Server(process)
+            until(seen.exists)
+            address = seen.read_text().strip()
+            door = Path(address.removeprefix("file://"))
+            assert door == tmp_path / "session" / "open.html"
+            assert door.stat().st_mode & 0o777 == 0o600
+            assert f"url={server.address.geturl()}" in door.read_text()
+            assert len(server.address.path) > 20
+            token = server.address.path.strip("/").encode()
+            assert token not in Path(f"/proc/{process.pid}/cmdline").read_bytes()
+        finally:
+            process.terminate()
+    assert not door.exists()

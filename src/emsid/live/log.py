@@ -53,7 +53,7 @@ class Log:
             self._held = Lock(self.path.with_name(f".{self.path.name}.lock"))
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             self.begin = os.fstat(self._file).st_size
-        except _Taken as other:
+        except Taken as other:
             raise FormatError(
                 f"{self.path}: {other.by} writes into this log; end it, or choose another place", arguments=("out",)
             ) from None
@@ -138,7 +138,7 @@ class Log:
                 os.fsync(self._file)
 
 
-class _Taken(Exception):
+class Taken(Exception):
     """Another process holds a lock.
 
     Args:
@@ -158,7 +158,7 @@ class Lock:
         path: the file.
 
     Raises:
-        _Taken: where another process holds it.
+        Taken: where another process holds it.
         OSError: where it cannot be made.
     """
 
@@ -169,7 +169,7 @@ class Lock:
             if not _locked(self._file):
                 number = os.read(self._file, 20).decode("ascii", "replace").strip()
                 os.close(self._file)
-                raise _Taken(f"another process{f' (number {number})' if number.isdigit() else ''}")
+                raise Taken(f"another process{f' (number {number})' if number.isdigit() else ''}")
             with suppress(OSError):
                 if os.path.samestat(os.fstat(self._file), os.stat(path)):
                     break

@@ -33,6 +33,8 @@ MOST_MARKS = 200
 """Marks in a plot; more cannot be told apart."""
 SHORTEST = 5
 """Equal samples at the extreme of a channel that are marked as saturation."""
+OWN = ("mask", "rows")
+"""Arguments of `emsid.read` about samples, which concern the file that they were said of and no other."""
 NEAR = 10
 """Samples between two jittering steps that are marked as one stretch."""
 SENTENCES = {
@@ -75,6 +77,7 @@ class Data:
     def __init__(self, session: Session, spelling: Spelling) -> None:
         self.session, self.spelling = session, spelling
         self._made: OrderedDict[str, Any] = OrderedDict()
+        self._names: dict[str, set[str]] = {}
         self._lock = RLock()
 
     def _once(self, key: str, make: Callable[[], Any]) -> Any:
@@ -87,28 +90,57 @@ class Data:
             return self._made[key]
 
     def parsed(self, name: str) -> ParsedFile:
-        """The columns of a file, read once."""
+        """The columns of a file, read once while it does not change."""
         path = self.session.path(name)
-        return self._once(f"file {name}", lambda: ParsedFile(path, read_columns(path)))  # type: ignore[no-any-return]
+        key = f"file {name} {self.session.stamp(name)}"
+        return self._once(key, lambda: ParsedFile(path, read_columns(path)))  # type: ignore[no-any-return]
 
-    def look(self, step: Mapping[str, Any]) -> emsid.FirstLook:
-        """The first look at the first file, with the corrections."""
-        name, given = step["files"][0], step["given"]
-        key = f"look {name} {sorted(given.items(), key=str)}"
+    def _look(self, name: str, given: Mapping[str, Any]) -> emsid.FirstLook:
+        key = f"look {name} {self.session.stamp(name)} {sorted(given.items(), key=str)}"
         return self._once(key, lambda: emsid.describe(self.parsed(name), **arguments(given)))  # type: ignore[no-any-return]
 
-    def reading(self, step: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments of `emsid.read` for all files, for JSON: those found, repairs, and corrections."""
-        look = self.look(step)
-        mended = {name: value for name, value in look.mends.items() if name not in step["given"]}
+    def _columns(self, name: str) -> set[str]:
+        """The names of the columns of a file."""
+        key = f"{name} {self.session.stamp(name)}"
+        if key not in self._names:
+            self._names[key] = set(self.parsed(name).columns.series)
+        return self._names[key]
+
+    def look(self, step: Mapping[str, Any]) -> emsid.FirstLook:
+        """The first look at the first file, with its corrections."""
+        name = step["files"][0]
+        return self._look(name, step["given"].get(name, {}))
+
+    def reading(self, step: Mapping[str, Any], name: str, own: bool = True) -> dict[str, Any]:
+        """The arguments of `emsid.read` for a file, for JSON: those found, repairs, and corrections.
+
+        A file with the same columns as the first one is read like it; what was said of samples stays with its file.
+
+        Args:
+            step: with this file.
+            name: of the file.
+            own: whether what was said of samples of the file belongs to them.
+        """
+        first = step["files"][0]
+        alike = name == first or self._columns(name) == self._columns(first)
+        leader = first if alike else name
+        said = {**step["given"].get(leader, {})}
+        if leader != name or not own:
+            said = {key: value for key, value in said.items() if key not in OWN}
+            said |= step["given"].get(name, {}) if own else {}
+        look = self._look(leader, said)
+        mended = {key: value for key, value in look.mends.items() if key not in said}
         reading = {**look.reading, **mended}
-        return as_json({name: value for name, value in reading.items() if value not in ("", None, {}, [])})
+        return as_json({key: value for key, value in reading.items() if value not in ("", None, {}, [])})
 
     def record(self, step: Mapping[str, Any], name: str) -> Record:
         """The record in a file."""
-        reading = self.reading(step)
-        key = f"record {name} {reading}"
-        return self._once(key, lambda: emsid.read(self.parsed(name), **arguments(reading)))  # type: ignore[no-any-return]
+        reading = arguments(self.reading(step, name))
+        return self._of_record("record", step, name, lambda: emsid.read(self.parsed(name), **reading))  # type: ignore[no-any-return]
+
+    def _of_record(self, what: str, step: Mapping[str, Any], name: str, make: Callable[[], Any]) -> Any:
+        """Something of the record in a file, made once while neither the file nor its reading changes."""
+        return self._once(f"{what} {name} {self.session.stamp(name)} {self.reading(step, name)}", make)
 
     def signal(self, step: Mapping[str, Any], name: str, channel: str) -> Signal:
         """A channel of the record in a file, contiguous in memory."""
@@ -117,7 +149,7 @@ class Data:
         def make() -> Signal:
             return Signal(record.time, np.ascontiguousarray(record.channel(channel)), record.dt)
 
-        return self._once(f"signal {id(record)} {channel}", make)  # type: ignore[no-any-return]
+        return self._of_record(f"signal {channel}", step, name, make)  # type: ignore[no-any-return]
 
     def described(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """Everything about the data of a step, for the page."""
@@ -125,7 +157,7 @@ class Data:
             return {}
         look = self.look(step)
         table = column_table(look, 60)
-        reading = self.reading(step)
+        reading = self.reading(step, step["files"][0])
         said = [
             {
                 "code": finding.code,
@@ -169,7 +201,9 @@ class Data:
             "inputs": len(record.input_names),
             "marks": [
                 {**mark, "text": _text(mark["kind"], said)}
-                for mark in self._once(f"marks {id(record)}", lambda: [*marks(record), *self._jitter(step, name, said)])
+                for mark in self._of_record(
+                    f"marks {bool(said)}", step, name, lambda: [*marks(record), *self._jitter(step, name, said)]
+                )
             ],
         }
 
@@ -190,7 +224,7 @@ class Data:
         Raises:
             DataError: where samples are not from rows of one table, or none lie between the times.
         """
-        reading, parsed = arguments(self.reading(step)), self.parsed(name)
+        reading, parsed = arguments(self.reading(step, name)), self.parsed(name)
         outputs = reading["output"]
         column = str(outputs if isinstance(outputs, str) else outputs[0]).removeprefix("d(").removesuffix(")")
         lengths = {len(series) for series in parsed.columns.series.values()}

@@ -94,7 +94,7 @@ class Guard:
             return 403, "the address needs the token that `emsid studio` has printed"
         most = self._most(scope)
         length = headers.get(b"content-length", b"0")
-        if not length.isdigit() or int(length) > most:
+        if not length.isdigit() or len(length) > 20 or int(length) > most:
             return 413, f"the request has more than {most:,} bytes"
         return None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from pprint import pformat
 from typing import Any
 
 from emsid.studio.data import arguments
@@ -14,21 +13,23 @@ def as_script(task: Mapping[str, Any], folder: Path) -> str:
     """The program for a task, with the files in a folder.
 
     Args:
-        task: files, reading, models and options.
+        task: files, the reading of each, models and options.
         folder: of the files.
     """
-    reading = arguments(task["reading"])
-    given = "".join(f"    {name}={value!r},\n" for name, value in reading.items())
 
-    def read(names: list[str]) -> str:
-        return pformat([str(folder / name) for name in names], width=110)
+    def read(name: str, files: list[str]) -> list[str]:
+        lines = [f"{name} = ["]
+        for file in files:
+            given = arguments(task["readings"][file])
+            lines += ["    emsid.read(", f"        {str(folder / file)!r},"]
+            lines += [*(f"        {key}={value!r}," for key, value in given.items()), "    ),"]
+        return [*lines, "]"]
 
-    lines = ["import emsid", "", f"reading = dict(\n{given})"]
-    lines.append(f"records = [emsid.read(path, **reading) for path in {read(task['files'])}]")
+    lines = ["import emsid", "", *read("records", task["files"])]
     unseen = repr(task["unseen"])
     if task["unseen_files"]:
         unseen = "unseen"
-        lines.append(f"unseen = [emsid.read(path, **reading) for path in {read(task['unseen_files'])}]")
+        lines += read(unseen, task["unseen_files"])
     options = {**({"models": task["models"]} if task["models"] else {}), **task["options"]}
     words = ["records", unseen, *(f"{name}={value!r}" for name, value in options.items())]
     lines += [f"result = emsid.identify({', '.join(words)})", "print(result)"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
@@ -17,19 +18,21 @@ import msgspec
 import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.borders import LOG, InternalError
 from emsid.findings import plain
 from emsid.studio import uplot
 from emsid.studio.exports import exported, formats
 from emsid.studio.guard import LARGE, Guard, TooLarge
+from emsid.studio.impatient import ImpatientProtocol
 from emsid.studio.live import Live
 from emsid.studio.play import free_runs, loaded, played, sliders
 from emsid.studio.runs import Runs
-from emsid.studio.session import Conflict, Session, in_session
+from emsid.studio.session import Conflict, Session, held, in_session
 from emsid.studio.studio import Studio
 from emsid.studio.windows import Signal, packed
 
@@ -42,6 +45,10 @@ REPORT_POLICY = (
     b"sandbox allow-scripts allow-popups; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 )
 """The report is a page of its own, whose script and style are in it. It has no origin, so it reaches nothing here."""
+
+
+NOT_UNDERSTOOD = (msgspec.MsgspecError, RecursionError, LookupError, ValueError, TypeError, AttributeError)
+"""What is raised for a request with other content than is expected."""
 
 
 @dataclass
@@ -94,6 +101,18 @@ def made_on(request: Request) -> str | None:
     return request.headers.get("if-match")
 
 
+def refusal(problem: Exception) -> Response:
+    """The answer in one line where a request could not be done."""
+    LOG.debug("%s", problem, exc_info=problem)
+    if isinstance(problem, EmsidError):
+        return PlainTextResponse(str(problem), 409 if isinstance(problem, Conflict) else 400)
+    if isinstance(problem, OSError):
+        return PlainTextResponse(f"a file cannot be written ({(problem.strerror or str(problem)).lower()})", 507)
+    if isinstance(problem, NOT_UNDERSTOOD):
+        return PlainTextResponse(f"the request is not understood ({type(problem).__name__})", 400)
+    return PlainTextResponse(str(InternalError("studio", problem)), 500)
+
+
 def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable[Response]]:
     """A route that reads JSON, does some work in a thread, and answers with JSON, bytes or a response."""
 
@@ -104,17 +123,13 @@ def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable
             if not isinstance(content, dict):
                 raise DataError("the request is no table")
             found = await run_in_threadpool(work, request, content)
-        except Conflict as problem:
-            return PlainTextResponse(str(problem), 409)
-        except EmsidError as problem:
-            return PlainTextResponse(str(problem), 400)
-        except (msgspec.DecodeError, RecursionError, LookupError, ValueError, TypeError, AttributeError) as problem:
-            return PlainTextResponse(f"the request is not understood ({type(problem).__name__})", 400)
-        if isinstance(found, Response):
-            return found
-        if isinstance(found, bytes):
-            return Response(found, media_type="application/octet-stream")
-        return Response(msgspec.json.encode(plain(found)), media_type="application/json")
+            if isinstance(found, Response):
+                return found
+            if isinstance(found, bytes):
+                return Response(found, media_type="application/octet-stream")
+            return Response(msgspec.json.encode(plain(found)), media_type="application/json")
+        except Exception as problem:
+            return refusal(problem)
 
     return route
 
@@ -172,29 +187,22 @@ class Routes:
 
     async def _upload(self, request: Request) -> Response:
         """Write a dropped file into the session, block by block."""
-        session = self.studio.session
-        name, count, kept = session.reserve(request.query_params.get("name", "file.csv")), 0, False
-        part = session.path(f".{name}.part")
+        session, count = self.studio.session, 0
         try:
-            with part.open("wb") as file:
-                async for block in request.stream():
-                    count += len(block)
-                    if count > LARGE:
-                        return PlainTextResponse("the file is too large", 413)
-                    file.write(block)
-            part.replace(session.path(name))
-            unseen = request.query_params.get("unseen") == "1"
-            await run_in_threadpool(self.studio.add, name, unseen=unseen)
-            kept = True
-        except EmsidError as problem:
-            return PlainTextResponse(str(problem), 400)
-        except OSError as problem:
-            reason = (problem.strerror or str(problem)).lower()
-            return PlainTextResponse(f"the file cannot be written ({reason})", 507)
-        finally:
-            part.unlink(missing_ok=True)
-            if not kept:
-                session.path(name).unlink(missing_ok=True)
+            with session.adding(request.query_params.get("name", "file.csv")) as (name, incoming):
+                with incoming.open("wb") as file:
+                    async for block in request.stream():
+                        count += len(block)
+                        if count > LARGE:
+                            raise TooLarge
+                        file.write(block)
+                session.arrived(name)
+                unseen = request.query_params.get("unseen") == "1"
+                await run_in_threadpool(self.studio.add, name, unseen=unseen)
+        except (TooLarge, ClientDisconnect):
+            return PlainTextResponse("the file is too large, or has not arrived", 413)
+        except Exception as problem:
+            return refusal(problem)
         return Response(b"{}", media_type="application/json")
 
     def _folder(self, number: str) -> Path:
@@ -319,15 +327,15 @@ def serve(
         FormatError: where the folder is no session, or uPlot is missing.
         DataError: where the port is in use.
     """
-    messages = Messages()
-    session = Session.at_folder(folder)
-    studio = Studio(
-        session, Runs(session, messages.announce), Live(session, messages.announce, track), spelling, command
-    )
-    studio.announce = messages.announce
-    for path in files:
-        studio.add(session.add(path))
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
+    with held(folder), socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
+        messages = Messages()
+        session = Session.at_folder(folder)
+        studio = Studio(
+            session, Runs(session, messages.announce), Live(session, messages.announce, track), spelling, command
+        )
+        studio.announce = messages.announce
+        for path in files:
+            studio.add(session.add(path))
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind(("127.0.0.1", port))
@@ -337,6 +345,7 @@ def serve(
         port, token = listening.getsockname()[1], token_urlsafe(24)
         config = uvicorn.Config(
             application(studio, messages, token, port),
+            http=ImpatientProtocol,
             log_level="error",
             access_log=False,
             limit_concurrency=MOST_AT_ONCE,
@@ -348,13 +357,27 @@ def serve(
         address = f"http://127.0.0.1:{port}/{token}/"
         say(address)
         Thread(target=studio.warm, daemon=True).start()
+        door = session.folder / "open.html"
         if browser:
-            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+            write_door(door, address)
+            Thread(target=webbrowser.open, args=(door.as_uri(),), daemon=True).start()
         try:
             Serving(config, messages).run(sockets=[listening])
         finally:
+            door.unlink(missing_ok=True)
             studio.runs.close()
             studio.live.stop()
+
+
+def write_door(path: Path, address: str) -> None:
+    """Write a page that leads to an address, for this user only.
+
+    The command lines of all processes are visible to every user, so a browser is started with this page, not with the
+    address, which has the token.
+    """
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        file.write(f'<!doctype html><title>emsid</title><meta http-equiv="refresh" content="0; url={address}">\n')
 
 
 __all__ = ["Messages", "application", "serve", "uplot"]

@@ -11,29 +11,60 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
+from hashlib import sha256
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict
 
 import msgspec
+from msgspec import Meta
 
 from emsid.errors import DataError, FormatError
 from emsid.io import atomic_write
+from emsid.live.log import Lock, Taken
 
-FORMAT, VERSION = "emsid session", 1
+VERSION = 2
 MOST_STEPS = 200
 """Steps that can be undone; each is a few hundred bytes."""
-EMPTY: dict[str, Any] = {
-    "files": [],
-    "unseen_files": [],
-    "unseen": 0.3,
-    "given": {},
-    "models": [],
-    "options": {},
-}
-"""A step: names of files in ``data/``, those of unseen data, the part kept unseen, corrected arguments of `emsid.read`,
-names of the models (none: the usual ones), and options of `emsid.identify`."""
+INCOMING = "incoming"
+"""The folder of files that are being written; those that are refused do not get into ``data/``."""
+FileName = Annotated[str, Meta(pattern=r"\A(?!\.{1,2}\Z)[^\x00/\\]+\Z")]
+Stamp = tuple[tuple[str, int, int], ...]
+
+
+class Step(TypedDict):
+    """What was chosen; everything is bound to the files that it was said of.
+
+    ``files`` and ``unseen_files`` are names in ``data/``. ``given`` are corrected arguments of `emsid.read` by the file
+    that they were said of. ``models`` (none: the usual ones), ``options`` of `emsid.identify` with known values, and
+    ``unseen``, the part kept unseen, were chosen for the files ``chosen_for``.
+    """
+
+    files: list[FileName]
+    unseen_files: list[FileName]
+    given: dict[FileName, dict[str, Any]]
+    models: list[str]
+    options: dict[str, Any]
+    unseen: Annotated[float, Meta(gt=0, lt=1)]
+    chosen_for: list[FileName]
+
+
+class Document(TypedDict):
+    """The content of ``session.json``."""
+
+    format: Literal["emsid session"]
+    version: Literal[2]
+    at: Annotated[int, Meta(ge=0)]
+    steps: Annotated[list[Step], Meta(min_length=1)]
+
+
+CHOICE: dict[str, Any] = {"models": [], "options": {}, "unseen": 0.3}
+"""The parts of a step that are chosen for all of its files, with their defaults."""
+EMPTY: dict[str, Any] = {"files": [], "unseen_files": [], "given": {}, **CHOICE, "chosen_for": []}
 
 
 class Conflict(DataError):
@@ -41,6 +72,29 @@ class Conflict(DataError):
 
     def __init__(self) -> None:
         super().__init__("the session has changed meanwhile; look at it and do it again")
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Keep other processes from changing the session in a folder, which is made where it is missing.
+
+    Raises:
+        FormatError: where the folder cannot be made or written to.
+        DataError: where another process has the session.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        lock = Lock(folder / ".lock")
+    except Taken as other:
+        raise DataError(
+            f"{folder}: {other.by} has this session open; use its page, or name another folder", arguments=("session",)
+        ) from None
+    except OSError as problem:
+        raise FormatError(f"{folder}: cannot be written ({_reason(problem)}); choose another folder") from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @dataclass
@@ -67,22 +121,22 @@ class Session:
         Raises:
             FormatError: where the folder has a file ``session.json`` that is none.
         """
+        folder = folder.resolve()  # its files are named to other programs, which run elsewhere
         path = folder / "session.json"
         session = cls(folder)
-        if path.exists():
-            try:
-                found = msgspec.json.decode(path.read_bytes())
-                if (found["format"], found["version"]) != (FORMAT, VERSION):
-                    raise ValueError
-                session.steps = [checked({**EMPTY, **step}) for step in found["steps"]]
-                session.steps[0]  # there is always a step
-                session.at = min(max(int(found["at"]), 0), len(session.steps) - 1)
-            except (LookupError, ValueError, TypeError, RecursionError, msgspec.DecodeError):
-                raise FormatError(f"{path}: not a session that this emsid reads; choose another folder") from None
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder.chmod(0o700)
-        (folder / "data").mkdir(parents=True, exist_ok=True)
-        (folder / "runs").mkdir(exist_ok=True)
+        try:
+            if path.exists():
+                found = msgspec.convert(current(msgspec.json.decode(path.read_bytes())), Document)
+                session.steps, session.at = found["steps"], min(found["at"], len(found["steps"]) - 1)  # type: ignore[assignment]
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.chmod(0o700)
+            _delete(folder / INCOMING)  # an upload that was killed
+            for name in ("data", "runs", INCOMING):
+                (folder / name).mkdir(exist_ok=True)
+        except (LookupError, ValueError, TypeError, AttributeError, RecursionError, msgspec.MsgspecError):
+            raise FormatError(f"{path}: not a session that this emsid reads; choose another folder") from None
+        except OSError as problem:
+            raise FormatError(f"{folder}: cannot be used ({_reason(problem)}); choose another folder") from None
         session.save()
         return session
 
@@ -106,10 +160,12 @@ class Session:
 
         Raises:
             Conflict: where this is not the present version.
+            msgspec.ValidationError: where a value is of another type.
             FormatError: where it cannot be written; the session is then as before.
         """
         with self.lock:
-            steps = [*self.steps[: self.at + 1], {**self.step, **values}][-MOST_STEPS:]
+            step = msgspec.convert(bound({**self.step, **values}), Step)
+            steps = [*self.steps[: self.at + 1], step][-MOST_STEPS:]
             self._commit(on, steps, len(steps) - 1)
 
     def move(self, on: int, by: int) -> None:
@@ -131,7 +187,7 @@ class Session:
 
     def save(self) -> None:
         """Write ``session.json``."""
-        document = {"format": FORMAT, "version": VERSION, "at": self.at, "steps": self.steps}
+        document = {"format": "emsid session", "version": VERSION, "at": self.at, "steps": self.steps}
         atomic_write(self.folder / "session.json", msgspec.json.encode(document))
 
     def path(self, name: str) -> Path:
@@ -144,21 +200,52 @@ class Session:
         bare = bare.encode()[-120:].decode(errors="ignore") or "file"
         stem, dot, suffix = bare.partition(".")
         numbered = (f"{stem}-{k}{dot}{suffix}" for k in range(2, 10_000))
-        return next(each for each in (bare, *numbered) if not self.path(each).exists())
+        places = (self.path(each) for each in (bare, *numbered))
+        return next(place.name for place in places if not (place.exists() or self._incoming(place.name).exists()))
 
-    def reserve(self, name: str) -> str:
-        """A free name, taken by an empty file, so that nobody else takes it.
+    def _incoming(self, name: str) -> Path:
+        return self.folder / INCOMING / name
+
+    @contextmanager
+    def adding(self, name: str) -> Iterator[tuple[str, Path]]:
+        """A free name for a file of the data, and where to write it first; after an exception within, no file stays.
 
         Raises:
-            FormatError: where the folder cannot be written to.
+            OSError: where the folder cannot be written to.
         """
         with self.lock:
             free = self.free_name(name)
-            try:
-                self.path(free).touch(exist_ok=False)
-            except OSError as problem:
-                raise FormatError(f"{free}: cannot be written ({(problem.strerror or str(problem)).lower()})") from None
-            return free
+            incoming = self._incoming(free)
+            incoming.touch(exist_ok=False)  # nobody else takes the name
+        try:
+            yield free, incoming
+        except BaseException:
+            _delete(self.path(free))
+            raise
+        finally:
+            _delete(incoming)
+
+    def arrived(self, name: str) -> None:
+        """Put a file that has been written to its place."""
+        self._incoming(name).replace(self.path(name))
+
+    def stamp(self, name: str) -> Stamp:
+        """What changes as a file of the data, or one in it where it is a folder, is replaced.
+
+        Raises:
+            FormatError: where it is missing.
+        """
+        path = self.path(name)
+        try:
+            files = sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
+            states = [(str(each), each.stat()) for each in files]
+        except OSError as problem:
+            raise FormatError(f"{path}: cannot be read ({_reason(problem)})") from None
+        return tuple((each, state.st_size, state.st_mtime_ns) for each, state in states)
+
+    def digest(self, name: str) -> str:
+        """The hash of the content of a file of the data."""
+        return _digest(self.stamp(name))
 
     def add(self, source: Path) -> str:
         """Copy a file, or a folder that is a recording, into the session; its name there.
@@ -166,16 +253,16 @@ class Session:
         Raises:
             FormatError: where it cannot be read.
         """
-        name = self.free_name(source.name)
-        part = self.path(f".{name}.part")
         try:
-            if source.is_dir():
-                shutil.copytree(source, part)
-            else:
-                shutil.copyfile(source, part)
-            part.replace(self.path(name))
+            with self.adding(source.name) as (name, incoming):
+                if source.is_dir():
+                    incoming.unlink()
+                    shutil.copytree(source, incoming)
+                else:
+                    shutil.copyfile(source, incoming)
+                self.arrived(name)
         except OSError as problem:
-            raise FormatError(f"{source}: cannot be read ({(problem.strerror or str(problem)).lower()})") from None
+            raise FormatError(f"{source}: cannot be read ({_reason(problem)})") from None
         return name
 
     def new_run(self) -> Path:
@@ -193,19 +280,49 @@ class Session:
         return sorted(found, key=lambda path: int(path.name))
 
 
-def checked(step: dict[str, Any]) -> dict[str, Any]:
-    """A step of a session file.
+def bound(step: dict[str, Any]) -> dict[str, Any]:
+    """A step without what was said of other data: corrections of files that it lacks, and a choice for other files.
 
-    Raises:
-        ValueError: where it has parts of other types, or files outside the session.
+    A choice holds for the files that it was made for, and for further ones as long as the first file is one of them.
     """
-    for key, value in EMPTY.items():
-        if not isinstance(step[key], type(value)):
-            raise ValueError(key)
-    for name in (*step["files"], *step["unseen_files"]):
-        if not isinstance(name, str) or name in ("", ".", "..") or re.search(r"[\x00/\\]", name):
-            raise ValueError(name)
-    return step
+    names = {*step["files"], *step["unseen_files"]}
+    given = {name: each for name, each in step["given"].items() if name in names and each}
+    other = step["files"] and step["chosen_for"] and step["files"][0] not in step["chosen_for"]
+    return {**step, "given": given, **({**CHOICE, "chosen_for": []} if other else {})}
+
+
+def current(found: dict[str, Any]) -> dict[str, Any]:
+    """The content of a session file in the present version; in the first one, corrections were of all files."""
+    if found["version"] != 1:
+        return found
+    steps = [{**EMPTY, **step} for step in found["steps"]]
+    for step in steps:
+        step["chosen_for"] = [*step["files"], *step["unseen_files"]]
+        step["given"] = dict.fromkeys(step["files"][:1], step["given"]) if step["given"] else step["given"]
+    return {**found, "version": VERSION, "steps": steps}
+
+
+@lru_cache(maxsize=1024)
+def _digest(stamp: Stamp) -> str:
+    found = sha256()
+    with suppress(OSError):  # a file that is deleted meanwhile has another stamp
+        for name, *_ in stamp:
+            with open(name, "rb") as file:
+                while block := file.read(1 << 20):
+                    found.update(block)
+    return found.hexdigest()
+
+
+def _delete(path: Path) -> None:
+    """Delete a file or a folder, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _reason(problem: OSError) -> str:
+    return (problem.strerror or str(problem)).lower()
 
 
 def in_session(folder: Path, name: str) -> Path | None:

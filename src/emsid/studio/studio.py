@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
+import emsid
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.borders import border
 from emsid.studio.data import Data
 from emsid.studio.script import as_script
-from emsid.studio.session import EMPTY, Conflict, Session
+from emsid.studio.session import CHOICE, EMPTY, Conflict, Session
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,18 +96,22 @@ class Studio:
             Conflict: where the session has changed since, also while the data were read.
             EmsidError: where they cannot be read.
         """
-        step = {**step, **values}
-        looked_at = step["files"] and values.keys() & {"files", "given", "unseen_files"}
-        if looked_at and self.data.look(step).record is None and step["given"]:
-            found = self.data.described(step)
-            said = [each["text"] for each in found["findings"] if each["code"] in NO_RECORD]
-            raise DataError(said[0] if said else "no record can be read like this")
+        step, before = {**step, **values}, step["given"]
+        for name, given in values.get("given", {}).items():
+            if given == before.get(name, {}):
+                continue
+            if name != step["files"][0]:
+                self.data.record(step, name)
+            elif self.data.look(step).record is None and given:
+                found = self.data.described(step)
+                said = [each["text"] for each in found["findings"] if each["code"] in NO_RECORD]
+                raise DataError(said[0] if said else "no record can be read like this")
         self.session.change(on, **values)
         self.announce({"kind": "state"})
         return {"version": on + 1}
 
     def add(self, name: str, *, unseen: bool = False) -> None:
-        """Add a file of the session to the data; the first one is looked at anew.
+        """Add a file of the session to the data.
 
         Raises:
             EmsidError: where it cannot be read.
@@ -115,9 +121,11 @@ class Studio:
             while True:  # unlike other changes, those that add a file do not exclude each other
                 on, step = self.session.present
                 key = "unseen_files" if unseen and step["files"] else "files"
-                values: dict[str, Any] = {key: [*step[key], name]} | ({} if step["files"] else {"given": {}})
+                files = [*step[key], name]
+                if len(files) == 1:
+                    self.data.look({**step, key: files})
                 with suppress(Conflict):
-                    self.change(on, step, **values)
+                    self.change(on, step, **{key: files})
                     return
 
     def _made_on(self, version: Any) -> tuple[int, dict[str, Any]]:
@@ -132,14 +140,14 @@ class Studio:
         return on, step
 
     def edit(self, content: Mapping[str, Any], version: Any = None) -> dict[str, int]:
-        """Change parts of the step; ``given`` is merged, and a None in it takes back a correction.
+        """Change parts of the step; ``given`` corrects the reading of the first file: a None takes a correction back.
 
         Raises:
-            DataError: for a part that is none.
+            DataError: for a part that is none, or corrections without a file.
             EmsidError: where the data cannot be read like this.
         """
         (on, step), values = self._made_on(version), dict(content)
-        unknown = values.keys() - EMPTY.keys()
+        unknown = values.keys() - EMPTY.keys() | values.keys() & {"chosen_for"}
         if unknown:
             raise DataError(f"there is no {', '.join(sorted(unknown))} in a step")
         known = {*step["files"], *step["unseen_files"]}
@@ -147,8 +155,7 @@ class Studio:
             if not set(values.get(key, [])) <= known:
                 raise DataError("there is no such file")
         if "given" in values:
-            merged = {**step["given"], **values["given"]}
-            values["given"] = {name: value for name, value in merged.items() if value is not None}
+            values["given"] = self._said(step, step["files"][:1], values["given"])
         if "options" in values:
             values["options"] = options_of(values["options"])
         if "unseen" in values and not 0 < float(values["unseen"]) < 1:
@@ -158,8 +165,26 @@ class Studio:
 
             values["models"] = list(model_names(values["models"])) if values["models"] else []
         if not values.get("files", [""]):
-            values |= {"given": {}, "unseen_files": []}
+            values["unseen_files"] = []
+        if values.keys() & CHOICE.keys():
+            now = {**step, **values}
+            values["chosen_for"] = [*now["files"], *now["unseen_files"]]
         return self.change(on, step, **values)
+
+    @staticmethod
+    def _said(step: Mapping[str, Any], files: list[str], given: Mapping[str, Any]) -> dict[str, Any]:
+        """The corrections of a step with further ones of some files.
+
+        Raises:
+            DataError: where there is no file.
+        """
+        if not files:
+            raise DataError("there are no data to correct; drop a file or choose an example")
+        said = dict(step["given"])
+        for name in files:
+            merged = {**said.get(name, {}), **given}
+            said[name] = {key: value for key, value in merged.items() if value is not None}
+        return said
 
     def move(self, by: int, version: Any = None) -> dict[str, int]:
         """Undo or redo."""
@@ -181,16 +206,14 @@ class Studio:
             after = float((record.time >= first).mean())
             return self.edit({"unseen": float(f"{after:.10g}")}, on)
         a, b = self.data.rows(step, name, first, last)
-        given = dict(step["given"])
         if kind == "mask":
-            before = self.data.reading(step).get("mask")
-            new = f"row >= {a} AND row < {b}"
-            given["mask"] = f"({before}) OR ({new})" if before else new
+            before, new = self.data.reading(step, name).get("mask"), f"row >= {a} AND row < {b}"
+            given: dict[str, Any] = {"mask": f"({before}) OR ({new})" if before else new}
         elif kind == "cut":
-            given["rows"] = [a, b]
+            given = {"rows": [a, b]}
         else:
             raise DataError("a brush can mask, cut or split")
-        return self.change(on, step, given=given)
+        return self.change(on, step, given=self._said(step, [name], given))
 
     def example(self, name: str, version: Any = None) -> dict[str, int]:
         """Begin with an example of `emsid demo`.
@@ -205,25 +228,28 @@ class Studio:
         found = next((each for each in EXAMPLES if each.name == name), None)
         if found is None:
             raise DataError("there is no such example")
-        file = self.session.free_name(f"{name}.csv")
-        write_record(found.record(), self.session.path(file))
-        return self.change(on, step, files=[file], unseen_files=[], given={})
-
-    @property
-    def task(self) -> dict[str, Any]:
-        """What a run of the present step is asked."""
-        return self._task_of(self.session.step)
+        with self.session.adding(f"{name}.csv") as (file, incoming):
+            write_record(found.record(), incoming)
+            self.session.arrived(file)
+            return self.change(on, step, files=[file], unseen_files=[])
 
     def _task_of(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """What a run of a step is asked; ``reading`` also suits other files, for it concerns no samples."""
         if not step["files"]:
             raise DataError("there are no data; drop a file or choose an example")
+        files = [*step["files"], *step["unseen_files"]]
         names = ("files", "unseen_files", "unseen", "models", "options")
-        return {name: step[name] for name in names} | {"reading": self.data.reading(step)}
+        return {name: step[name] for name in names} | {
+            "readings": {name: self.data.reading(step, name) for name in files},
+            "reading": self.data.reading(step, step["files"][0], own=False),
+            "contents": {name: self.session.digest(name) for name in files},
+            "emsid": emsid.__version__,
+        }
 
     def run(self, version: Any = None) -> dict[str, str]:
         """Fit; the number of the run."""
         number = self.runs.begin(self._task_of(self._made_on(version)[1]))
-        self.announce({"kind": "run", "run": self.runs.state(number)})
+        self.announce({"kind": "run", "run": {**self.runs.state(number), "stale": []}})
         return {"run": number}
 
     def state(self) -> dict[str, Any]:
@@ -236,18 +262,45 @@ class Studio:
             "redo": self.session.at < len(self.session.steps) - 1,
             "folder": str(self.session.folder),
             "catalogue": catalogue(),
-            "runs": self.runs.states,
             "units": UNITS,
             "live": self.live.state,
         }
-        try:
+        problems: list[EmsidError] = []
+        with border("data", report=problems.append):
             found["data"] = self.data.described(step)
-            if step["files"]:
-                found["command"] = self.command(self.task, self.session.folder / "data")
-                found["script"] = as_script(self.task, self.session.folder / "data")
-        except EmsidError as problem:
-            found["problem"] = str(problem)
+        task: dict[str, Any] = {}
+        if step["files"]:
+            with border("task", report=problems.append):
+                task = self._task_of(step)
+                place = self.session.folder / "data"
+                found["script"] = as_script(task, place)
+                reading, *others = task["readings"].values()
+                if all(other == reading for other in others):  # a command reads all files in one way
+                    found["command"] = self.command({**task, "reading": reading}, place)
+        found["runs"] = [{**run, "stale": differences(run["task"], task)} for run in self.runs.states]
+        found["problem"] = "; ".join(dict.fromkeys(map(str, problems)))
         return found
+
+
+def differences(task: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
+    """In what the data of a run, and the program that fitted it, differ from those of the present step.
+
+    Args:
+        task: of the run.
+        present: the task of the present step; empty where that has none.
+    """
+    if not present or "readings" not in task:
+        return ["data"]
+    words = {"files": "files", "unseen_files": "unseen data"}
+    found = [word for name, word in words.items() if task[name] != present[name]]
+    if not present["unseen_files"] and task["unseen"] != present["unseen"]:
+        found.append("part kept unseen")
+    for name in task["readings"].keys() & present["readings"].keys():
+        before, now = task["readings"][name], present["readings"][name]
+        found += [key for key in {**before, **now} if before.get(key) != now.get(key)]
+        found += [f"content of {name}"] if task["contents"][name] != present["contents"][name] else []
+    found += ["version of emsid"] if task["emsid"] != present["emsid"] else []
+    return list(dict.fromkeys(found))
 
 
 def options_of(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -81,13 +81,14 @@ class Progress:
 
 def identified(session: Path, run: Path, task: dict[str, Any], control: Control) -> Identification:
     """The identification of a task; every fit is saved as it is found."""
-    reading = arguments(task["reading"])
     control.doing("reading")
-    records = [emsid.read(session / "data" / name, **reading) for name in task["files"]]
-    others = [emsid.read(session / "data" / name, **reading) for name in task["unseen_files"]]
+    records, others = (
+        [emsid.read(session / "data" / name, **arguments(task["readings"][name])) for name in task[kind]]
+        for kind in ("files", "unseen_files")
+    )
 
     def finished(fit: Any) -> None:
-        save(fit, run / f"{fit.model.name}.json", reading=reading_of_files(reading))
+        save(fit, run / f"{fit.model.name}.json", reading=task["reading"])
         say(kind="fit", model=fit.model.name, ending=fit.ending.value)
 
     return emsid.identify(
@@ -100,14 +101,9 @@ def identified(session: Path, run: Path, task: dict[str, Any], control: Control)
     )
 
 
-def reading_of_files(reading: dict[str, Any]) -> dict[str, Any]:
-    """The arguments that also suit other files."""
-    return {name: value for name, value in reading.items() if name != "rows"}
-
-
 def write_result(result: Identification, run: Path, task: dict[str, Any]) -> None:
     """Write models, result, free runs, what the page shows, and the report, in this order."""
-    reading = reading_of_files(arguments(task["reading"]))
+    reading = task["reading"]
     say(kind="progress", doing="writing", done=0, total=None)
     for fit in result.fits:
         save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)

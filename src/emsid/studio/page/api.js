@@ -45,10 +45,23 @@ export async function binary(path, content) {
   return (await checked(await fetch(`api/${path}`, options))).arrayBuffer();
 }
 
+// Messages from the server. A browser opens few connections to one server, so one tab, which holds a lock, listens and
+// passes messages on to the others; as it closes, the next one gets the lock. `null` says that messages may be missing.
 export function events(onMessage, onReturn) {
-  const source = new EventSource("api/events");
-  source.onmessage = (event) => onMessage(JSON.parse(event.data));
-  let lost = false;
-  source.onerror = () => { lost = true; };
-  source.onopen = () => { if (lost) { lost = false; onReturn(); } };
+  const name = `emsid ${location.pathname}`, others = new BroadcastChannel(name);
+  const take = (message) => (message === null ? onReturn() : onMessage(message));
+  const pass = (message) => { take(message); others.postMessage(message); };
+  others.onmessage = (event) => take(event.data);
+  let waited = true;
+  navigator.locks.request(name, { ifAvailable: true }, (lock) => { if (lock) { waited = false; return listen(); } return null; })
+    .then(() => waited && navigator.locks.request(name, listen));
+
+  function listen() {
+    const source = new EventSource("api/events");
+    let lost = waited;
+    source.onmessage = (event) => pass(JSON.parse(event.data));
+    source.onerror = () => { lost = true; };
+    source.onopen = () => { if (lost) { lost = false; pass(null); } };
+    return new Promise(() => {});  // until this tab is closed
+  }
 }

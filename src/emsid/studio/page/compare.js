@@ -1,14 +1,16 @@
 // Compare: measured and simulated outputs with linked zoom, and what the report says of each model side by side.
 import { binary, get, unpack } from "./api.js";
 import { el, table } from "./dom.js";
+import { otherData } from "./models.js";
 import { Group, TimePlot } from "./plot.js";
 
 export function chooser(app, onChange) {
   const done = app.state.runs.filter((run) => run.state === "done");
   if (!done.length) return null;
-  if (!done.some((run) => run.number === app.run)) app.run = done[0].number;
-  return el("label", {}, "Run ", el("select", { "aria-label": "Run", onchange: (event) => { app.run = event.target.value; onChange(); } },
-    done.map((run) => el("option", { value: run.number, selected: run.number === app.run }, `${run.number}: ${run.task.files.join(", ")}`))));
+  if (!done.some((run) => run.number === app.run)) app.run = (done.find((run) => !run.stale.length) ?? done[0]).number;
+  return [el("label", {}, "Run ", el("select", { "aria-label": "Run", onchange: (event) => { app.run = event.target.value; onChange(); } },
+    done.map((run) => el("option", { value: run.number, selected: run.number === app.run }, `${run.number}: ${run.task.files.join(", ")}${run.stale.length ? " (other data)" : ""}`)))),
+    otherData(done.find((run) => run.number === app.run))];
 }
 
 export async function showCompare(main, app) {

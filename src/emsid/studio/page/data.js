@@ -10,7 +10,7 @@ export function showData(main, app) {
   main.append(files(state, step));
   if (!step.files.length || !state.data?.header) return;
   const data = state.data;
-  main.append(el("h2", {}, "Columns"), el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "Columns" }, columns(data)),
+  main.append(el("h2", {}, `Columns of ${step.files[0]}`), el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "Columns" }, columns(data)),
     clock(data), findings(data));
   const known = data.records.filter((record) => !record.problem);
   for (const record of data.records.filter((each) => each.problem)) main.append(el("p", { class: "problem" }, record.problem));

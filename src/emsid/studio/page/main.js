@@ -9,6 +9,7 @@ import { liveMessage, showLive } from "./live.js";
 
 const PARTS = { data: ["Data", showData], models: ["Models", showModels], compare: ["Compare", showCompare],
   play: ["Play", showPlay], live: ["Live", showLive] };
+const COPIES = { "copy-command": "command", "copy-python": "script" };
 export const app = { state: null, part: location.hash.slice(1) in PARTS ? location.hash.slice(1) : "data", refresh, go, close: () => {} };
 
 async function refresh() {
@@ -45,7 +46,7 @@ function draw() {
   if (focused?.startsWith("tab-")) document.getElementById(focused)?.focus();
   document.getElementById("undo").disabled = !state.undo;
   document.getElementById("redo").disabled = !state.redo;
-  for (const id of ["copy-command", "copy-python"]) document.getElementById(id).disabled = !state.command;
+  for (const [id, what] of Object.entries(COPIES)) document.getElementById(id).disabled = !state[what];
   app.close();
   app.close = () => {};
   const main = document.getElementById("main");
@@ -61,7 +62,7 @@ function announced(news) {
   else if (news.kind === "run" && app.state) {
     const before = app.state.runs.find((run) => run.number === news.run.number);
     const changed = !before || before.state !== news.run.state || before.models.length !== news.run.models.length;
-    app.state.runs = [news.run, ...app.state.runs.filter((run) => run.number !== news.run.number)]
+    app.state.runs = [{ stale: before?.stale ?? [], ...news.run }, ...app.state.runs.filter((run) => run.number !== news.run.number)]
       .sort((a, b) => b.number - a.number);
     if (changed && ["models", "compare", "play"].includes(app.part)) draw();
     else app.progress?.(news.run);
@@ -80,8 +81,7 @@ async function copy(text) {
 }
 
 for (const what of ["undo", "redo"]) document.getElementById(what).addEventListener("click", () => attempt(() => post(what)));
-document.getElementById("copy-command").addEventListener("click", () => copy(app.state.command));
-document.getElementById("copy-python").addEventListener("click", () => copy(app.state.script));
+for (const [id, what] of Object.entries(COPIES)) document.getElementById(id).addEventListener("click", () => copy(app.state[what]));
 document.addEventListener("keydown", (event) => {
   if (!(event.ctrlKey || event.metaKey) || /^(input|textarea)$/i.test(event.target.tagName)) return;
   const what = { z: "undo", y: "redo" }[event.key];

@@ -7,6 +7,11 @@ const FIELDS = { na: "Past outputs na", nb: "Past inputs nb", nk: "Delay nk [sam
   recent: "Forget errors after [s]", hold: "Input between samples (zero, first)", free: "Estimate exactly", per_record: "Own value per record",
   profile: "Likelihood profiles of", bootstrap: "Bootstrap fits", seed: "Seed" };
 
+// What a result is not about; nothing for one of the present data.
+export function otherData(run) {
+  return run.stale.length ? el("p", { class: "problem" }, `Not a result of the present data; different: ${run.stale.join(", ")}.`) : "";
+}
+
 export function showModels(main, app) {
   const { state } = app, step = state.step;
   if (!step.files.length) { main.append(el("p", {}, "There are no data yet: drop a file in the part Data.")); return; }
@@ -47,7 +52,7 @@ async function apply(form, known, boxes, unseen, step) {
 function runView(run, app, bars) {
   const card = el("section", { class: "card", "aria-label": `Run ${run.number}` });
   const title = el("h3", {}, `Run ${run.number}: ${run.state}`);
-  card.append(title, el("p", { class: "quiet" }, `${(run.task.files ?? []).join(", ")} – ${(run.task.models ?? []).join(", ") || "the usual models"}`));
+  card.append(title, otherData(run), el("p", { class: "quiet" }, `${(run.task.files ?? []).join(", ")} – ${(run.task.models ?? []).join(", ") || "the usual models"}`));
   if (run.state === "running" || run.state === "waiting") {
     const bar = el("progress", { "aria-label": "Progress" }), doing = el("span", {});
     const update = (now) => {
@@ -74,7 +79,7 @@ async function result(card, run, app) {
   const rows = found.ranking.map((row) => [row.model, row.fit === null ? "diverges" : `${row.fit.toFixed(1)} %`, number(row.rmse), `${row.parameters}`]);
   card.append(table({ header: ["Model", "Fit of the free run", `RMSE [${found.units[0] || "–"}]`, "Parameters"], rows, caption: "Ranked by free run on unseen data" },
     (row) => (row[0] === found.chosen ? "chosen" : "")));
-  card.append(el("ul", {}, found.findings.map((each) => el("li", { class: each.severity }, each.text, " ", action(each.edit)))));
+  card.append(el("ul", {}, found.findings.map((each) => el("li", { class: each.severity }, each.text, " ", run.stale.length ? null : action(each.edit)))));
   const allow = el("input", { type: "checkbox" });
   const assumed = found.assumed ?? [];
   card.append(...(found.assumptions ?? []).map((text) => el("p", { class: "problem" }, text)));

@@ -15,7 +15,7 @@ from emsid.identification.candidates import CANDIDATES
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
-from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.blocks.static_maps import DeadZone, Saturation
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 
@@ -345,3 +345,14 @@ def test_a_defect_of_a_part_of_a_tracking_leaves_everything_else(run, tmp_path, 
     assert (tmp_path / "out" / "record.csv").exists() is (part != "record")
     assert (tmp_path / "out" / "state.json").exists() is (part != "state")
     assert emsid.load(tmp_path / "out" / "arx.json").parameters["a1"].value == pytest.approx(-0.9, abs=1e-6)
+
+
+@pytest.mark.parametrize("map", [DeadZone(-0.2, 0.3, 1.0, 2.0), Saturation(1.5, -1.0, 2.0)])
+def test_every_pair_of_ends_meets_halfway(map) -> None:
+    theta = map.parameters
+    at = [map.letters.index(letter) for letter in map.ends]
+    theta[at] = 0.7, 0.3
+    met = map.with_parameters(theta)
+    met.check()
+    assert met.parameters[at].tolist() == [0.5, 0.5]
+    assert np.isfinite(met.value(np.linspace(-3, 3, 101))).all()

@@ -15,7 +15,7 @@ from emsid.identification.candidates import CANDIDATES
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
-from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.blocks.static_maps import DeadZone, Saturation
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 
@@ -26,6 +26,13 @@ DEFECT = "an error inside the program (RuntimeError: of the test)"
 
 def fails(*_, **__):
     raise RuntimeError("of the test")
+
+
+def patch(monkeypatch, part: str, work: object = fails) -> None:
+    where, _, name = part.rpartition(".")
+    module, _, kind = where.rpartition(".")
+    inside = getattr(import_module(module), kind) if kind.lstrip("_")[0].isupper() else import_module(where)
+    monkeypatch.setattr(inside, name, work)
 
 
 @pytest.fixture
@@ -89,6 +96,9 @@ PARTS = {
     "figure on the page": "emsid.report.page.page_figure",
     "figure as a file": "emsid.report.figures.draw",
     "page": "emsid.report.identification_page.report",
+    "template of the page": "emsid.report.page.templates",
+    "first screen": "emsid.cli.first_screen.first_screen",
+    "result": "emsid.cli.writing.as_json",
 }
 
 
@@ -111,16 +121,15 @@ class Reader(HTMLParser):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_defect_of_one_part_leaves_everything_else(run, tmp_path, monkeypatch, part) -> None:
-    where, _, name = PARTS[part].rpartition(".")
-    module, _, kind = where.rpartition(".")
-    inside = getattr(import_module(module), kind) if kind[0].isupper() else import_module(where)
-    monkeypatch.setattr(inside, name, fails)
+    patch(monkeypatch, PARTS[part])
     log = table(tmp_path / "log.csv", samples=300)
     words = "--models", "arx,output-error", *FIRST_ORDER, "--details"
     status, out, err = run("identify", log, *IDENTIFY, *words, "--out", tmp_path / "out")
-    assert status == 0, err
-    written = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert {row["model"] for row in written["rows"]} == {"arx", "output-error"}
+    assert status == (2 if part in ("first screen", "result") else 0), err
+    written: dict = {"findings": []}
+    if part != "result":
+        written = json.loads((tmp_path / "out" / "result.json").read_text())
+        assert {row["model"] for row in written["rows"]} == {"arx", "output-error"}
     for name in ("arx.json", "output-error.json", "best.json"):
         assert emsid.load(tmp_path / "out" / name).parameters is not None
     page = (tmp_path / "out" / "report.html").read_text()
@@ -184,3 +193,166 @@ def test_ends_of_a_dead_zone_that_the_data_would_cross_meet(kind) -> None:
     assert 0 <= zone.b_r - zone.b_l < 0.02
     values = fit.model.parameter_values()
     assert fit.estimate == pytest.approx([values[name] for name in fit.names])
+
+
+STUDY_PARTS = {
+    "linear model": "emsid.study.workflow.recursive_least_squares",
+    "friction on the load side": "emsid.study.workflow.load_friction_difference",
+    "excitation": "emsid.study.workflow.excitation_of",
+    "priors": "emsid.study.workflow.priors",
+    "survey": "emsid.study.workflow.recorded",
+    "example": "emsid.study.workflow.regressions",
+    "richer input": "emsid.study.workflow.richer_input",
+    "comparison with the paper": "emsid.study.summary._compared",
+    "one-step errors": "emsid.study.summary._prediction",
+    "ratios in the file": "emsid.study.summary.paper_ratios",
+    "screen": "emsid.cli.commands.study._print",
+    "first figure": "emsid.report.study_page.overview",
+    "claims": "emsid.report.study_page.claims_table",
+    "section of a study": "emsid.report.study_page.part_section",
+    "section of the motor": "emsid.report.study_page.motor_section",
+    "section of a model": "emsid.report.views.model_section",
+    "template": "emsid.report.page.templates",
+    "figure as a file": "emsid.report.figures.draw",
+}
+
+
+@pytest.mark.parametrize("part", STUDY_PARTS)
+def test_a_defect_of_a_part_of_a_study_leaves_everything_else(run, tmp_path, monkeypatch, part) -> None:
+    monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {"rigid-motor": fails})
+    patch(monkeypatch, STUDY_PARTS[part])
+    status, out, err = run("study", "--duration", "2", "--out", tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "study.json").read_text())
+    assert {row["model"] for row in written["rows"]} >= {"friction-narx", "arx"}
+    page = (tmp_path / "out" / "report.html").read_text()
+    Reader(page)
+    said = [each for each in written["findings"] if each["code"] == "part-failed"]
+    failed = [each for each in written["findings"] if each["code"] == "study-model-failed"]
+    assert "rigid-motor" in {each["subject"] for each in failed}
+    assert said or DEFECT in page.replace("rigid-motor could not be fitted", "") or DEFECT in err
+    assert (status == 2) is (part == "screen")
+    assert "Traceback" not in out + err
+    assert (tmp_path / "out" / "figures").exists() is (part != "figure as a file")
+
+
+def test_debug_prints_the_traceback_of_a_study(run, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {"rigid-motor": fails})
+    status, out, err = run("study", "--duration", "2", "--debug", "--out", tmp_path / "out")
+    assert status == 0
+    assert "rigid-motor could not be fitted in the simulation study: an error inside the program" in out
+    assert 'raise RuntimeError("of the test")' in err
+
+
+@pytest.fixture
+def saved(run, tmp_path):
+    """The file of a model, and two other records."""
+    log = table(tmp_path / "log.csv", samples=300)
+    assert run("identify", log, *IDENTIFY, *FIRST_ORDER, "--models", "arx", "--out", tmp_path / "model")[0] == 0
+    records = [table(tmp_path / f"{seed}.csv", samples=300, seed=seed) for seed in (1, 2)]
+    return tmp_path / "model" / "arx.json", records
+
+
+VALIDATION_PARTS = {
+    "errors by region": "emsid.validation.regions.errors_by_region",
+    "worst region": "emsid.validation.regions.worst_region",
+    "late record": "emsid.validation.lateness.lateness",
+    "table": "emsid.cli.commands.validate._print",
+    "prediction": "emsid.cli.commands.validate._ahead",
+    "figure": "emsid.report.views.measured_and_simulated",
+    "figure of the inputs": "emsid.report.views.inputs",
+    "page": "emsid.cli.commands.validate._report",
+    "template": "emsid.report.page.templates",
+    "write": "emsid.cli.commands.validate.write",
+}
+
+
+@pytest.mark.parametrize("part", VALIDATION_PARTS)
+def test_a_defect_of_a_part_of_a_validation_leaves_everything_else(run, tmp_path, monkeypatch, saved, part) -> None:
+    model, records = saved
+    patch(monkeypatch, VALIDATION_PARTS[part])
+    words = "validate", model, *records, "--horizon", 3, "--out", tmp_path / "out"
+    status, out, err = run(*words)
+    assert status == (2 if part == "write" else 0)
+    assert "Traceback" not in out + err
+    page = (tmp_path / "out" / "report.html").read_text()
+    Reader(page)
+    if part != "write":
+        written = json.loads((tmp_path / "out" / "validation.json").read_text())
+        assert [row["record"] for row in written["records"]] == ["1.csv", "2.csv"]
+        assert all(row["fit_percent"] > 99 for row in written["records"])
+        assert ("horizon_mse" in out) is False
+    assert DEFECT in out + err + page
+    assert 'raise RuntimeError("of the test")' in run(*words, "--debug")[2]
+
+
+def test_a_record_on_which_a_model_fails_leaves_the_others(run, tmp_path, monkeypatch, saved) -> None:
+    from emsid.validation import comparison
+
+    model, records = saved
+    plain = comparison.assess_model
+    failing = {"1.csv"}
+
+    def assess(loaded, record, *rest, **more):
+        return fails() if record.name in failing else plain(loaded, record, *rest, **more)
+
+    monkeypatch.setattr(comparison, "assess_model", assess)
+    status, out, _ = run("validate", model, *records, "--out", tmp_path / "out")
+    assert status == 0
+    written = json.loads((tmp_path / "out" / "validation.json").read_text())
+    assert [row["record"] for row in written["records"]] == ["2.csv"]
+    assert [each["subject"] for each in written["findings"]] == ["validation on 1.csv"]
+    assert f"validation on 1.csv failed: {DEFECT}" in out
+    failing.add("2.csv")
+    status, out, err = run("validate", model, *records)
+    assert (status, out) == (2, "")
+    assert err == f"emsid: validation on 1.csv: {DEFECT} (--debug)\n"
+
+
+TRACKING_PARTS = {
+    "physical values": "emsid.live.tracking.of_regression",
+    "history": "emsid.live.session._Work.remember",
+    "detection of changes": "emsid.live.tracking.ChangeDetector.update",
+    "view": "emsid.cli.live_view.Lines.show",
+    "estimates": "emsid.live.session._Work.periodic",
+    "record": "emsid.io.write_record",
+    "state": "emsid.io.state_file.save_state",
+    "figure": "emsid.report.tracking_page.convergence",
+    "counts": "emsid.report.tracking_page._counts",
+    "parameters": "emsid.report.tracking_page._parameters",
+    "page": "emsid.report.tracking_page.tracking_report",
+}
+
+
+@pytest.mark.parametrize("part", TRACKING_PARTS)
+def test_a_defect_of_a_part_of_a_tracking_leaves_everything_else(run, tmp_path, monkeypatch, part) -> None:
+    where, once = TRACKING_PARTS[part], []
+
+    def later(*of, **more):  # a defect after samples have come
+        once.append(1)
+        return fails() if len(once) > 1 else iter(())
+
+    patch(monkeypatch, where, later if part == "estimates" else fails)
+    log = table(tmp_path / "log.csv", samples=900)
+    words = "track", log, "--dt", "0.01", "--input", "u", "--output", "y", "--false-alarm", "10s"
+    status, _, err = run(*words, "--out", tmp_path / "out", "--debug")
+    assert status == (2 if part in ("record", "state", "estimates") else 0), err
+    assert 'raise RuntimeError("of the test")' in err
+    page = (tmp_path / "out" / "report.html").read_text()
+    Reader(page)
+    written = json.loads((tmp_path / "out" / "track.json").read_text())
+    said = [each for each in written["findings"] if each["code"] == "part-failed"]
+    assert said or DEFECT in err + page
+    assert (tmp_path / "out" / "record.csv").exists() is (part != "record")
+    assert (tmp_path / "out" / "state.json").exists() is (part != "state")
+    assert emsid.load(tmp_path / "out" / "arx.json").parameters["a1"].value == pytest.approx(-0.9, abs=1e-6)
+
+
+@pytest.mark.parametrize("map", [DeadZone(-0.2, 0.3, 1.0, 2.0), Saturation(1.5, -1.0, 2.0)])
+def test_every_pair_of_ends_meets_halfway(map) -> None:
+    theta = map.parameters
+    at = [map.letters.index(letter) for letter in map.ends]
+    theta[at] = 0.7, 0.3
+    met = map.with_parameters(theta)
+    met.check()
+    assert met.parameters[at].tolist() == [0.5, 0.5]
+    assert np.isfinite(met.value(np.linspace(-3, 3, 101))).all()

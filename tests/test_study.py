@@ -618,10 +618,11 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     part = study(replace(result.settings, duration=2.0)).part(SIMULATION)
     assert BLOCKS not in part.models
     assert list(part.failed) == [BLOCKS]
-    assert "out of range (no convergence)" in part.failed[BLOCKS]
+    assert "out of range (no convergence)" in str(part.failed[BLOCKS])
     shorter = replace(result, parts=(part,))
     (finding,) = found(shorter, "study-model-failed")
-    assert (finding.subject, finding.data["problem"]) == (BLOCKS, part.failed[BLOCKS])
+    assert (finding.subject, finding.data["internal"]) == (BLOCKS, False)
+    assert "out of range (no convergence)" in finding.data["problem"]
     assert not found(result, "study-model-failed")
 
 

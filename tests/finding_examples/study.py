@@ -82,5 +82,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("study-recursive-and-batch", "arx", RECURSIVE | {"vanishes_at": 1e12}),
     Finding("study-recursive-and-batch", "arx", RECURSIVE | {"vanishes_at": None}),
     Finding("study-rank-deficient", "narx", {"study": "simulation", "method": "ls", "rank": 8, "parameters": 9}),
-    Finding("study-model-failed", "blocks", {"study": "simulation", "problem": "the input is too short"}),
+    Finding(
+        "study-model-failed", "blocks", {"study": "simulation", "problem": "the input is too short", "internal": False}
+    ),
 )

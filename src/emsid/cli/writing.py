@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -59,24 +60,31 @@ def write(
     from emsid.io import atomic_write, save
     from emsid.io.files import write_several
 
+    def save_document(name: str) -> None:
+        atomic_write(folder / name, as_json(documents[name]))
+
     def save_one(fit: Any) -> None:
         save(fit, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
 
-    write_several(save_one, fits)
-    for name, content in documents.items():  # after the model files, which it names
-        atomic_write(folder / name, as_json(content))
+    problem = attempted(
+        lambda: write_several(save_one, fits),
+        *(partial(save_document, name) for name in documents),  # after the model files, which it names
+    )
+    if problem is not None:
+        raise problem
 
 
-def attempted(work: Callable[[], object]) -> EmsidError | None:
-    """Do what writes files or prints, and return the error if that fails, to raise it after everything else.
+def attempted(*works: Callable[[], object]) -> EmsidError | None:
+    """Do all that writes files or prints, and return the first error of it, to raise it after everything else.
 
     A full disk must not take a result away that was computed for minutes.
     """
     from emsid.estimation.borders import border
 
     problems: list[EmsidError] = []
-    with border("output", report=problems.append, passing=OSError):
-        work()
+    for work in works:
+        with border("output", report=problems.append, passing=OSError):
+            work()
     return problems[0] if problems else None
 
 

@@ -6,14 +6,17 @@ name of the part for whoever collects them (`collected`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from logging import getLogger
+from typing import TypeVar
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.findings import Finding
+
+T = TypeVar("T")
 
 LOG = getLogger("emsid")
 _NOTED: ContextVar[list[Finding] | None] = ContextVar("noted", default=None)
@@ -64,11 +67,44 @@ def border(
         if report is not None:
             report(known)
         elif isinstance(known, InternalError) or not expected:
-            _note(part, model, known)
+            note(part, known, model)
 
 
-def _note(part: str, model: str, problem: EmsidError) -> None:
-    """Add a finding about a part that failed to those that are collected, once."""
+def tried(part: str, work: Callable[[], T], otherwise: T, model: str = "") -> T:
+    """What a part gives; `otherwise` where it fails, with a finding for whoever collects them.
+
+    Args:
+        part: its name in the finding.
+        work: the part.
+        otherwise: in place of what it gives.
+        model: the model that it is about, if there is one.
+    """
+    with border(part, model):
+        return work()
+    return otherwise
+
+
+def joined(parts: Mapping[str, Callable[[], Iterable[T]]]) -> list[T]:
+    """What several parts give, one after the other; one that fails is left out, with a finding.
+
+    Args:
+        parts: by their names in the finding.
+    """
+    found: list[T] = []
+    for part, work in parts.items():
+        with border(part):
+            found += list(work())
+    return found
+
+
+def note(part: str, problem: EmsidError, model: str = "") -> None:
+    """Add a finding about a part that failed to those that are collected, once.
+
+    Args:
+        part: its name.
+        problem: why it failed.
+        model: the model that it is about, if there is one.
+    """
     noted, about = _NOTED.get(), {"model": model} if model else {}
     data = about | {"reason": str(problem).removeprefix(f"{part}: "), "internal": isinstance(problem, InternalError)}
     finding = Finding("part-failed", part, data)

@@ -190,10 +190,12 @@ def write_several(write: Callable[..., object], *arguments: Iterable[Any]) -> No
         arguments: as for `map`.
 
     Raises:
-        FormatError: where a file cannot be written.
+        FormatError: where a file cannot be written, after all others.
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        list(pool.map(write, *arguments))
+        written = [pool.submit(write, *each) for each in zip(*arguments, strict=False)]
+    for each in written:
+        each.result()
 
 
 def _reason(problem: Exception) -> str:

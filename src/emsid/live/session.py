@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError
+from emsid.estimation.borders import border
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -260,7 +261,8 @@ class _Work:
             for piece in pieces(record):
                 session.tracking, changes, predictions = tracker.advance(session.tracking, piece)
                 session.counts["samples"] += len(piece)
-                self.remember(piece, predictions)
+                with border("history of the estimate"):
+                    self.remember(piece, predictions)
                 for change in changes:
                     session.changes.append(change)
                     yield self.found(self.changed(change, piece))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.borders import border, tried
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.linear.recursive import RecursiveLeastSquares
@@ -141,7 +142,9 @@ class Tracker:
             alarm, detection = None, tracking.detection
             if self.detector is not None and len(errors) and state.idle < len(errors):
                 measured = piece.output[len(piece) - len(errors) :, 0].copy()
-                detection, alarm = self.detector.update(detection, errors[:, 0].copy(), 1.0 + errors[:, 2], measured)
+                with border("detection of changes"):
+                    errors_of, spread = errors[:, 0].copy(), 1.0 + errors[:, 2]
+                    detection, alarm = self.detector.update(detection, errors_of, spread, measured)
             if alarm is not None:  # again up to the alarm, and on from there with less weight of the past
                 begin = len(piece) - len(errors)
                 piece, errors = piece[: begin + alarm.index + 1], errors[: alarm.index + 1]
@@ -152,7 +155,9 @@ class Tracker:
             predictions[stop - len(errors) : stop] = record.output[stop - len(errors) : stop, 0] - errors[:, 0]
             tracking = self._counted(replace(tracking, state=state, detection=detection), piece, errors[:, 0])
             first = stop
-        return replace(self._modelled(tracking, record), prediction=float(predictions[-1])), changes, predictions
+        with border("free run of the fixed model"):
+            tracking = self._modelled(tracking, record)
+        return replace(tracking, prediction=float(predictions[-1])), changes, predictions
 
     def fit(self, tracking: Tracking) -> Fit[Narx] | None:
         """The present estimate as a fit; None before the first sample."""
@@ -166,6 +171,9 @@ class Tracker:
 
     def physical(self, tracking: Tracking) -> tuple[Physical, ...]:
         """Gain, time constants and level of friction of the present estimate, for structures with one input."""
+        return tried("physical values", lambda: self._physical(tracking), ())
+
+    def _physical(self, tracking: Tracking) -> tuple[Physical, ...]:
         fit, last = self.fit(tracking), tracking.last
         if fit is None or last is None or last.input.shape[1] != 1 or not np.isfinite(fit.estimate).all():
             return ()

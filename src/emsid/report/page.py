@@ -10,10 +10,11 @@ import os
 import re
 from collections.abc import Collection, Mapping
 from functools import cache
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from emsid.estimation.borders import border
+from emsid.estimation.borders import border, tried
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
@@ -90,7 +91,7 @@ def report_files(
         formats: ``svg``, ``pdf`` or both, for the files of the figures; none for the page alone.
 
     Returns:
-        By their paths in a folder.
+        By their paths in a folder. A page that fails has the title, the sentences and the notices only.
 
     Raises:
         Stopped: if ``control`` ends it.
@@ -99,7 +100,7 @@ def report_files(
 
     control.doing("writing the page")
     figures: list[Figure | Diagram] = [*report.figures, *report.diagrams] if formats else []
-    contents = page(report)
+    contents = tried("page", lambda: page(report), "") or _plain(report)
     files: dict[str, str | bytes] = {}
     for k, figure in enumerate(figures):
         control.doing(f"drawing {figure.name}", k, len(figures))
@@ -109,6 +110,13 @@ def report_files(
     return files | {PAGE: contents}
 
 
+def _plain(report: Report) -> str:
+    """The sentences of a report as HTML, without templates."""
+    lines = (report.title, *report.summary, *(each.text for each in report.notices), *report.advice)
+    body = "".join(f"<p>{escape(line)}</p>" for line in (*lines, "The rest of the page could not be made."))
+    return f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(report.title)}</title>{body}</html>'
+
+
 def write_files(files: Mapping[str, str | bytes], folder: str | os.PathLike[str]) -> Path:
     """Write the files of `report_files` into a folder, which is made where it is missing; the path of the page.
 
@@ -116,7 +124,5 @@ def write_files(files: Mapping[str, str | bytes], folder: str | os.PathLike[str]
         FormatError: where the folder cannot be written to.
     """
     folder = Path(folder)
-    figures = {folder / name: content for name, content in files.items() if name != PAGE}
-    write_several(atomic_write, figures, figures.values())
-    atomic_write(folder / PAGE, files[PAGE])
+    write_several(atomic_write, [folder / name for name in files], files.values())
     return folder / PAGE

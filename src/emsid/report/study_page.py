@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite
 
+from emsid.estimation.borders import collected, joined, tried
 from emsid.report import views
 from emsid.report.document import Figure, Notice, Report, Section, Table
 from emsid.report.study_views import (
@@ -48,30 +50,40 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
     first, rows = result.parts[0], study_rows(result)
     notes = [each for each in found if claim(each) is None and severity(each) is Severity.INFO]
     notes = [each for each in notes if each not in headline(found)]
-    return Report(
-        title="Identification of an electromechanical system, after Kara and Abokoos",
-        summary=(" ".join(sentence(each, argument) for each in headline(found)),),
-        sections=(
+    works: dict[str, Callable[[], Iterable[Section]]] = {
+        "tables beside the paper's": lambda: [
             Section(
                 "The paper's tables beside this study",
                 terms=(terms.FREE_RUN, terms.FIT),
                 tables=(paper_table(result.parts), models_table(rows, lead_inputs(result))),
-            ),
+            )
+        ],
+        "claims of the paper": lambda: [
             Section(
                 "Claims of the paper",
                 tables=(claims_table(found, argument),),
                 remarks=tuple(sentence(each, argument) for each in notes),
-            ),
-            *claim_sections(result),
-            *(part_section(part, result) for part in result.parts),
-            motor_section(result),
-            *model_sections(result),
-        ),
+            )
+        ],
+        "survey": lambda: claim_sections(result),
+        **{f"the {part.name} study": partial(lambda part: [part_section(part, result)], part) for part in result.parts},
+        "the simulated motor": lambda: [motor_section(result)],
+        **{model: partial(model_sections, result, model) for model in (BLOCKS, ONE_MASS, TWO_MASSES)},
+    }
+    with collected() as noted:
+        opening = tried(
+            "the first figure", lambda: Section("", figures=(overview(first, rows[first.name]),)), Section("")
+        )
+        sections = joined({f"section of the page: {part}": work for part, work in works.items()})
+    return Report(
+        title="Identification of an electromechanical system, after Kara and Abokoos",
+        summary=(" ".join(sentence(each, argument) for each in headline(found)),),
+        sections=tuple(sections),
         imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
-        opening=Section("", figures=(overview(first, rows[first.name]),)),
+        opening=opening,
         notices=tuple(
             Notice(sentence(each, argument), severity(each).value)
-            for each in found
+            for each in (*found, *noted)
             if severity(each) is not Severity.INFO
         ),
     )
@@ -169,15 +181,12 @@ def motor_section(result: Study) -> Section:
     )
 
 
-def model_sections(result: Study) -> tuple[Section, ...]:
-    """The blocks and the physical motor of the first study that has them."""
-    sections = []
-    for model in (BLOCKS, ONE_MASS, TWO_MASSES):
-        part = next((part for part in result.parts if model in part.models), None)
-        if part is not None:
-            section = views.model_section(part.on_unseen(model).fit, part.identification)
-            rows = result.survey.two_masses if model == TWO_MASSES and result.survey else ()
-            if rows and speaks_of(result.settings):
-                section = replace(section, tables=(*section.tables, two_masses_table(rows)))
-            sections.append(section)
-    return tuple(sections)
+def model_sections(result: Study, model: str) -> Iterable[Section]:
+    """The blocks or a physical motor, of the first study that has it."""
+    part = next((part for part in result.parts if model in part.models), None)
+    if part is not None:
+        section = views.model_section(part.on_unseen(model).fit, part.identification)
+        rows = result.survey.two_masses if model == TWO_MASSES and result.survey else ()
+        if rows and speaks_of(result.settings):
+            section = replace(section, tables=(*section.tables, two_masses_table(rows)))
+        yield section

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 
+from emsid.estimation.borders import collected, joined, tried
 from emsid.live.session import COUNTS, Session
 from emsid.report import views
 from emsid.report.document import (
@@ -52,30 +55,38 @@ def tracking_report(session: Session) -> Report:
     assert fit is not None
     seconds = session.counts["samples"] * (session.dt or 0.0)
     found = session.findings
-    figures = (convergence(session), last_samples(session))
+    sections: dict[str, Callable[[], Iterable[Section]]] = {
+        "what happened": lambda: [
+            Section(
+                "What happened",
+                remarks=tuple(map(sentence, found)) or ("Nothing unusual.",),
+                tables=(_counts(session),),
+            )
+        ],
+        "estimate over time": lambda: [Section("Estimate over time", figures=(convergence(session),))],
+        "last samples": lambda: [Section("Last samples", figures=(last_samples(session),))],
+    }
+    tables = {"parameters": lambda: _parameters(session), "physical values": lambda: _physical(session)}
+    with collected() as noted:
+        made = joined({f"section of the page: {part}": work for part, work in sections.items()})
+        shown = [tried(f"table of the {part}", work, None) for part, work in tables.items()]
     return Report(
         title=f"Tracking of {session.name}",
         summary=(
             f"{fit.model.name} was tracked over {session.counts['samples']:,} samples ({seconds:.4g} s); then "
             f"{ENDS.get(session.reason, 'it ended')}. Predictions are one step ahead, from measured outputs.",
         ),
-        sections=(
-            Section(
-                "What happened",
-                remarks=tuple(map(sentence, found)) or ("Nothing unusual.",),
-                tables=(_counts(session),),
-            ),
-            Section("Estimate over time", figures=figures[:1]),
-            Section("Last samples", figures=figures[1:]),
-        ),
+        sections=tuple(made),
         imprint=f"emsid track {session.name}",
         opening=Section(
             "",
             equations=(fit.model.equation(),),
-            tables=tuple(filter(None, (_parameters(session), _physical(session)))),
+            tables=tuple(filter(None, shown)),
         ),
         notices=tuple(
-            Notice(sentence(each), severity(each).value) for each in found if severity(each) is Severity.PROBLEM
+            Notice(sentence(each), severity(each).value)
+            for each in (*found, *noted)
+            if severity(each) is Severity.PROBLEM or each in noted
         ),
     )
 

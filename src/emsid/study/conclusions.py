@@ -118,10 +118,10 @@ def _two_masses(rows: tuple[TwoMassRow, ...]) -> Finding:
     return Finding("study-two-masses", TWO_MASSES, {"rows": listed, "fixed": sorted(rows[0].fixed)})
 
 
-def about_load_friction(found: LoadFriction | None, mse: float, share: float) -> Finding | None:
-    """What friction on the load costs; None without the curve."""
+def about_load_friction(found: LoadFriction | None, mse: float, share: float) -> Iterator[Finding]:
+    """What friction on the load costs; nothing without the curve."""
     if found is None:
-        return None
+        return
     data = {
         "mse": mse,
         "share": share,
@@ -132,13 +132,13 @@ def about_load_friction(found: LoadFriction | None, mse: float, share: float) ->
         "errors": [found.errors[0], found.errors[-1]],
         "difference": found.differences[-1],
     }
-    return Finding("study-load-friction", "load friction", data)
+    yield Finding("study-load-friction", "load friction", data)
 
 
-def about_excitation(part: Part, richer: Richer | None) -> Finding | None:
+def about_excitation(part: Part, richer: Richer | None) -> Iterator[Finding]:
     """Order of excitation against the number of parameters, and what a richer input changes."""
-    if not part.excitations:
-        return None
+    if not part.excitations or LINEAR not in part.models:
+        return
     own = part.excitations[0]
     data: dict[str, Any] = {"study": part.name, "order": own.order, "parameters": len(part.on_unseen(LINEAR).fit.names)}
     data |= {"condition": own.conditions[PAPER], "crest_factor": own.crest_factor, "richer": None}
@@ -149,4 +149,4 @@ def about_excitation(part: Part, richer: Richer | None) -> Finding | None:
             "crest_factor": richer.excitation.crest_factor,
             "errors": {name: [finite(each) for each in pair] for name, pair in richer.errors.items()},
         }
-    return Finding("study-excitation", part.name, data)
+    yield Finding("study-excitation", part.name, data)

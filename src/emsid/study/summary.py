@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from emsid.estimation.borders import InternalError, collected, joined, tried
 from emsid.estimation.fit import Ending
 from emsid.findings import Finding, plain
 from emsid.plant import Motor
@@ -62,7 +64,8 @@ class SummaryRow:
 def summary(part: Part, *, own_records: bool = False) -> list[SummaryRow]:
     """A row for every model of a study, by the first method it was fitted with."""
     meanings = MEANINGS | CHOSEN if own_records and part.name == EXPERIMENT else MEANINGS
-    linear = (part.on_identification(LINEAR).row, part.on_unseen(LINEAR).row)
+    pair = (part.on_identification(LINEAR).row, part.on_unseen(LINEAR).row) if LINEAR in part.models else (None, None)
+    linear_seen, linear_unseen = pair
     rows = []
     for model in part.models:
         seen, unseen = part.on_identification(model).row, part.on_unseen(model).row
@@ -75,8 +78,8 @@ def summary(part: Part, *, own_records: bool = False) -> list[SummaryRow]:
                 unseen.parameters,
                 unseen.fit_percent,
                 unseen.simulation_mse,
-                _better(linear[0], seen),
-                _better(linear[1], unseen),
+                _better(linear_seen, seen),
+                _better(linear_unseen, unseen),
                 published.get(IDENTIFICATION),
                 published.get(UNSEEN),
                 model == TWO_MASSES,
@@ -85,28 +88,31 @@ def summary(part: Part, *, own_records: bool = False) -> list[SummaryRow]:
     return rows
 
 
-def _better(linear: Row, other: Row) -> float | None:
-    """The free-run MSE of the linear model divided by that of another model."""
+def _better(linear: Row | None, other: Row) -> float | None:
+    """The free-run MSE of the linear model, if there is one, divided by that of another model."""
+    if linear is None:
+        return None
     known = np.isfinite([linear.simulation_mse, other.simulation_mse]).all() and other.simulation_mse > 0
     return linear.simulation_mse / other.simulation_mse if known else None
 
 
 def study_data(result: Study) -> dict[str, Any]:
     """The content of ``study.json``."""
-    curve, richer, survey = result.load_friction, result.richer, result.survey
-    data: dict[str, Any] = {
-        "schema": 4,
-        "rows": [row.to_data() for row in result.rows],
-        "summary": [asdict(row) for part in result.parts for row in summary(part, own_records=result.own_records)],
-        "paper_ratios": [asdict(row) for part in result.parts for row in paper_ratios(part)],
-        "load_friction_mse": result.load_friction_mse,
-        "load_friction": asdict(curve) if curve else None,
-        "excitation": {part.name: [asdict(excitation) for excitation in part.excitations] for part in result.parts},
-        "richer_input": asdict(richer) if richer else None,
-        "priors": {part.name: [asdict(prior) for prior in part.priors] for part in result.parts},
-        "survey": survey.to_data() if survey else None,
-        "findings": [finding.to_data() for finding in findings(result)],
+    curve, richer, survey, parts = result.load_friction, result.richer, result.survey, result.parts
+    works: dict[str, Callable[[], Any]] = {
+        "rows": lambda: [row.to_data() for row in result.rows],
+        "summary": lambda: [asdict(row) for part in parts for row in summary(part, own_records=result.own_records)],
+        "paper_ratios": lambda: [asdict(row) for part in parts for row in paper_ratios(part)],
+        "load_friction_mse": lambda: result.load_friction_mse,
+        "load_friction": lambda: asdict(curve) if curve else None,
+        "excitation": lambda: {part.name: [asdict(excitation) for excitation in part.excitations] for part in parts},
+        "richer_input": lambda: asdict(richer) if richer else None,
+        "priors": lambda: {part.name: [asdict(prior) for prior in part.priors] for part in parts},
+        "survey": lambda: survey.to_data() if survey else None,
     }
+    with collected() as noted:
+        data = {"schema": 4} | {name: tried(f"{name} in the file", work, None) for name, work in works.items()}
+    data["findings"] = [finding.to_data() for finding in (*findings(result), *noted)]
     content: dict[str, Any] = plain(data)  # a free run that diverges has no finite error
     return content
 
@@ -124,19 +130,31 @@ def headline(found: Sequence[Finding]) -> list[Finding]:
 
 
 def findings(result: Study) -> list[Finding]:
-    """Findings about both studies, then about each."""
-    share = result.load_friction_mse / result.output_variance
-    friction = about_load_friction(result.load_friction, result.load_friction_mse, share)
-    return [
-        *_compared(result),
-        *about_the_survey(result.survey, result.settings),
-        *(finding for part in result.parts for finding in _of_part(result, part)),
-        *([friction] if friction else []),
-    ]
+    """Findings about both studies, then about each, and about what failed."""
+    works: dict[str, Callable[[], Iterable[Finding]]] = {
+        "comparison with the paper": lambda: _compared(result),
+        "best model": lambda: _best(result),
+        "survey": lambda: about_the_survey(result.survey, result.settings),
+    }
+    for part in result.parts:
+        richer = result.richer if part.name == EXPERIMENT and not result.own_records else None
+        works |= {
+            f"conditions of the {part.name}": partial(_of_part, result, part),
+            f"excitation of the {part.name}": partial(about_excitation, part, richer),
+            f"one-step errors of the {part.name}": partial(_prediction, part),
+            f"recursive estimates of the {part.name}": partial(_recursion, part, result.settings.forgetting),
+            f"models of the {part.name}": partial(_of_models, part),
+        }
+    works["friction on the load side"] = lambda: about_load_friction(
+        result.load_friction, result.load_friction_mse, result.load_friction_mse / result.output_variance
+    )
+    with collected() as noted:
+        found = joined(works)
+    return [*found, *result.noted, *(each for each in noted if each not in result.noted)]
 
 
 def _compared(result: Study) -> Iterable[Finding]:
-    """The paper's comparison on its motor, the reason of its result, and the best model of the first study."""
+    """The paper's comparison on its motor, and the reason of its result."""
     parts = [part for part in result.parts if part.name == SIMULATION or not result.own_records]
     ratios = [asdict(row) for part in parts for row in paper_ratios(part)]
     if any(row["data"] == UNSEEN for row in ratios):
@@ -151,6 +169,10 @@ def _compared(result: Study) -> Iterable[Finding]:
     ]
     if studies and is_odd(result.settings.motor):
         yield Finding("study-even-terms", PAPER, {"studies": studies})
+
+
+def _best(result: Study) -> Iterable[Finding]:
+    """The best model of the first study."""
     rows = [row for row in summary(result.parts[0], own_records=result.own_records) if not row.check]
     best = max(rows, key=lambda row: row.better_unseen or 0.0)
     if best.better_unseen is not None:
@@ -166,18 +188,18 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
         yield Finding("study-noise-free", part.name)
     if TWO_MASSES in part.models:
         yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name, "fixed": list(FIXED)})
-    excited = about_excitation(part, result.richer if part.name == EXPERIMENT and not result.own_records else None)
-    if excited:
-        yield excited
-    yield from _prediction(part)
-    yield from _recursion(part, result.settings.forgetting)
+
+
+def _of_models(part: Part) -> Iterable[Finding]:
+    """Estimates that the data do not determine, and models that are not there."""
     yield from (finding for fit in part.fits for finding in fit.findings if finding.code == "forgetting-limited")
     for fit in part.fits:
         if fit.ending is Ending.RANK_DEFICIENT:
             data = {"study": part.name, "method": fit.method, "rank": int(fit.rank), "parameters": len(fit.names)}
             yield Finding("study-rank-deficient", fit.model.name, data)
     for model, why in part.failed.items():
-        yield Finding("study-model-failed", model, {"study": part.name, "problem": why})
+        reason, internal = str(why).removeprefix(f"{model}: "), isinstance(why, InternalError)
+        yield Finding("study-model-failed", model, {"study": part.name, "problem": reason, "internal": internal})
 
 
 def _prediction(part: Part) -> Iterable[Finding]:

@@ -20,11 +20,13 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.borders import border, collected, note, tried
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.findings import Finding
 from emsid.models.regression.narx import Structure
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
@@ -66,7 +68,7 @@ class Part:
     unseen: Record
     fits: tuple[Fit[Any], ...]
     assessed: tuple[tuple[Assessment, Assessment], ...]
-    failed: Mapping[str, str] = field(default_factory=dict)
+    failed: Mapping[str, EmsidError] = field(default_factory=dict)
     interrupted: bool = False
     excitations: tuple[Excitation, ...] = ()
     priors: tuple[PriorRow, ...] = ()
@@ -105,6 +107,7 @@ class Study:
         load_friction: what friction on the load costs.
         richer: what an input with more frequencies changes.
         example: regressions on one motor of the family, on identification data and on unseen data.
+        noted: findings about parts that failed; everything else is complete.
     """
 
     settings: Settings
@@ -117,6 +120,7 @@ class Study:
     load_friction: LoadFriction | None = None
     richer: Richer | None = None
     example: tuple[tuple[Assessment, Assessment], ...] = ()
+    noted: tuple[Finding, ...] = ()
 
     @property
     def rows(self) -> list[Row]:
@@ -143,39 +147,52 @@ def study(
     Raises:
         DataError: for records whose channels differ, or whose input is the same.
         Stopped: if it is stopped before the first part.
+        EmsidError: where no part has a model.
     """
     settings = settings or Settings()
-    with cancelled_with(control):
-        control.doing("the motor with and without friction on the load side")
-        difference, variance = load_friction_difference(settings)
-        control.doing("simulating the motor")
-        pairs = _records(settings, records)
-    parts: list[Part] = []
-    for name, (first, second) in pairs.items():
-        if parts and control.ending:
-            break
-        try:
-            parts.append(_part(name, first, second, settings, control, own=name == EXPERIMENT and records is not None))
-        except Stopped:
-            if not parts:
-                raise
-            break
-        if parts[-1].interrupted:
-            break
-    stopped = len(parts) < len(pairs) or parts[-1].interrupted
-    done = Study(settings, difference, variance, tuple(parts), records is not None, stopped, recorded())
-    return done if stopped else _beyond(done, control)
+    with collected() as noted:
+        with cancelled_with(control):
+            control.doing("the motor with and without friction on the load side")
+            difference, variance = tried(
+                "friction on the load side", lambda: load_friction_difference(settings), (np.nan, np.nan)
+            )
+            control.doing("simulating the motor")
+            pairs = _records(settings, records)
+        parts, problems, stopped = list[Part](), dict[str, EmsidError](), False
+        for name, (first, second) in pairs.items():
+            own = name == EXPERIMENT and records is not None
+            try:
+                with border(name, report=partial(problems.__setitem__, name)):
+                    parts.append(_part(name, first, second, settings, control, own=own))
+            except Stopped:
+                if not parts:
+                    raise
+                stopped = True
+            if stopped := stopped or control.ending is not None or any(part.interrupted for part in parts):
+                break
+        if not parts:
+            raise next(iter(problems.values()))
+        for name, problem in problems.items():
+            note(name, problem)
+        survey = tried("survey", recorded, None)
+        done = Study(settings, difference, variance, tuple(parts), records is not None, stopped, survey)
+        if not stopped:
+            done = _beyond(done, control)
+    return replace(done, noted=tuple(noted))
 
 
 def _beyond(done: Study, control: Control) -> Study:
     """The study with what goes beyond its two parts; as it is where it is stopped there."""
-    settings, simulation = done.settings, done.part(SIMULATION)
+    settings = done.settings
     try:
         control.doing(f"motor {EXAMPLE.name}")
-        done = replace(done, example=tuple(regressions(EXAMPLE, settings)), richer=richer_input(settings))
-        if BLOCKS in simulation.models:
-            blocks: Any = simulation.on_unseen(BLOCKS).fit.model
-            done = replace(done, load_friction=load_friction(settings, blocks, control))
+        done = replace(done, example=tried(f"motor {EXAMPLE.name}", lambda: tuple(regressions(EXAMPLE, settings)), ()))
+        done = replace(done, richer=tried("an input with more sines", lambda: richer_input(settings), None))
+        for part in done.parts:
+            if part.name == SIMULATION and BLOCKS in part.models:
+                blocks: Any = part.on_unseen(BLOCKS).fit.model
+                with border("curve of the friction on the load side"):
+                    done = replace(done, load_friction=load_friction(settings, blocks, control))
         return done
     except Stopped:
         return replace(done, interrupted=True)
@@ -218,24 +235,28 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     memories = (*(candidate.memory for candidate in candidates), *(fit.model.memory for fit in done.fits))
     start = max(settings.transient or 0, *memories)
     kind = "given" if own else "two sines"
-    assessed = tuple(
-        (
-            assess(fit, first, start, experiment=name, data=IDENTIFICATION),
-            assess(fit, second, start, experiment=name, data=UNSEEN),
-        )
-        for fit in done.fits
-    )
-    regressions = [fit.model.structure for fit in done.fits if fit.method == "ls"]
+    assessed: list[tuple[Assessment, Assessment]] = []
+    for fit in done.fits:
+        with border(fit.model.name, report=partial(done.failed.__setitem__, fit.model.name)):
+            seen, unseen = (
+                assess(fit, record, start, experiment=name, data=data)
+                for record, data in ((first, IDENTIFICATION), (second, UNSEEN))
+            )
+            assessed.append((seen, unseen))
+    if not assessed:
+        raise next(iter(done.failed.values()))
+    fits: tuple[Fit[Any], ...] = tuple(each.fit for each, _ in assessed)
+    regressions = [fit.model.structure for fit in fits if fit.method == "ls"]
     return Part(
         name,
         first,
         second,
-        tuple(done.fits),
-        assessed,
+        fits,
+        tuple(assessed),
         done.failed,
         done.interrupted,
-        tuple(excitation_of(record, kind) for record in (first, second)),
-        priors(regressions, first, second, start),
+        tried(f"excitation of the {name}", lambda: tuple(excitation_of(each, kind) for each in (first, second)), ()),
+        tried(f"priors of the {name}", lambda: priors(regressions, first, second, start), ()),
     )
 
 
@@ -244,7 +265,7 @@ class _Fitted:
     """The models of a part that are done, why others failed, and whether the rest was left out."""
 
     fits: list[Fit[Any]] = field(default_factory=list)
-    failed: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, EmsidError] = field(default_factory=dict)
     interrupted: bool = False
 
 
@@ -267,17 +288,15 @@ def _fitted(
             for k, structure in enumerate(candidates):
                 if done.fits:  # the first regression takes no time, and a part without a model shows nothing
                     control.doing(f"{name}: {structure.name}", k, total)
-                done.fits.append(least_squares(structure, record))
-                recursive = recursive_least_squares(structure, record, forgetting=forgetting, history=True)
-                done.fits.append(recursive)
+                with border(structure.name, report=partial(done.failed.__setitem__, structure.name)):
+                    done.fits.append(least_squares(structure, record))
+                    recursive = recursive_least_squares(structure, record, forgetting=forgetting, history=True)
+                    done.fits.append(recursive)
             for k, (model, search) in enumerate(nonlinear.items(), len(candidates)):
                 control.doing(f"{name}: {model}", k, total)
-                try:
+                with border(model, report=partial(done.failed.__setitem__, model)):
                     done.fits.append(fit_or_problem(partial(search, control)))
-                except EmsidError as problem:  # records of a user may not suit every model
-                    done.failed[model] = str(problem)
-                    continue
-                if done.fits[-1].ending is Ending.INTERRUPTED:
+                if done.fits and done.fits[-1].ending is Ending.INTERRUPTED:
                     done.interrupted = True
                     break
     except Stopped:

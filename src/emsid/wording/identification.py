@@ -95,7 +95,7 @@ def _ends(data: Any) -> str:
 def model_failed(f: Finding, argument: Spelling) -> str:
     """Data: reason, arguments."""
     if "debug" in f.data["arguments"]:
-        return f"could not be fitted: {f.data['reason']}{_of_program(argument)}"
+        return f"could not be fitted: {f.data['reason']}{of_program(argument)}"
     spelt = ", ".join(argument(name) for name in f.data["arguments"])
     return f"could not be fitted: {f.data['reason']}" + (f" ({spelt})" if spelt else "")
 
@@ -103,10 +103,11 @@ def model_failed(f: Finding, argument: Spelling) -> str:
 @words("part-failed", Severity.WARNING)
 def part_failed(f: Finding, argument: Spelling) -> str:
     """Subject: the part of the run. Data: reason, internal (whether it is a defect of the program)."""
-    return f"{f.subject} failed: {f.data['reason']}{_of_program(argument) if f.data['internal'] else ''}"
+    return f"{f.subject} failed: {f.data['reason']}{of_program(argument) if f.data['internal'] else ''}"
 
 
-def _of_program(argument: Spelling) -> str:
+def of_program(argument: Spelling) -> str:
+    """What to do about a defect of the program."""
     return f"; everything else is complete; the log `emsid` has the traceback ({argument('debug')})"
 
 

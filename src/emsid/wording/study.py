@@ -7,6 +7,7 @@ from typing import Any
 
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.identification import of_program
 from emsid.wording.lists import listed
 
 
@@ -189,4 +190,5 @@ def rank_deficient(f: Finding, argument: Spelling) -> str:
 
 @words("study-model-failed", Severity.PROBLEM)
 def model_failed(f: Finding, argument: Spelling) -> str:
-    return f"{f.subject} could not be fitted in the {f.data['study']} study: {f.data['problem']}"
+    more = of_program(argument) if f.data["internal"] else ""
+    return f"{f.subject} could not be fitted in the {f.data['study']} study: {f.data['problem']}{more}"

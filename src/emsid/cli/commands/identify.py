@@ -293,8 +293,7 @@ def _run(
     from emsid.io import save
     from emsid.report.identification_page import report
 
-    def files(result: "Identification", data: dict[str, Any]) -> None:
-        write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered)
+    def save_best(result: "Identification") -> None:
         if result.is_usable:
             save(result.recommended_fit, out / BEST, result.fitted_by_recommended, reader.remembered)
 
@@ -306,22 +305,24 @@ def _run(
             )
         result, data = completed(result)
         with kept(result, "identification") as result:
-            unwritten, unshown = attempted(lambda: files(result, data)), None
+            unwritten = attempted(
+                lambda: write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered),
+                lambda: save_best(result),
+            )
+            unshown = None
             with reader_may_leave():
                 if json:
                     say_json(as_json(data))
                 else:
                     unshown = attempted(lambda: first_screen(result, details))
-        if unwritten is not None:
-            raise unwritten
         drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
-    if not json:
+    if not json and unwritten is None:
         written = [*(f"{fit.model.name}.json" for fit in result.fits), *([BEST] * result.is_usable)]
         possible = [BEST, *(f"{name}.json" for name in candidates.CANDIDATES)]
         with reader_may_leave():
             say_where(out, drawn, "result.json", *written, possible=possible)
-    if unshown is not None:
-        raise unshown
+    for problem in filter(None, (unwritten, unshown)):
+        raise problem
     INTERRUPTION.end(result.interrupted or not drawn)
 
 

@@ -8,7 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Details, Json, Out, Pdf, Transient, option, quantity
+from emsid.cli.options import Debug, Details, Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, width_of_terminal, working
 from emsid.cli.writing import as_json, attempted, check_folder, draw, kept, say_where, write
@@ -53,6 +53,7 @@ def study(
     details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
+    debug: Debug = False,
 ) -> None:
     """Run a complete study; no data needed.
 
@@ -91,18 +92,19 @@ def study(
     with working() as control:
         result = run(settings, records, control)
     with kept(result, "the study") as result:
-        unwritten = attempted(lambda: write(out, {"study.json": study_data(result)}))
+        data, unshown = study_data(result), None
+        unwritten = attempted(lambda: write(out, {"study.json": data}))
         with reader_may_leave():
             if json:
-                say_json(as_json(study_data(result)))
+                say_json(as_json(data))
             else:
-                _print(result, details)
-    if unwritten is not None:
-        raise unwritten
+                unshown = attempted(lambda: _print(result, details))
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
-    if not json:
+    if not json and unwritten is None:
         with reader_may_leave():
             say_where(out, drawn, "study.json")
+    for problem in filter(None, (unwritten, unshown)):
+        raise problem
     INTERRUPTION.end(result.interrupted or not drawn)
 
 

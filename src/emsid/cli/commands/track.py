@@ -11,14 +11,15 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.live_view import view_of
-from emsid.cli.options import Json, Out, Pdf, names, option, quantity
+from emsid.cli.options import Debug, Json, Out, Pdf, names, option, quantity
 from emsid.cli.structures import structure_of
 from emsid.cli.terminal import warn, working
-from emsid.cli.writing import as_json, check_folder, draw, say_where
-from emsid.errors import DataError
+from emsid.cli.writing import as_json, attempted, check_folder, draw, say_where
+from emsid.errors import DataError, EmsidError
 
 if TYPE_CHECKING:
     from emsid.estimation import Rule
+    from emsid.findings import Finding
     from emsid.live.log import Log
     from emsid.live.receiver import Receiver
     from emsid.live.session import Session, Settings
@@ -111,6 +112,7 @@ def track(
     out: Out = Path("emsid-track"),
     json: Json = False,
     pdf: Pdf = False,
+    debug: Debug = False,
 ) -> None:
     """Track the parameters of a motor while it runs.
 
@@ -149,13 +151,12 @@ def track(
     if not reconnect >= 0:
         raise DataError(f"reconnect of {reconnect:g} s; give a time, or 0", arguments=("reconnect",))
     received = partial(_received, baud=baud, away=reconnect, patience=patience)
-    files = _followed(session, settings, reading, begun, received, out, json)
-    if not files:  # stopped before the first sample
-        INTERRUPTION.end(True)
-        return
-    drawn = _drawn(session, out, pdf)
-    if not json:
+    files, problem = _followed(session, settings, reading, begun, received, out, json)
+    drawn = session.tracking is not None and _drawn(session, out, pdf)  # else stopped before the first sample
+    if not json and session.tracking is not None:
         say_where(out, drawn, *files)
+    if problem is not None:
+        raise problem
     INTERRUPTION.end(not drawn)
 
 
@@ -210,9 +211,10 @@ def _followed(
     received: "Callable[..., Receiver]",
     out: Path,
     json: bool,
-) -> list[str]:
-    """Track until the end, show it, and write everything but the report; the names of the files."""
+) -> tuple[list[str], EmsidError | None]:
+    """Track until the end, show it, and write everything but the report; the names of the files, and what failed."""
     from emsid.estimation import Control
+    from emsid.estimation.borders import border, collected
     from emsid.live.protocol import LineParser
     from emsid.live.recorded import read_log
     from emsid.live.session import messages
@@ -222,17 +224,24 @@ def _followed(
     receiver = received(session, out, partial(_compile, session, settings, max(len(reading["inputs"]), 1)))
     log, parser = receiver.log, LineParser(**reading)
     parser.implies, control = implies, Control(cancelled=lambda: INTERRUPTION.pressed)
-    try:
-        with view_of(json, option) as view, INTERRUPTION.asked(ENDING, view.notify, by_sigterm=True):
-            for message in messages(session, receiver, parser, settings, log, control, begun):
-                view.show(message)
-    finally:
-        INTERRUPTION.pressed = False
-        with INTERRUPTION.put_off():
-            receiver.close()
-            read = partial(read_log, **reading, dt=settings.dt, whole=log is None, columns=parser.columns)
-            written = _written(session, log, read, out)
-    return written
+    problems: list[EmsidError] = []
+    with collected() as noted:
+        try:
+            with (
+                border("tracking", report=problems.append, passing=OSError),
+                view_of(json, option) as view,
+                INTERRUPTION.asked(ENDING, view.notify, by_sigterm=True),
+            ):
+                for message in messages(session, receiver, parser, settings, log, control, begun):
+                    with border("view of the tracking", passing=OSError):
+                        view.show(message)
+        finally:
+            INTERRUPTION.pressed = False
+            with INTERRUPTION.put_off():
+                receiver.close()
+                read = partial(read_log, **reading, dt=settings.dt, whole=log is None, columns=parser.columns)
+                written, unwritten = _written(session, log, read, out, noted)
+    return written, next(filter(None, (*problems, unwritten)), None)
 
 
 def _compile(session: "Session", settings: "Settings", inputs: int) -> None:
@@ -282,11 +291,21 @@ USUAL = 0.995
 """The forgetting factor that is not given."""
 
 
-def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]", out: Path) -> list[str]:
-    """Close the log and write the record, the result, the model and the state; the names of the files.
+def _written(
+    session: "Session", log: "Log | None", read: "Callable[..., Record]", out: Path, noted: "list[Finding]"
+) -> tuple[list[str], EmsidError | None]:
+    """Close the log and write the record, the result, the model and the state; the names of the files, and what failed.
 
     A session without a sample leaves its log only.
+
+    Args:
+        session: what was tracked.
+        log: of the source; None for a file, which is its own log.
+        read: reads the record from the log.
+        out: the folder.
+        noted: findings about parts that failed, which the session gets.
     """
+    from emsid.estimation.borders import tried
     from emsid.io import atomic_write, save, write_record
     from emsid.io.state_file import save_state
 
@@ -294,16 +313,25 @@ def _written(session: "Session", log: "Log | None", read: "Callable[..., Record]
         log.close()
     fit, tracking = session.fit, session.tracking
     if fit is None or tracking is None:
-        return []
-    record = read(session.name if log is None else log.path, 0 if log is None else log.begin)
-    if log is None:
-        record = record[: session.counts["samples"]]
-    segments = sorted(record.segments, key=len, reverse=True)[:MOST_RECORDS]
+        return [], None
+
+    def read_again() -> "Record":
+        record = read(session.name if log is None else log.path, 0 if log is None else log.begin)
+        return record[: session.counts["samples"]] if log is None else record
+
+    record = tried("record of the tracking", read_again, None)
+    segments = [] if record is None else sorted(record.segments, key=len, reverse=True)[:MOST_RECORDS]
     segments.sort(key=lambda segment: segment.times)
-    files = ["record.csv"] if len(segments) == 1 else [f"record-{k + 1}.csv" for k in range(len(segments))]
-    for name, segment in zip(files, segments, strict=True):
-        write_record(segment, out / name)
-    atomic_write(out / "track.json", as_json(session.to_data()))
-    save_state(tracking.state, fit.model.structure, out / "state.json")
-    save(fit, out / f"{fit.model.name}.json", record)
-    return ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]
+    session.findings += noted
+    works: dict[str, Callable[[], object]] = {
+        name: partial(write_record, segment, out / name)
+        for k, segment in enumerate(segments, 1)
+        for name in ["record.csv" if len(segments) == 1 else f"record-{k}.csv"]
+    }
+    works["track.json"] = lambda: atomic_write(out / "track.json", as_json(session.to_data()))
+    works["state.json"] = lambda: save_state(tracking.state, fit.model.structure, out / "state.json")
+    works[f"{fit.model.name}.json"] = lambda: save(fit, out / f"{fit.model.name}.json", record)
+    problems = {name: attempted(work) for name, work in works.items()}
+    files = [name for name, problem in problems.items() if problem is None]
+    problem = next(filter(None, problems.values()), None)
+    return [*files, *([] if log is None else ["log.txt"])], problem

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
 from emsid.models.blocks.static_maps.numbered_map import NumberedMap
@@ -48,6 +47,7 @@ class DeadZone(NumberedMap):
 
     kind: ClassVar[str] = "dead-zone"
     letters: ClassVar[tuple[str, ...]] = ("b_l", "b_r", "m_l", "m_r")
+    ends: ClassVar[tuple[str, ...]] = ("b_l", "b_r")
     slope_letter: ClassVar[str] = "m_r"
     tried: ClassVar[bool] = True
     meanings: ClassVar[Mapping[str, str]] = {
@@ -93,16 +93,6 @@ class DeadZone(NumberedMap):
     def expression(self, x: str) -> str:
         """Two hinges."""
         return sum_of_terms([(self.m_r, f"max({x}{-self.b_r:+.6g}, 0)"), (self.m_l, f"min({x}{-self.b_l:+.6g}, 0)")])
-
-    def with_parameters(self, theta: Array) -> DeadZone:
-        """The map with other parameters; edges that would cross meet halfway, where the zone has closed."""
-        b_l, b_r, m_l, m_r = theta.tolist()
-        return DeadZone(b_l, b_r, m_l, m_r) if b_l <= b_r else DeadZone(0.5 * (b_l + b_r), 0.5 * (b_l + b_r), m_l, m_r)
-
-    def check(self) -> None:
-        """Refuse edges that have crossed."""
-        if not self.b_l <= self.b_r:
-            raise Infeasible(f"dead zone from b_l = {self.b_l:.6g} to b_r = {self.b_r:.6g}; b_l must not exceed b_r")
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> DeadZone:
@@ -245,6 +235,7 @@ class Saturation(NumberedMap):
 
     kind: ClassVar[str] = "saturation"
     letters: ClassVar[tuple[str, ...]] = ("m", "low", "high")
+    ends: ClassVar[tuple[str, ...]] = ("low", "high")
     slope_letter: ClassVar[str] = "m"
     tried: ClassVar[bool] = True
     meanings: ClassVar[Mapping[str, str]] = {"m": "slope", "low": "lower limit", "high": "upper limit"}
@@ -286,11 +277,6 @@ class Saturation(NumberedMap):
     def expression(self, x: str) -> str:
         """min(max(…))."""
         return f"min(max({self.slope_between:.6g}*{x}, {self.low:.6g}), {self.high:.6g})"
-
-    def check(self) -> None:
-        """Refuse limits that have crossed."""
-        if not self.low < self.high:
-            raise Infeasible(f"saturation from {self.low:.6g} to {self.high:.6g}; the limits must ascend")
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> Saturation:

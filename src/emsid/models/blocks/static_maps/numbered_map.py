@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.static_maps.static_map import StaticMap
 
 Array = NDArray[np.float64]
@@ -23,11 +24,13 @@ class NumberedMap(StaticMap):
         letters: the letters of the parameters in formulas and files.
         slope_letter: the letter of the characteristic slope; empty if that slope is one and not a parameter.
         meanings: the meaning of each letter in a few words.
+        ends: the letters of a lower and an upper end, of which the lower one must not exceed the upper one; or empty.
     """
 
     letters: ClassVar[tuple[str, ...]]
     slope_letter: ClassVar[str]
     meanings: ClassVar[Mapping[str, str]] = {}
+    ends: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -55,8 +58,22 @@ class NumberedMap(StaticMap):
         return float(self.parameters[self.anchors[0]]) if self.slope_letter else 1.0
 
     def with_parameters(self, theta: Array) -> Self:
-        """The map with other parameters."""
-        return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
+        """The map with other parameters; ends that would cross meet halfway."""
+        values = dict(zip(self.letters, theta.tolist(), strict=True))
+        if self.ends and values[self.ends[0]] > values[self.ends[1]]:
+            values |= dict.fromkeys(self.ends, 0.5 * sum(values[letter] for letter in self.ends))
+        return replace(self, **dict(zip(self._first_fields(), values.values(), strict=True)))
+
+    def check(self) -> None:
+        """Refuse ends that have crossed.
+
+        Raises:
+            Infeasible: with the ends.
+        """
+        values = dict(zip(self.letters, self.parameters.tolist(), strict=True))
+        if self.ends and not values[self.ends[0]] <= values[self.ends[1]]:
+            low, high = (f"{letter} = {values[letter]:.6g}" for letter in self.ends)
+            raise Infeasible(f"{self.kind} from {low} to {high}; {self.ends[0]} must not exceed {self.ends[1]}")
 
     def meaning(self, name: str) -> str:
         """The meaning of its letter."""

@@ -1,9 +1,9 @@
 """Whether a first look finds the columns, the clock and the sign: ``python bench/first_look.py``.
 
-Forty files are simulated, four of each kind; two of them have names and two have none. All gains are positive. A file is
-right where its input, its output (a position, or the speed of the same motion) and its clock are, and where no change of
-sign is proposed. A wrong one is unsure where the look says that it is (a role of a confidence below `UNSURE`, or no
-command). The look takes longest at 2,000 rows of six columns, whose time is printed last.
+Forty files are simulated, four of each kind; two of them have names and two have none. All gains are positive. A file
+is right where its input, its output (a position, or the speed of the same motion) and its clock are, and where no
+change of sign is proposed. A wrong one is unsure where the look says that it is (a role of a confidence below `UNSURE`,
+or no command). The time for 2,000 rows of six columns is printed last.
 """
 
 from __future__ import annotations

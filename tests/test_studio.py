@@ -21,12 +21,13 @@ import pytest
 pytest.importorskip("starlette")
 from starlette.testclient import TestClient
 
+import emsid
 from emsid.cli.commands.studio import command_of, track_of
 from emsid.cli.options import option
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.record import Record
-from emsid.studio import uplot
+from emsid.studio import uplot, worker
 from emsid.studio.actions import EDITS, edit_for
 from emsid.studio.guard import POLICY, SMALL
 from emsid.studio.live import Live
@@ -466,6 +467,7 @@ def test_settings_of_an_example_are_not_of_a_file_that_is_added(opened: tuple[Te
     assert found["step"]["options"] == {"na": 1, "fixed": {"resistance": "2 ohm"}}  # a further record of it
     own = found["data"]["records"][1]
     assert "problem" not in own
+    assert "or remove one of the files" in own["unlike"]
     assert (own["samples"], [each["name"] for each in own["channels"]]) == (400, ["u1", "omega"])
     assert client.post("api/edit", json={"files": ["own.csv"]}).status_code == 200  # remove
     found = state(client)
@@ -690,3 +692,32 @@ def test_a_part_that_fails_costs_that_part_only(
     assert any(record.exc_info for record in caplog.records)
     answer = client.post("api/run")
     assert (answer.status_code, "\n" in answer.text) == ((200, False) if part == "described" else (500, False))
+
+
+def test_a_record_and_a_part_of_a_result_that_fail_leave_the_others(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    client, studio = opened
+    for name in ("a.csv", "b.csv"):
+        client.post(f"api/files?name={name}", content=table())
+    record = studio.data.record
+
+    def fails(step: dict[str, Any], name: str) -> Record:
+        if name == "b.csv":
+            raise ZeroDivisionError
+        return record(step, name)
+
+    monkeypatch.setattr(studio.data, "record", fails)
+    first, second = state(client)["data"]["records"]
+    assert (first["samples"], second["problem"]) == (400, "b.csv: an error inside the program (ZeroDivisionError)")
+
+    monkeypatch.undo()
+    result = emsid.identify(record(studio.session.step, "a.csv"), models=["arx"], na=1, nb=1, nk=1)
+    monkeypatch.setattr(worker, "write_runs", fails)
+    monkeypatch.setattr("emsid.linearize", fails)
+    worker.write_result(result, tmp_path, {"reading": {}})
+    shown = msgspec.json.decode((tmp_path / "shown.json").read_bytes())
+    assert (shown["models"], shown["poles"]) == (["arx"], {"arx": []})
+    failed = [each["text"] for each in shown["findings"] if "inside the program" in each["text"]]
+    assert len(failed) == 2
+    assert (tmp_path / "report.html").exists()

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 import emsid
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.borders import border
 from emsid.findings import plain
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import at_rest
 from emsid.io import ParsedFile, read_columns
 from emsid.io.columns import from_arrays
 from emsid.record import Record
+from emsid.record.joining import check_same_channels
 from emsid.record.time_axis import NOTABLE
 from emsid.record.time_units import SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
@@ -183,16 +185,24 @@ class Data:
         return plain(found)  # type: ignore[no-any-return]
 
     def _record(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> dict[str, Any]:
-        """The channels and the marks of a record."""
+        """The channels and the marks of a record, or why there are none."""
+        problems: list[EmsidError] = []
+        with border(name, report=problems.append):
+            return self._drawn(step, name, said)
+        return {"file": name, "problem": str(problems[0]), "channels": [], "marks": []}
+
+    def _drawn(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> dict[str, Any]:
+        record, unlike = self.record(step, name), ""
         try:
-            record = self.record(step, name)
+            check_same_channels(self.record(step, step["files"][0]), record)
         except EmsidError as problem:
-            return {"file": name, "problem": str(problem), "channels": [], "marks": []}
+            unlike = f"{problem}; or remove one of the files"
         units = (*record.input_units, *record.output_units)
         names = (*record.input_names, *record.output_names)
         time = record.time
         return {
             "file": name,
+            "unlike": unlike,
             "samples": len(record),
             "dt": record.dt,
             "first": float(time[0]),

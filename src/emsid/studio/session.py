@@ -164,7 +164,7 @@ class Session:
             FormatError: where it cannot be written; the session is then as before.
         """
         with self.lock:
-            step = msgspec.convert(bound({**self.step, **values}), Step)
+            step: Any = msgspec.convert(bound({**self.step, **values}), Step)
             steps = [*self.steps[: self.at + 1], step][-MOST_STEPS:]
             self._commit(on, steps, len(steps) - 1)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
+from logging import StreamHandler
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -19,12 +20,12 @@ import msgspec
 import numpy as np
 
 import emsid
-from emsid.errors import EmsidError
 from emsid.estimation import Control
+from emsid.estimation.borders import LOG, border, collected
 from emsid.estimation.estimates import Estimate
 from emsid.estimation.nonlinear.control import Activity, Stopped
 from emsid.exports.assumptions import assumed, sentences
-from emsid.findings import plain
+from emsid.findings import Finding, plain
 from emsid.identification import Identification
 from emsid.io import atomic_write, save
 from emsid.report.document import Report, Section, Table
@@ -45,11 +46,18 @@ def main() -> None:
     session, run = Path(sys.argv[1]), Path(sys.argv[2])
     task, cancelled = msgspec.json.decode((run / "task.json").read_bytes()), Event()
     Thread(target=wait_for_end, args=(cancelled,), daemon=True).start()
-    try:
-        result = identified(session, run, task, Control(cancelled=cancelled.is_set, report=Progress()))
-        write_result(result, run, task)
-    except (EmsidError, Stopped) as problem:
+    LOG.setLevel("DEBUG")
+    LOG.addHandler(StreamHandler())  # tracebacks are in the log of the run
+
+    def failed(problem: Exception) -> None:
         atomic_write(run / "problem.json", msgspec.json.encode({"message": str(problem)}))
+
+    try:
+        with border("run", report=failed):
+            result = identified(session, run, task, Control(cancelled=cancelled.is_set, report=Progress()))
+            write_result(result, run, task)
+    except Stopped as problem:
+        failed(problem)
 
 
 def wait_for_end(cancelled: Event) -> None:
@@ -110,10 +118,15 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
     if result.is_usable:
         save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
     atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
-    write_runs(result, run)
-    content = report(result, as_python)
-    write_files(report_files(content), run)
-    atomic_write(run / "shown.json", msgspec.json.encode(plain(as_shown(result, content))))
+    with collected() as noted:
+        with border("free runs"):
+            write_runs(result, run)
+        content = report(result, as_python)
+        with border("report"):
+            write_files(report_files(content), run)
+        shown = as_shown(result, content)
+    shown["findings"] += [said(finding, result) for finding in noted]
+    atomic_write(run / "shown.json", msgspec.json.encode(plain(shown)))
 
 
 def write_runs(result: Identification, run: Path) -> None:
@@ -152,27 +165,28 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
         "verdicts": {verdict.model: sentence(verdict, as_python) for verdict in result.model_verdicts},
         "outputs": result.unseen.output_names,
         "units": result.unseen.output_units,
-        "findings": [
-            {
-                "text": sentence(finding, as_python),
-                "severity": severity(finding).value,
-                "model": finding.model,
-                "edit": edit_for(finding, result.record),
-            }
-            for finding in findings
-        ],
+        "findings": [said(finding, result) for finding in findings],
         "sections": {each.title: section(each) for each in content.sections},
+    }
+
+
+def said(finding: Finding, result: Identification) -> dict[str, Any]:
+    """A finding with what the page can do about it."""
+    return {
+        "text": sentence(finding, as_python),
+        "severity": severity(finding).value,
+        "model": finding.model,
+        "edit": edit_for(finding, result.record),
     }
 
 
 def poles_of(model: Any, at: float) -> list[str]:
     """The poles near the rest at a constant input, of a pair one; none of a model that does not rest there."""
-    try:
+    upper, unit = [], ""
+    with border("poles", model.name, expected=True):
         system = emsid.linearize(model, at)
-    except EmsidError:
-        return []
-    unit = " 1/s" if system.dt is None else ""
-    upper = sorted((pole for pole in system.poles if pole.imag >= 0), key=abs, reverse=True)
+        unit = " 1/s" if system.dt is None else ""
+        upper = sorted((pole for pole in system.poles if pole.imag >= 0), key=abs, reverse=True)
     return [number(pole.real) + (f" ± {number(pole.imag)}i" if pole.imag else "") + unit for pole in upper]
 
 

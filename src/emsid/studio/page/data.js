@@ -13,7 +13,7 @@ export function showData(main, app) {
   main.append(el("h2", {}, `Columns of ${step.files[0]}`), el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "Columns" }, columns(data)),
     clock(data), findings(data));
   const known = data.records.filter((record) => !record.problem);
-  for (const record of data.records.filter((each) => each.problem)) main.append(el("p", { class: "problem" }, record.problem));
+  for (const { problem, unlike } of data.records) if (problem || unlike) main.append(el("p", { class: "problem" }, problem || unlike));
   if (!known.length) return;
   const groups = known.map((record) => plots(main, record, step));
   app.close = () => groups.forEach((group) => group.close());

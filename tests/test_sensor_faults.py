@@ -74,6 +74,24 @@ def test_an_outlier_is_left_out_and_said():
     assert result.rows[0].fit_percent > 95
 
 
+def test_an_impossible_command_is_left_out_and_an_impulse_is_not():
+    u = HEALTHY.input.copy()
+    u[500] = -1e12
+    left = without_faults(replace(HEALTHY, input=u))
+    assert np.array_equal(left.input, np.delete(HEALTHY.input, 500, axis=0))
+    assert [each.subject for each in left.findings] == ["voltage"]
+    u[500] = 60.0
+    assert not without_faults(replace(HEALTHY, input=u)).findings
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_counts_behind_a_saturating_supply_are_not_clipped(seed):
+    """The speed settles at the same counts whenever the supply is at its limit."""
+    u = 3 * np.sin(0.02 * np.arange(N) * (1 + 0.1 * seed)) * 8
+    held = record(u, np.round(speed(np.clip(u, -6, 6), 0.0) / 2) * 2)
+    assert "output-clipped" not in codes(advice(held))
+
+
 def counted():
     u = 0.4 * staircase(3)
     return record(u, np.round(speed(u, 0.0) / 2) * 2)

@@ -20,6 +20,10 @@ from emsid.first_look.outliers import outliers_of
 from emsid.first_look.stuck_output import is_stuck
 from emsid.record import Record
 
+IMPOSSIBLE = 1e3
+"""A sample of an input is no command if it is that many times the range of all others away from its neighbours; a
+single sample that is nearer may be an impulse."""
+
 
 def without_faults(record: Record) -> Record:
     """The record without samples that are no measurements, and with findings about them.
@@ -39,16 +43,26 @@ def without_faults(record: Record) -> Record:
 def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
     """Samples (N,) that are no measurements, and what they are, output by output."""
     u, place = record.input[:, 0], np.arange(len(record))
+    for name, x in zip(record.input_names, record.input.T, strict=True):
+        found, away = outliers_of(x)
+        impossible = away > IMPOSSIBLE * np.ptp(np.delete(x, found)) if len(found) < len(x) else away < 0
+        if impossible.any():
+            yield np.isin(place, found[impossible]), _outliers(name, found[impossible], away[impossible])
     for name, y in zip(record.output_names, record.output.T, strict=True):
         found, away = outliers_of(y)
         answers = np.isin(found[:, None] - np.arange(FEW), outliers_of(u)[0]).any(axis=1)  # to an impulse
         found, away = found[~answers], away[~answers]
         ordinary = np.delete(y, found)
         if len(found):
-            data = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8}
-            yield np.isin(place, found), Finding("outliers", name, data | {"mask": "", "masked": True})
+            yield np.isin(place, found), _outliers(name, found, away)
         for each in stretches_without_change(y, np.unique(ordinary)):
             if is_stuck(u, y, each, position=is_position(record)):
                 where = (place >= each.start) & (place < each.start + each.length)
                 data = {"row": each.start, "length": each.length, "value": each.value}
                 yield where, Finding("value-stuck", name, data | {"masked": True})
+
+
+def _outliers(name: str, found: NDArray[np.intp], away: NDArray[np.float64]) -> Finding:
+    """That samples of a channel are outliers, and are left out."""
+    data = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8}
+    return Finding("outliers", name, data | {"mask": "", "masked": True})

@@ -56,7 +56,7 @@ def resolution(data: Examined) -> Iterable[Finding]:
             if share < 0.01 or counts[k] < 10 * np.median(near) or is_zero:
                 continue
             there = x == levels[k]
-            if is_output and not (_moves_meanwhile(data.u, there) or _stops_at_once(x, there)):
+            if is_output and not _is_cut(x, there):
                 continue
             if is_output and side in at_stop():
                 code = "joint-at-stop"
@@ -70,22 +70,14 @@ def resolution(data: Examined) -> Iterable[Finding]:
         yield from limits
 
 
-def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
-    """Whether an input varies while the output stands at a limit; else the output may have settled there."""
-    inside = there[1:] & there[:-1]
-    changes = np.count_nonzero((np.diff(u) != 0) & inside)
-    return bool(changes > 0.05 * np.count_nonzero(inside) and u[there].std() > 0.02 * np.ptp(u))
+def _is_cut(y: Array, there: NDArray[np.bool_]) -> bool:
+    """Whether an output comes to a limit in motion and stays, as at the end of the range of a sensor.
 
-
-def _stops_at_once(y: Array, there: NDArray[np.bool_]) -> bool:
-    """Whether a noisy output jumps to a limit.
-
-    One that settles approaches it in small steps; one that is rounded repeats its values elsewhere too.
+    One that settles, as at the largest supply voltage, comes slowly, also in counts.
     """
-    steps, elsewhere = np.diff(y), (y[1:] > y.min()) & (y[1:] < y.max())
-    arrivals = np.abs(steps[there[1:] & ~there[:-1]])
-    repeats = np.mean(steps[elsewhere] == 0) if elsewhere.any() else 1.0
-    return bool(repeats < SAME and len(arrivals) and np.median(arrivals) > PART * np.median(np.abs(steps[elsewhere])))
+    steps, arrivals = np.abs(np.diff(y)), np.flatnonzero(there[1:] & ~there[:-1])
+    arrivals = arrivals[arrivals > 0]
+    return bool(len(arrivals) and np.median(steps[arrivals - 1]) > PART * np.percentile(steps, 95))
 
 
 def outliers(data: Examined) -> Iterable[Finding]:

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.cli.terminal import physical_table as on_screen
 from emsid.identification.characteristics import determined
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.report.notebook import parameter_rows
+from emsid.report.views.physical_parameters import physical_table
 
 R, K, J, COULOMB, DT = 0.5, 0.05, 2e-5, 0.004, 1e-3
 TRUE = {"resistance": R, "motor_constant": K, "rotor_inertia": J, "rotor_friction.coulomb": COULOMB}
@@ -92,6 +95,41 @@ def test_the_same_is_in_the_file_and_the_table(without_help):
     assert status["rotor_inertia"] == status["rotor_friction.coulomb"] == "depends on assumed values"
     assert {row.name: row.status for row in without_help.chosen.table} == status
     assert without_help.chosen["rotor_inertia"].how == "assuming resistance"
+
+
+def test_every_quantity_stands_once_and_the_gains_of_a_feedforward_are_named(without_help):
+    """Without a dead zone and a higher level at rest, Coulomb voltage and break-away voltage are the voltage lost."""
+    known = {each.name: each for each in without_help.characteristics}
+    truth = {
+        "voltage lost (kS) forward": (R * COULOMB / K, "V"),
+        "voltage per speed (kV)": (K, "V*s/rad"),
+        "voltage per acceleration (kA)": (R * J / K, "V*s^2/rad"),
+    }
+    for name, (value, unit) in truth.items():
+        assert abs(known[name].value - value) <= 1.5 * known[name].half_width
+        assert known[name].unit == unit
+    assert not [name for name in known if name.startswith(("Coulomb voltage", "break-away"))]
+
+
+def test_a_value_whose_interval_includes_zero_is_a_bound_everywhere():
+    """A constant torque of the load that is not there."""
+    free = ["motor_constant", "rotor_inertia", "rotor_friction.coulomb", "load_torque"]
+    known = {"resistance": R, "rotor_viscous": 0.0}
+    fit = simulation_error(STARTS["rigid-motor"], motor_record(), fixed=known, free=free)
+    row = fit["load_torque"]
+    low, high = row.interval
+    assert low < 0 < high
+    bound = f"less than {max(-low, high):.2g}"
+    assert (row.may_be_zero, row.how) == (True, "estimated, interval includes zero")
+    assert not fit["rotor_inertia"].may_be_zero
+    (line,) = [each for each in parameter_rows(fit) if each.name == "load_torque"]
+    assert line.value == bound
+    assert "interval includes zero" in line.interval
+    (cells,) = [each for each in physical_table(fit)[0].rows if each[0] == "load_torque"]
+    assert cells[5] == bound
+    columns = [[str(cell) for cell in column.cells] for column in on_screen(fit).columns]
+    at = columns[0].index("load_torque")
+    assert (columns[2][at], columns[3][at]) == (bound, "")
 
 
 @pytest.mark.parametrize("help_", [{"fixed": {"resistance": R}}, {"current": True}])

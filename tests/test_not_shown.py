@@ -66,16 +66,16 @@ def test_thresholds_that_a_motor_never_approaches_have_no_number_anywhere():
         assert np.isnan(friction.value[friction.x < -5]).all() == (name == "one way")
         assert np.isfinite(friction.value[friction.x > 60]).all()
     fit, shown = found["both ways"]
-    assert shown["Coulomb voltage backward"].value == pytest.approx(0.3, rel=0.1)
+    assert shown["voltage lost (kS) backward"].value == pytest.approx(0.3, rel=0.1)
     assert all(each.shown for each in shown.values())
     fit, hidden = found["one way"]
     lost = {name for name, each in hidden.items() if not each.shown}
-    assert {"Coulomb voltage forward", "Coulomb voltage backward", "break-away voltage backward"} <= lost
+    assert {"Coulomb voltage forward", "voltage lost (kS) backward"} <= lost
     assert "speed per volt" not in lost
     assert all(np.isnan(hidden[name].value) and hidden[name].half_width is None for name in lost)
     data = {each["name"]: each for each in fit.to_data()["combinations"]}
     assert all((data[name]["value"], data[name]["shown"]) == (None, False) for name in lost & set(data))
-    assert _fact(hidden["Coulomb voltage backward"], "").value == "unknown"
+    assert _fact(hidden["voltage lost (kS) backward"], "").value == "unknown"
 
 
 def pendulum() -> emsid.Record:

@@ -24,7 +24,8 @@ def test_every_physical_parameter_has_its_row_and_status():
         assert bool(rest) == bool(fit.combinations)
         assert ("Datasheet" in parameters.header) == (kind == "datasheet")
         for cells, row in zip(parameters.rows, fit.table, strict=True):
-            assert (" ± " in cells[5]) == row.estimated
+            assert (" ± " in cells[5]) == (row.estimated and not row.may_be_zero)
+            assert cells[5].startswith("less than ") == row.may_be_zero
             if " ± " in cells[5]:
                 value, half = (float(part) for part in cells[5].split(" ± "))
                 assert value == pytest.approx(row.value, abs=0.1 * half)

@@ -22,9 +22,10 @@ from emsid.cli.terminal import (
     text_table,
 )
 from emsid.estimation.estimates import Status
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
-from emsid.report.numbers import both_directions
+from emsid.report.numbers import both_directions, less_than
 from emsid.units import in_unit, plain_unit, with_unit
 from emsid.wording import Severity, sentence, severity
 from emsid.wording.first_screen import (
@@ -177,12 +178,22 @@ def _not_known(result: Identification) -> None:
 
 
 def _open(result: Identification) -> list[str]:
-    """Names of the values that the chosen model has and the data do not determine."""
+    """The values that the chosen model has and the data do not determine, by name, with a bound of those near zero."""
     known = {row.name for row in result.known}
     table = capabilities_of(result.chosen.model).physical_rows(result.chosen)
     of_search = (Status.FIXED, Status.OF_PLANT, Status.CHOSEN, *((Status.ASSUMING,) if result.chosen.assumed else ()))
-    names = [row.name for row in table if row.name not in known and row.status not in of_search]
-    return [*names, *(each.name for each in result.characteristics if not (each.shown and each.significant))]
+    found: list[tuple[str, float, float | None, str]] = [
+        (row.name, row.value, HALF_WIDTH * (row.standard_error or 0.0) * row.may_be_zero, row.unit)
+        for row in table
+        if row.name not in known and row.status not in of_search
+    ]
+    found += [
+        (each.name, each.value, each.half_width, each.unit)
+        for each in result.characteristics
+        if not (each.shown and each.significant)
+    ]
+    bounds = [(name, less_than(value, half), unit) for name, value, half, unit in found]
+    return [f"{name} ({with_unit(bound, unit)})" if bound else name for name, bound, unit in bounds]
 
 
 def models_table(result: Identification, most: int | None = None) -> Table:

@@ -155,8 +155,7 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
     lines = [
         (
             each.name,
-            f"{each.value:.4g}" if each.shown else "–",
-            "" if each.half_width is None or not isfinite(each.half_width) else f"{each.half_width:.2g}",
+            *_with_half(each.value if each.shown else None, each.half_width, 4),
             plain_unit(each.unit),
             NOT_SHOWN if not each.shown else _source(each),
         )
@@ -168,28 +167,37 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
 
 def _source(each: Characteristic) -> str:
     """The model that a characteristic is from, and what it depends on."""
+    from emsid.estimation.estimates import INCLUDES_ZERO
+
     given = f", given {', '.join(each.given)}" if each.given else ""
-    return f"{each.model}{'' if each.significant else ': not significant'}{given}"
+    return f"{each.model}{'' if each.significant else f': {INCLUDES_ZERO}'}{given}"
+
+
+def _with_half(value: float | None, half: float | None, digits: int) -> tuple[str, str]:
+    """A value and half its interval, or the size that it does not exceed where the interval includes zero."""
+    from emsid.report.numbers import less_than
+
+    if value is None or half is None or not isfinite(half):
+        return "–" if value is None else f"{value:.{digits}g}", ""
+    return (bound, "") if (bound := less_than(value, half)) else (f"{value:.{digits}g}", f"{half:.2g}")
 
 
 def physical_table(fit: GreyBoxFit) -> Table:
     """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
+    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
     from emsid.models.plants.search.result import Status
 
-    rows: list[tuple[str, str, float | None, str, str, str]]
-    rows = [(row.name, row.symbol, row.value, half_width(row), row.unit, row.how) for row in fit.shared]
+    rows: list[tuple[str, str, tuple[str, str], str, str]]
+    rows = [(row.name, row.symbol, _of_row(row), row.unit, row.how) for row in fit.shared]
     if any(row.status in (Status.KEPT, Status.CONDITIONAL, Status.ASSUMING) for row in fit.table):
         rows += [
-            (each.name, each.formula, each.value, _half(error), each.unit, together.how)
+            (each.name, each.formula, _with_half(each.value, HALF_WIDTH * error, 5), each.unit, together.how)
             if fit.shows(each)
-            else (each.name, each.formula, None, "", each.unit, NOT_SHOWN)
+            else (each.name, each.formula, ("–", ""), each.unit, NOT_SHOWN)
             for together in fit.combinations
             for each, error in [(together.quantity, together.standard_error)]
         ]
-    lines = [
-        (name, symbol, "–" if value is None else f"{value:.5g}", width, plain_unit(unit), how)
-        for name, symbol, value, width, unit, how in rows
-    ]
+    lines = [(name, symbol, *cells, plain_unit(unit), how) for name, symbol, cells, unit, how in rows]
     headings: dict[str, Align] = dict.fromkeys(("quantity", "symbol"), "left")
     headings |= dict.fromkeys(("value", "±"), "right")
     headings |= dict.fromkeys(("unit", "status"), "left")
@@ -201,6 +209,15 @@ def half_width(row: Estimate) -> str:
     if row.standard_error is None and row.interval is not None:
         return f"{row.interval[0]:.3g} to {row.interval[1]:.3g}"
     return _half(row.standard_error)
+
+
+def _of_row(row: Estimate) -> tuple[str, str]:
+    """The value of a parameter and half its interval, or the interval itself where it is not symmetric."""
+    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+
+    if row.standard_error is None or not row.estimated:
+        return f"{row.value:.5g}", half_width(row)
+    return _with_half(row.value, HALF_WIDTH * row.standard_error, 5)
 
 
 def _half(error: float | None) -> str:

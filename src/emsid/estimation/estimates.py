@@ -23,6 +23,10 @@ class Status(StrEnum):
     PREDICTOR = "of the one-step predictor"  # which is not the system
 
 
+INCLUDES_ZERO = "interval includes zero"
+"""The status of an estimate that may be zero: the data give a bound of it, and no value."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A row of the table of parameters.
@@ -60,10 +64,16 @@ class Estimate:
 
     @property
     def how(self) -> str:
-        """The source of the value, in a few words for a table."""
+        """The source of the value, and whether it may be zero, in a few words for a table."""
+        words = str(self.status)
         if self.given:
-            return f"{'assuming' if self.status is Status.ASSUMING else 'given'} {', '.join(self.given)}"
-        return str(self.status)
+            words = f"{'assuming' if self.status is Status.ASSUMING else 'given'} {', '.join(self.given)}"
+        return f"{words}, {INCLUDES_ZERO}" if self.may_be_zero else words
+
+    @property
+    def may_be_zero(self) -> bool:
+        """Whether it is an estimate, and zero lies inside its interval."""
+        return self.estimated and self.interval is not None and self.interval[0] < 0 < self.interval[1]
 
     @property
     def estimated(self) -> bool:

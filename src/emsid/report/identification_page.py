@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import listed
 from emsid.estimation.borders import border, collected
+from emsid.estimation.estimates import INCLUDES_ZERO
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.identification.result import Identification
 from emsid.identification.verdict import NO_INPUT
@@ -16,7 +17,7 @@ from emsid.models.characteristics import Characteristic
 from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
-from emsid.report.numbers import both_directions, estimate, first_up, number, percent
+from emsid.report.numbers import both_directions, estimate, first_up, less_than, number, percent
 from emsid.report.views import terms
 from emsid.report.views.conventions import in_words
 from emsid.report.views.front import front_figure, models_table, record_table, region_tables
@@ -222,9 +223,8 @@ def _fact(each: Characteristic, best: str) -> Fact:
         return Fact("unknown", meaning, NOT_SHOWN)
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
-    if not each.significant:
-        interval = with_unit(f"{number(each.value)} ± {number(each.half_width)}", each.unit)
-        return Fact("not significant", meaning, interval)
+    if bound := less_than(each.value, each.half_width):
+        return Fact(with_unit(bound, each.unit), meaning, INCLUDES_ZERO)
     value = estimate(each.value, each.half_width)
     return Fact(with_unit(value, each.unit), meaning, half_interval(each.half_width))
 

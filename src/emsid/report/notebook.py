@@ -25,7 +25,7 @@ from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.document import Axis, Bars, Figure, Plot, Table
 from emsid.report.figures import draw, sheet
-from emsid.report.numbers import estimate, number
+from emsid.report.numbers import estimate, less_than, number
 from emsid.report.views import first_look
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.free_run import responses
@@ -71,7 +71,8 @@ def _row(name: str, value: float, half: float | None, unit: str, status: str, ho
     if not isfinite(half):
         return ParameterRow(name, number(value), "not determined by these data", shown)
     ends = f"{estimate(value - half, half)} … {estimate(value + half, half)}"
-    return ParameterRow(name, estimate(value, half), ends + f" ({how})" * (status != Status.ESTIMATED), shown)
+    text = (unit and less_than(value, half)) or estimate(value, half)
+    return ParameterRow(name, text, ends + f" ({how})" * (how != Status.ESTIMATED), shown)
 
 
 def how_it_ended(fit: Fit[Any]) -> str:

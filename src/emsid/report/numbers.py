@@ -80,9 +80,20 @@ def within(value: float, half_width: float) -> str:
     """An estimate and half its interval, with significant digits only.
 
     >>> within(179.8, 1702.0), within(0.05000192, 9.4e-06), within(3.2e7, 1.1e6)
-    ('180 ± 1700', '0.0500019 ± 9.4e-6', '3.2e7 ± 1.1e6')
+    ('less than 1900', '0.0500019 ± 9.4e-6', '3.2e7 ± 1.1e6')
     """
-    return f"{estimate(value, half_width)} ± {_rounded(half_width, 2)}"
+    return less_than(value, half_width) or f"{estimate(value, half_width)} ± {_rounded(half_width, 2)}"
+
+
+def less_than(value: float, half_width: float | None) -> str:
+    """The size that a value does not exceed, where its interval includes zero; empty for another value.
+
+    >>> less_than(0.0005, 0.0022), less_than(-0.5, 0.2), less_than(0.5, None)
+    ('less than 0.0027', '', '')
+    """
+    if half_width is None or not isfinite(half_width) or half_width <= abs(value):
+        return ""
+    return f"less than {_rounded(abs(value) + half_width, 2)}"
 
 
 def slug(text: str) -> str:

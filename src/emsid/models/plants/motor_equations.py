@@ -173,10 +173,14 @@ def _of_voltage(m: Motor, drop: float, load: float) -> tuple[Quantity, ...]:
         scale, torque = ("K" if slope == 1 else "(K·m)"), ("T_c + T_d" if way > 0 else "T_c − T_d")
         lost = edge + (r * (slide.base[k_side] + way * load) / k + drop) / slope
         found.append(
-            Quantity(f"voltage lost {side}", f"{before}R·({torque})/{scale}", "V", lost, RestsOn(direction=way))
+            Quantity(f"voltage lost (kS) {side}", f"{before}R·({torque})/{scale}", "V", lost, RestsOn(direction=way))
         )
         leaves, needs = f"{before}R·(T_c + T_s)/{scale}", RestsOn(Needs.THRESHOLD, way)
         found.append(Quantity(f"break-away voltage {side}", leaves, "V", edge + (r * held / k + drop) / slope, needs))
+    found += [
+        Quantity("voltage per speed (kV)", "K + R·B/K", "V*s/rad", k + r * viscous / k),
+        Quantity("voltage per acceleration (kA)", "R·J/K", "V*s^2/rad", r * inertia / k),
+    ]
     if m.inductance > 0:
         found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
     if not m.is_rigid:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from emsid.errors import listed
+from emsid.estimation.estimates import INCLUDES_ZERO
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.search.result import Status
 from emsid.report.document import Table
@@ -29,8 +30,7 @@ _MEANINGS = {
     Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter; its interval, if any, is that of the "
     "likelihood profile",
 }
-_INTERVAL_TOO_WIDE = "interval includes zero"
-_TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
+_TOO_WIDE_MEANS = f"{INCLUDES_ZERO}: the parameter may be zero"
 
 
 def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
@@ -46,7 +46,7 @@ def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
     cells = [_parameter_row(row, sheet) for row in fit.shared]
     statuses = dict.fromkeys(row.status for row in fit.table)
     meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
-    meanings += [_TOO_WIDE_MEANS] * any(_INTERVAL_TOO_WIDE in row[4] for row in cells)
+    meanings += [_TOO_WIDE_MEANS] * any(row.may_be_zero for row in fit.shared)
     parameters = Table(
         (
             "Parameter",
@@ -138,11 +138,8 @@ def units_taken(fit: GreyBoxFit) -> str:
 
 
 def _parameter_row(row: Estimate, sheet: bool) -> tuple[str, ...]:
-    identified = row.estimated and row.standard_error is not None
     given = "" if row.datasheet is None else plain(row.datasheet)
-    too_wide = identified and HALF_WIDTH * (row.standard_error or 0.0) > abs(row.value)
-    status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
-    words = (row.name, first_up(row.description), row.symbol, readable_unit(row.unit), status)
+    words = (row.name, first_up(row.description), row.symbol, readable_unit(row.unit), row.how)
     return (*words, *_value(row), *((given,) if sheet else ()))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from emsid.estimation.estimates import Status
 from emsid.models.characteristics import Characteristic, half_of
 from emsid.models.plants.plant import Quantity
@@ -10,6 +12,8 @@ from emsid.models.visited import Needs, RestsOn
 
 LEFT_OUT = ("acceleration", "electromechanical", "electrical", "inertia ratio")
 """Quantities that repeat others and are left out of a short list."""
+FEEDFORWARD = "(kS)"
+"""Of quantities that are equal, the one with this in its name is listed."""
 
 
 def of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
@@ -41,4 +45,18 @@ def of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
         )
         for each, error, given in zones
     )
-    return tuple(each if shown else each.unknown() for each, shown in (*found, *ends))
+    known: list[tuple[Characteristic, bool]] = []
+    for each, shown in (*found, *ends):
+        k = next((k for k, (other, as_well) in enumerate(known) if shown == as_well and _repeats(each, other)), None)
+        if k is None:
+            known.append((each, shown))
+        elif FEEDFORWARD in each.name:
+            known[k] = each, shown
+    return tuple(each if shown else each.unknown() for each, shown in known)
+
+
+def _repeats(each: Characteristic, other: Characteristic) -> bool:
+    """Whether a quantity is another one of the same direction, as a break-away voltage where no level is higher."""
+    sides = [[way in one.name for way in ("forward", "backward")] for one in (each, other)]
+    own, others = ((one.value, one.half_width or 0.0) for one in (each, other))
+    return each.unit == other.unit and sides[0] == sides[1] and np.allclose(own, others, rtol=1e-6, atol=0.0)

@@ -181,7 +181,7 @@ def test_validate_remembers_how_the_record_was_read(run, tmp_path):
 
 def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_path):
     inputs, out = table(tmp_path / "inputs.csv", seed=3), tmp_path / "simulated.csv"
-    words = ("simulate", result / "arx.json", inputs, "--out", out, "--json")
+    words = ("simulate", result / "arx.json", inputs, "--out", out, "--force", "--json")
     status, printed, _ = run(*words)
     assert status == 0
     assert json.loads(printed)["columns"] == ["t", "u", "y"]
@@ -190,10 +190,13 @@ def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_pat
     expected = emsid.simulate(emsid.load(result / "arx.json"), voltage)
     np.testing.assert_array_equal(simulated.input, voltage)
     np.testing.assert_array_equal(simulated.output, expected.output)
-    assert "name the file with the inputs" in run("simulate", result / "arx.json", "--out", out)[2]
-    assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
+    assert "name the file with the inputs" in run("simulate", result / "arx.json", "--out", out, "--force")[2]
+    assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--force", "--dt", "20ms")[2]
     emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
-    assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]
+    assert (
+        "does not say how its record was read"
+        in run("simulate", tmp_path / "bare.json", inputs, "--out", out, "--force")[2]
+    )
 
 
 def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(result, run, tmp_path):
@@ -204,7 +207,7 @@ def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(resul
     measured = emsid.read(moving, input="u", output="y", dt=0.01)
 
     def error(*words: str) -> tuple[float, str]:
-        status, printed, _ = run("simulate", model, moving, "--out", out, *words)
+        status, printed, _ = run("simulate", model, moving, "--out", out, "--force", *words)
         simulated = emsid.read(out, input="u", output="y", time="t")
         assert (status, len(simulated)) == (0, len(measured))
         return float(abs(simulated.output - measured.output).max()), printed
@@ -217,9 +220,15 @@ def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(resul
     assert estimated < 1e-9  # the arx model is exact there
     for start in ("rest", "estimated"):
         assert json.loads(error("--start", start, "--json")[1])["start"] == start
-    assert "no column 'y'" in run("simulate", model, without(moving, "y"), "--start", "estimated", "--out", out)[2]
-    assert "--start: only for the file with the inputs" in run("simulate", "--start", "estimated", "--out", out)[2]
-    assert "--start" not in run("simulate", "--out", out)[1]
+    assert (
+        "no column 'y'"
+        in run("simulate", model, without(moving, "y"), "--start", "estimated", "--out", out, "--force")[2]
+    )
+    assert (
+        "--start: only for the file with the inputs"
+        in run("simulate", "--start", "estimated", "--out", out, "--force")[2]
+    )
+    assert "--start" not in run("simulate", "--out", out, "--force")[1]
 
 
 def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
@@ -230,7 +239,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     cells = [row.split(",") for row in rows]
     milli.write_text("\n".join(["voltage [mV],speed (rad/s)", *(f"{1000 * float(u)!r},{y}" for u, y in cells)]))
     words = ("identify", log, "-u", "voltage", "-y", "speed", "--dt", "10ms", "--offset", "voltage [V]=1")
-    assert run(*words, "--models", "arx", "--out", out)[0] == 0
+    assert run(*words, "--models", "arx", "--out", out, "--force")[0] == 0
     data = json.loads((out / "result.json").read_text())
     assert {each["unit"] for each in data["regions"]} == {"rad/s"}
     assert [each["unit"] for each in data["characteristics"] if each["name"] == "gain"] == ["rad/(s*V)"]

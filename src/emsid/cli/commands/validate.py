@@ -11,7 +11,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
-from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def validate(
             arguments=("input", "output"),
         )
     if out is not None:
-        check_folder(out)
+        check_folder(out, "validation.json", REPORT)
     records = list(map(reader, files))
     again: list[Reestimation | None] = [None] * len(records)
     if free:

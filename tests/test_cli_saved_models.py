@@ -239,7 +239,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     cells = [row.split(",") for row in rows]
     milli.write_text("\n".join(["voltage [mV],speed (rad/s)", *(f"{1000 * float(u)!r},{y}" for u, y in cells)]))
     words = ("identify", log, "-u", "voltage", "-y", "speed", "--dt", "10ms", "--offset", "voltage [V]=1")
-    assert run(*words, "--models", "arx", "--out", out, "--force")[0] == 0
+    assert run(*words, "--models", "arx", "--out", out)[0] == 0
     data = json.loads((out / "result.json").read_text())
     assert {each["unit"] for each in data["regions"]} == {"rad/s"}
     assert [each["unit"] for each in data["characteristics"] if each["name"] == "gain"] == ["rad/(s*V)"]

@@ -249,7 +249,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     assert "(rad/s) [rad/s]" not in page
 
     def simulated(*words):
-        status, printed, _ = run("simulate", out / "arx.json", *words, "--out", tmp_path / "y.csv", "--json")
+        status, printed, _ = run("simulate", out / "arx.json", *words, "--out", tmp_path / "y.csv", "--force", "--json")
         record = emsid.read(tmp_path / "y.csv", input="voltage", output="speed", time="t")
         assert (status, record.output_units) == (0, ("rad/s",))
         return record, [each["code"] for each in json.loads(printed)["findings"]]
@@ -257,7 +257,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     volts, found = simulated(log)
     assert (volts.input_units, found) == (("V",), [])
     np.testing.assert_allclose(volts.input[:, 0], [float(u) + 1 for u, _ in cells])  # the offset is remembered
-    words = ("simulate", out / "arx.json", milli, "--out", tmp_path / "y.csv")
+    words = ("simulate", out / "arx.json", milli, "--out", tmp_path / "y.csv", "--force")
     assert "offset is given for 'voltage [V]', which is neither input nor output" in run(*words)[2]
     converted, found = simulated(milli, "--offset", "voltage=1000")  # the header says the unit
     assert found == []
@@ -280,11 +280,11 @@ def test_a_saved_model_is_simulated_on_columns_of_other_names(result, run, tmp_p
     inputs = table(tmp_path / "inputs.csv", seed=3, seconds=times)
     other = tmp_path / "other.csv"
     other.write_text(inputs.read_text().replace("u,y,seconds", "volts,y,seconds"))
-    assert "no column 'u'" in run("simulate", result / "arx.json", other, "--out", out)[2]
-    words = ("simulate", result / "arx.json", other, "--input", "volts", "--time", "seconds", "--out", out)
+    assert "no column 'u'" in run("simulate", result / "arx.json", other, "--out", out, "--force")[2]
+    words = ("simulate", result / "arx.json", other, "--input", "volts", "--time", "seconds", "--out", out, "--force")
     assert run(*words)[0] == 0
     voltage = emsid.read(inputs, input="u", output=(), dt=0.01).input
     simulated = emsid.read(out, input="volts", output="y", time="t")
     np.testing.assert_array_equal(simulated.output, emsid.simulate(emsid.load(result / "arx.json"), voltage).output)
-    status, _, err = run("simulate", "--time", "t", "--out", out)
+    status, _, err = run("simulate", "--time", "t", "--out", out, "--force")
     assert (status, "--time: only for the file with the inputs" in err) == (2, True)

@@ -181,7 +181,7 @@ def test_validate_remembers_how_the_record_was_read(run, tmp_path):
 
 def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_path):
     inputs, out = table(tmp_path / "inputs.csv", seed=3), tmp_path / "simulated.csv"
-    words = ("simulate", result / "arx.json", inputs, "--out", out, "--json")
+    words = ("simulate", result / "arx.json", inputs, "--out", out, "--force", "--json")
     status, printed, _ = run(*words)
     assert status == 0
     assert json.loads(printed)["columns"] == ["t", "u", "y"]
@@ -190,10 +190,13 @@ def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_pat
     expected = emsid.simulate(emsid.load(result / "arx.json"), voltage)
     np.testing.assert_array_equal(simulated.input, voltage)
     np.testing.assert_array_equal(simulated.output, expected.output)
-    assert "name the file with the inputs" in run("simulate", result / "arx.json", "--out", out)[2]
-    assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
+    assert "name the file with the inputs" in run("simulate", result / "arx.json", "--out", out, "--force")[2]
+    assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--force", "--dt", "20ms")[2]
     emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
-    assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]
+    assert (
+        "does not say how its record was read"
+        in run("simulate", tmp_path / "bare.json", inputs, "--out", out, "--force")[2]
+    )
 
 
 def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(result, run, tmp_path):
@@ -204,7 +207,7 @@ def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(resul
     measured = emsid.read(moving, input="u", output="y", dt=0.01)
 
     def error(*words: str) -> tuple[float, str]:
-        status, printed, _ = run("simulate", model, moving, "--out", out, *words)
+        status, printed, _ = run("simulate", model, moving, "--out", out, "--force", *words)
         simulated = emsid.read(out, input="u", output="y", time="t")
         assert (status, len(simulated)) == (0, len(measured))
         return float(abs(simulated.output - measured.output).max()), printed
@@ -217,9 +220,15 @@ def test_a_simulation_begins_at_rest_or_in_the_state_that_the_outputs_show(resul
     assert estimated < 1e-9  # the arx model is exact there
     for start in ("rest", "estimated"):
         assert json.loads(error("--start", start, "--json")[1])["start"] == start
-    assert "no column 'y'" in run("simulate", model, without(moving, "y"), "--start", "estimated", "--out", out)[2]
-    assert "--start: only for the file with the inputs" in run("simulate", "--start", "estimated", "--out", out)[2]
-    assert "--start" not in run("simulate", "--out", out)[1]
+    assert (
+        "no column 'y'"
+        in run("simulate", model, without(moving, "y"), "--start", "estimated", "--out", out, "--force")[2]
+    )
+    assert (
+        "--start: only for the file with the inputs"
+        in run("simulate", "--start", "estimated", "--out", out, "--force")[2]
+    )
+    assert "--start" not in run("simulate", "--out", out, "--force")[1]
 
 
 def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
@@ -240,7 +249,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     assert "(rad/s) [rad/s]" not in page
 
     def simulated(*words):
-        status, printed, _ = run("simulate", out / "arx.json", *words, "--out", tmp_path / "y.csv", "--json")
+        status, printed, _ = run("simulate", out / "arx.json", *words, "--out", tmp_path / "y.csv", "--force", "--json")
         record = emsid.read(tmp_path / "y.csv", input="voltage", output="speed", time="t")
         assert (status, record.output_units) == (0, ("rad/s",))
         return record, [each["code"] for each in json.loads(printed)["findings"]]
@@ -248,7 +257,7 @@ def test_a_model_of_columns_with_units_in_their_names(run, tmp_path):
     volts, found = simulated(log)
     assert (volts.input_units, found) == (("V",), [])
     np.testing.assert_allclose(volts.input[:, 0], [float(u) + 1 for u, _ in cells])  # the offset is remembered
-    words = ("simulate", out / "arx.json", milli, "--out", tmp_path / "y.csv")
+    words = ("simulate", out / "arx.json", milli, "--out", tmp_path / "y.csv", "--force")
     assert "offset is given for 'voltage [V]', which is neither input nor output" in run(*words)[2]
     converted, found = simulated(milli, "--offset", "voltage=1000")  # the header says the unit
     assert found == []
@@ -271,11 +280,11 @@ def test_a_saved_model_is_simulated_on_columns_of_other_names(result, run, tmp_p
     inputs = table(tmp_path / "inputs.csv", seed=3, seconds=times)
     other = tmp_path / "other.csv"
     other.write_text(inputs.read_text().replace("u,y,seconds", "volts,y,seconds"))
-    assert "no column 'u'" in run("simulate", result / "arx.json", other, "--out", out)[2]
-    words = ("simulate", result / "arx.json", other, "--input", "volts", "--time", "seconds", "--out", out)
+    assert "no column 'u'" in run("simulate", result / "arx.json", other, "--out", out, "--force")[2]
+    words = ("simulate", result / "arx.json", other, "--input", "volts", "--time", "seconds", "--out", out, "--force")
     assert run(*words)[0] == 0
     voltage = emsid.read(inputs, input="u", output=(), dt=0.01).input
     simulated = emsid.read(out, input="volts", output="y", time="t")
     np.testing.assert_array_equal(simulated.output, emsid.simulate(emsid.load(result / "arx.json"), voltage).output)
-    status, _, err = run("simulate", "--time", "t", "--out", out)
+    status, _, err = run("simulate", "--time", "t", "--out", out, "--force")
     assert (status, "--time: only for the file with the inputs" in err) == (2, True)

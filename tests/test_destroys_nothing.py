@@ -38,20 +38,73 @@ def test_a_simulation_does_not_replace_its_input(run: Run, model: Path, tmp_path
     (tmp_path / "link.csv").hardlink_to(source)
     before = source.read_bytes()
     target = tmp_path / name.format(tmp_path.name)
-    status, _, err = run("simulate", model, source, "-u", "u", "--dt", ".01", "--out", target)
+    status, _, err = run("simulate", model, source, "-u", "u", "--dt", ".01", "--out", target, "--force")
     assert (status, err.count("\n")) == (2, 1)
     assert "reads this file" in err
     assert source.read_bytes() == before
     assert run("simulate", model, source, "-u", "u", "--dt", ".01", "--out", tmp_path / "new.csv")[0] == 0
 
 
+def test_no_command_replaces_a_file_of_others(run: Run, model: Path, tmp_path: Path) -> None:
+    """A single file only with --force; in a folder of results those of an earlier run, and nothing else."""
+    log, mine = table(tmp_path / "log.csv"), b"my own words\n"
+    data, fleet_of = ("-u", "u", "-y", "y", "--dt", ".01"), ("--models", str(model))
+    folders = {
+        ("describe", log, *data[:4]): ("report.html",),
+        ("identify", log, *ARX): ("result.json", "report.html", "recommended.json", "arx.json"),
+        ("validate", model, log): ("validation.json", "report.html"),
+        ("track", log, *data): ("track.json", "report.html", "state.json", "record.csv"),
+        ("fleet", log, *data, *fleet_of): ("rows.jsonl", "fleet.parquet", "fleet.json", "report.html"),
+        ("study", "--duration", "1"): ("study.json", "report.html"),
+        ("demo",): ("commands.md", "motor.csv"),
+    }
+    for k, (words, names) in enumerate(folders.items()):
+        for name in names:
+            folder = tmp_path / f"{k}-{name}"
+            folder.mkdir()
+            (folder / name).write_bytes(mine)
+            where = (folder,) if words == ("demo",) else ("--out", folder)
+            status, _, err = run(*words, *where)
+            assert (status, err.count("\n")) == (2, 1), (words, err)
+            assert f"{name} in it is not a result of emsid" in err
+            assert {path.name: path.read_bytes() for path in folder.iterdir()} == {name: mine}
+    for words in (
+        ("simulate",),
+        ("simulate", model, log, "-u", "u", "--dt", ".01"),
+        ("design", model, "--limit", "2", "--duration", "1"),
+        ("bench", "run", "--source", "socket://localhost:1", "--limit", "6V"),
+    ):
+        (tmp_path / "mine.csv").write_bytes(mine)
+        status, _, err = run(*words, "--out", tmp_path / "mine.csv")
+        assert (status, err.count("\n"), "--force" in err) == (2, 1, True), (words, err)
+        assert (tmp_path / "mine.csv").read_bytes() == mine
+    assert run("simulate", "--duration", "1", "--out", tmp_path / "mine.csv", "--force")[0] == 0
+    assert (tmp_path / "mine.csv").read_bytes() != mine
+
+
+def test_a_later_run_replaces_the_results_of_an_earlier_one(run: Run, model: Path, tmp_path: Path) -> None:
+    log = table(tmp_path / "log.csv")
+    data = ("-u", "u", "-y", "y", "--dt", ".01")
+    for k, words in enumerate(
+        (
+            ("describe", log, *data[:4]),
+            ("validate", model, log),
+            ("track", log, *data),
+            ("fleet", log, *data, "--models", model),
+        )
+    ):
+        for _ in range(2):
+            assert run(*words, "--out", tmp_path / str(k))[0] == 0
+
+
 def test_a_tracking_does_not_replace_its_source(run: Run, tmp_path: Path) -> None:
     (tmp_path / "record.csv").write_bytes(lines(600))
+    (tmp_path / "track.json").write_text('{\n  "schema": 1}')  # a folder of results
     status, _, err = run("track", tmp_path / "record.csv", "--out", tmp_path)
     assert (status, err.count("\n")) == (2, 1)
     assert "would replace its source" in err
     assert (tmp_path / "record.csv").read_bytes() == lines(600)
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_program_may_replace_what_it_reads_and_a_command_may_not(tmp_path: Path) -> None:

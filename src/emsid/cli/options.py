@@ -197,3 +197,4 @@ Debug = Annotated[
 ]
 Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]

@@ -26,19 +26,58 @@ LEFT_OUT = "the report is left out"
 COMPLETING = "curves and the next experiment are left out; the results follow (Ctrl-C again: end without them)"
 """What Ctrl-C after the searches is answered."""
 
+REPORT = "report.html"
+"""The page of a result."""
+
 Result = TypeVar("Result", "Study", "Identification")
 
 
-def check_folder(folder: Path, given: str = "--out ") -> None:
-    """Refuse a folder that cannot be written to, before a long search starts.
+MARKS = (b"emsid", b'{\n  "schema": ', b'{"motor": ', b'<html lang="en" class="no-script">')
+"""What the first bytes of every report, document, model file and journal of this program contain."""
+
+
+def check_folder(folder: Path, *results: str, given: str = "--out ") -> None:
+    """Refuse a folder that cannot be written to, or holds files of others, before a long search starts.
+
+    A command replaces the results of an earlier run, never another file.
 
     Args:
         folder: to write into.
+        results: the names of files that will be written into it, the main one first: where that is of this program,
+            all of them are.
         given: how the command line names it.
     """
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         raise DataError(f"{given}{folder}: {there} is not a folder that can be written to; choose another")
+    found = [folder / name for name in results if (folder / name).exists()]
+    if found and found[0].name == results[0] and _is_own(found[0]):
+        return
+    for path in found:
+        if not _is_own(path):
+            raise DataError(f"{given}{folder}: {path.name} in it is not a result of emsid; choose another folder")
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is a result of this program, by its first bytes; an empty one has nothing to lose."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(4096)
+    except OSError:
+        return False
+    return not head or any(mark in head for mark in MARKS)
+
+
+def check_file(path: Path, force: bool) -> None:
+    """Refuse a file that exists, or whose folder cannot be written to, before anything is done.
+
+    Args:
+        path: to write.
+        force: whether it may be replaced.
+    """
+    check_folder(path.parent)
+    if path.exists() and not force:
+        raise DataError(f"{path} exists; name another file, or replace it", arguments=("out", "force"))
 
 
 def write(

@@ -337,7 +337,7 @@ class Journal:
         dropped: how many were dropped.
 
     Raises:
-        FormatError: where the file cannot be read.
+        FormatError: where the file cannot be read, or is no journal.
     """
 
     def __init__(self, path: Path, job: str, todo: Mapping[tuple[str, str], Batch]) -> None:
@@ -346,10 +346,12 @@ class Journal:
             lines = path.read_text("utf-8").splitlines() if path.is_file() else []
         except (OSError, ValueError) as problem:
             raise FormatError(f"{path}: cannot be read ({problem}); remove it, or name another folder") from None
-        for line in lines:
+        for k, line in enumerate(lines):
             try:
                 row = msgspec.convert(json.loads(line), FleetRow)
             except (ValueError, msgspec.ValidationError):
+                if k == 0 and len(lines) > 1:
+                    raise FormatError(f"{path}: this is no journal of a fleet; name another folder") from None
                 continue
             if row.job == job:
                 batch = todo.get((row.motor, row.period))

@@ -91,7 +91,7 @@ def add_actuator(
         )
     if not force and (home / f"{name}.json").exists():
         raise DataError(
-            f"{home / name}.json exists and is not of this library; give the actuator another name, or replace it",
+            f"{home / name}.json exists and is not of this library; give another name, or replace it",
             arguments=("force",),
         )
     load_model(model)

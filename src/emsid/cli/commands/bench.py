@@ -11,9 +11,9 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.commands.track import Baud, Header, Patience
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, option, quantity
+from emsid.cli.options import Force, Json, option, quantity
 from emsid.cli.terminal import progress_bar, say, say_json, warn
-from emsid.cli.writing import as_json, attempted, check_folder
+from emsid.cli.writing import as_json, attempted, check_file
 from emsid.errors import DataError
 from emsid.findings import Finding
 
@@ -109,6 +109,7 @@ def run(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the record: .csv, .parquet, .npz.")] = Path(
         "record.csv"
     ),
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Drive a board with a test signal and write a record.
@@ -139,12 +140,12 @@ def run(
         raise DataError(f"a duration of {duration:g} s; give a positive one", arguments=("duration",))
     if not (isfinite(patience) and patience > 0):
         raise DataError(f"patience of {patience:g} s; give a positive time", arguments=("patience",))
-    check_folder(out.parent)
+    check_file(out, force)
 
     voltages = _made(excitation, duration, size, seed) if signal is None else _in_file(signal, limit)
     result, record = _driven(source, voltages, limits, header, baud, patience, out)
     files: list[str] = []
-    unwritten = attempted(lambda: files.extend(_write(record, out)))
+    unwritten = attempted(lambda: files.extend(_write(record, out, force)))
     _say(result, source, files, record, json)
     if unwritten is not None:
         raise unwritten
@@ -231,13 +232,14 @@ def _driven(
         return result, read_log(log.path, log.begin, header)
 
 
-def _write(record: Any, out: Path) -> list[str]:
-    """Write every stretch of a record to a file."""
+def _write(record: Any, out: Path, force: bool) -> list[str]:
+    """Write every stretch of a record to a file; one that exists is replaced with ``force`` only."""
     from emsid.io import write_record
 
     segments = record.segments
     paths = [out] if len(segments) == 1 else [out.with_stem(f"{out.stem}-{k + 1}") for k in range(len(segments))]
     for path, segment in zip(paths, segments, strict=True):
+        check_file(path, force)
         write_record(segment, path)
     return [str(path) for path in paths]
 

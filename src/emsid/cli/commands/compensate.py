@@ -7,7 +7,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, quantity, sample_time
+from emsid.cli.options import Force, Json, quantity, sample_time
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
 
@@ -44,7 +44,7 @@ def compensate(
         str | None, typer.Option(metavar="NAME", help="Name of files and functions.  [default: that of the model]")
     ] = None,
     single: Annotated[bool, typer.Option("--float", help="C in single precision.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write the inverse of a model in C: dead zone, friction.

@@ -68,7 +68,7 @@ def demo(
     from emsid.io import atomic_write, write_record
     from emsid.study.demonstration import EXAMPLES
 
-    check_folder(folder, given="")
+    check_folder(folder, PAGE, *(f"{example.name}.csv" for example in EXAMPLES), given="")
     if fleet:
         _fleet(folder, fleet, seed)
         return

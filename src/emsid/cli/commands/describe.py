@@ -12,7 +12,7 @@ from emsid.cli.options import Json, option
 from emsid.cli.reading import as_options, reads_records
 from emsid.cli.shell import command_line, file_word
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
-from emsid.cli.writing import as_json, check_folder, draw, say_where
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 
 if TYPE_CHECKING:
     from emsid.findings import Finding
@@ -60,7 +60,7 @@ def describe(
     from emsid.wording import sentence
 
     if out is not None:
-        check_folder(out)
+        check_folder(out, REPORT)
     looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
     divided = groups(looks)
     commands = [command_line(words) for words in proposals(divided)]

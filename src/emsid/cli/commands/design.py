@@ -8,10 +8,9 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, names, option, quantity, sample_time
+from emsid.cli.options import Force, Json, names, option, quantity, sample_time
 from emsid.cli.terminal import Align, plain_table, say, say_json, show
-from emsid.cli.writing import as_json, check_folder
-from emsid.errors import DataError
+from emsid.cli.writing import as_json, check_file
 
 if TYPE_CHECKING:
     from emsid.experiment_design import Design
@@ -45,7 +44,7 @@ def design(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet, .npz.")] = Path(
         "design.csv"
     ),
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Design the next experiment: a test signal for small intervals.
@@ -66,9 +65,7 @@ def design(
     from emsid.io import load, origin, write_record
     from emsid.models.verbs import as_model
 
-    check_folder(out.parent)
-    if out.exists() and not force:
-        raise DataError(f"{out} exists; name another file, or replace it", arguments=("out", "force"))
+    check_file(out, force)
     loaded, source = load(model), origin(model)
     if dt is None and as_model(loaded).dt is None and source is not None:
         dt = source.dt

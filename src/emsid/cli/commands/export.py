@@ -7,7 +7,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, names, pairs, sample_time
+from emsid.cli.options import Force, Json, names, pairs, sample_time
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
 
@@ -35,7 +35,7 @@ def export(
     single: Annotated[bool, typer.Option("--float", help="C in single precision.")] = False,
     option: Options = [],  # noqa: B006
     assume: Assume = [],  # noqa: B006
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write a model as C, an FMU, for a simulator or a firmware.

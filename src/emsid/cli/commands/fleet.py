@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Pdf, names, option, physical_values
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import reader_may_leave, say, say_json, working
-from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
 
 if TYPE_CHECKING:
     from emsid.fleets import Fleet
@@ -83,9 +83,10 @@ def fleet(
     from emsid.fleets import fleet as run
     from emsid.fleets.engine import connected
     from emsid.fleets.page import fleet_report
+    from emsid.fleets.verb import JOURNAL, RESULT
     from emsid.identification.options import Options
 
-    check_folder(out)
+    check_folder(out, JOURNAL, RESULT, "fleet.json", REPORT)
     fixed = physical_values(fix, [each.plant for each in physical_first(names(models, "--models"))])
     with ExitStack() as stack:
         executor = stack.enter_context(connected(scheduler)) if scheduler else None

@@ -29,7 +29,7 @@ from emsid.cli.options import (
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import fits, is_possible, meanwhile
 from emsid.cli.terminal import reader_may_leave, say_json, warn, working
-from emsid.cli.writing import as_json, attempted, check_folder, completed, draw, kept, say_where, write
+from emsid.cli.writing import REPORT, as_json, attempted, check_folder, completed, draw, kept, say_where, write
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -227,7 +227,7 @@ def identify(
             per_record=physical_names(per_record, "--per-record", plants),
             profile=physical_names(profile, "--profile", plants),
         )  # fmt: skip
-        check_folder(out)
+        check_folder(out, "result.json", REPORT, *(f"{name}.json" for name in ("recommended", *candidates.CANDIDATES)))
         search = partial(workflow.identify, *_checked(*read(), unseen), models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
     search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Json, option, quantity
+from emsid.cli.options import Force, Json, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import say, say_json
-from emsid.cli.writing import as_json
+from emsid.cli.writing import as_json, check_file
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def simulate(
     motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor.")] = None,
     ideal: Annotated[bool, typer.Option("--ideal", help="No noise, quantisation or delay of the bench.")] = False,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of signal and noise.", min=0)] = 1,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Simulate a motor, or a saved model, and write a record.
@@ -78,10 +79,12 @@ def simulate(
         others = [name for name in reader.typed if name != "--dt"]
         if others := [*others, *(["--start"] if start is not Start.REST else [])]:
             raise DataError(f"{', '.join(others)}: only for the file with the inputs of a model; name both, or neither")
+        check_file(out, force)
         record = _of_motor(excitation, amplitude, duration, reader.given.get("dt", STEP), motor, ideal, seed)
     elif file is None:
         raise DataError(f"{model}: name the file with the inputs to run the model on: simulate MODEL INPUT")
     else:
+        check_file(out, force)
         record, begun, found = _of_model(model, file, reader, start)
     time = write_record(record, out)
     crest, outputs = float(crest_factor(record)), zip(record.output_names, record.output_units, strict=True)

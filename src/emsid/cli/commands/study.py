@@ -11,7 +11,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Debug, Details, Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, width_of_terminal, working
-from emsid.cli.writing import as_json, attempted, check_folder, draw, kept, say_where, write
+from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def study(
         )
     if record is None and reader.typed:
         raise DataError(f"{', '.join(reader.typed)}: only for --record and --validate, which are not given")
-    check_folder(out)
+    check_folder(out, "study.json", REPORT)
     settings = Settings(dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient)
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))

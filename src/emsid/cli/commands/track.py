@@ -14,7 +14,7 @@ from emsid.cli.live_view import view_of
 from emsid.cli.options import Debug, Json, Out, Pdf, names, option, quantity
 from emsid.cli.structures import structure_of
 from emsid.cli.terminal import warn, working
-from emsid.cli.writing import as_json, attempted, check_folder, draw, say_where
+from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where
 from emsid.errors import DataError, EmsidError
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def track(
       emsid track log.csv --structure result/arx.json
       cat log.csv | emsid track - --json
     """
-    check_folder(out)
+    check_folder(out, "track.json", REPORT, "state.json", "record.csv")
     columns = names(input, "--input")
     orders = {"na": na, "nb": nb, "nk": nk, "degree": degree}
     if structure is None and state is not None and not knots and set(orders.values()) == {None}:

@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Debug, Json, Transient, names, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
-from emsid.cli.writing import as_json, attempted, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where, write
 from emsid.errors import DataError, EmsidError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def validate(
             arguments=("input", "output"),
         )
     if out is not None:
-        check_folder(out)
+        check_folder(out, "validation.json", REPORT)
     records = list(map(reader, files))
     freed = names(free, "--free")
 

@@ -200,7 +200,7 @@ def test_bad_input() -> None:
         Cascade((SLOW, 3))  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="block 1: all its numerator coefficients are zero"):
         fit_cascade(Cascade((fir([0.0, 0.0]), DeadZone(-1, 1), SLOW)), record)
-    with pytest.raises(Infeasible, match="block 2: saturation from 1 to -1"):
+    with pytest.raises(Infeasible, match="block 2: saturation from low = 1 to high = -1"):
         fit_cascade(Cascade((FAST, Saturation(1.0, 1.0, -1.0), SLOW)), record)
     with pytest.raises(ModelError, match="transient -1"):
         fit_cascade(model, record, transient=-1)

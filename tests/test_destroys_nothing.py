@@ -51,7 +51,7 @@ def test_no_command_replaces_a_file_of_others(run: Run, model: Path, tmp_path: P
     data, fleet_of = ("-u", "u", "-y", "y", "--dt", ".01"), ("--models", str(model))
     folders = {
         ("describe", log, *data[:4]): ("report.html",),
-        ("identify", log, *ARX): ("result.json", "report.html", "recommended.json", "arx.json"),
+        ("identify", log, *ARX): ("result.json", "report.html", "best.json", "arx.json"),
         ("validate", model, log): ("validation.json", "report.html"),
         ("track", log, *data): ("track.json", "report.html", "state.json", "record.csv"),
         ("fleet", log, *data, *fleet_of): ("rows.jsonl", "fleet.parquet", "fleet.json", "report.html"),

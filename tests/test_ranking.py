@@ -491,7 +491,7 @@ def test_the_fit_of_a_recommendation_is_that_over_the_folds():
     """The end hardly leaves the dead zone, where noise is a third of the motion, so another part is held back."""
     most = np.where(np.arange(151) < 105, 1.0, 0.3)
     result = emsid.identify(drive(1, low=-most, high=most), models="arx, friction-narx")
-    (row,) = (each for each in result.front if each.recommended)
+    (row,) = (each for each in result.front if each.model == result.chosen.model.name)
     assert row.folds == FOLDS
     said = result.recommendation[0].data["fit_percent"]
     assert said == pytest.approx(100 * (1 - row.error))

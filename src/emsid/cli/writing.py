@@ -60,12 +60,10 @@ def check_folder(folder: Path, *results: str, given: str = "--out ") -> None:
 
 def _is_own(path: Path) -> bool:
     """Whether a file is a result of this program, by its first bytes; an empty one has nothing to lose."""
-    try:
-        with open(path, "rb") as file:
-            head = file.read(4096)
-    except OSError:
-        return False
-    return not head or any(mark in head for mark in MARKS)
+    from emsid.io.files import first_bytes
+
+    head = first_bytes(path)
+    return head is not None and (not head or any(mark in head for mark in MARKS))
 
 
 def check_file(path: Path, force: bool) -> None:

@@ -145,6 +145,15 @@ def looks_like(content: bytes) -> str:
     return "binary data" if any(byte < 9 for byte in content[:4096]) else "text"
 
 
+def first_bytes(path: str | os.PathLike[str]) -> bytes | None:
+    """At most 4,096 bytes from the beginning of a file; None where it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(4096)
+    except OSError:
+        return None
+
+
 def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a file atomically: at every moment it is complete, with the old or the new content.
 

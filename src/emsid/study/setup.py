@@ -65,6 +65,10 @@ class Settings:
     transient: int | None = None
 
     def __post_init__(self) -> None:
+        if not 0 < self.forgetting <= 1:
+            raise DataError(
+                f"forgetting factor {self.forgetting:g}; give one above 0, up to 1", arguments=("forgetting",)
+            )
         for what, value, least in (("sample time", self.dt, 1e-6), ("duration", self.duration, 200 * self.dt)):
             if not isfinite(value):
                 raise DataError(f"{what} of {value:g} s; give a finite number")

@@ -22,6 +22,7 @@ from emsid.wording import linear as linear
 from emsid.wording import live as live
 from emsid.wording import plants as plants
 from emsid.wording import search as search
+from emsid.wording import sensors as sensors
 from emsid.wording import study as study
 from emsid.wording import verdict as verdict
 from emsid.wording.catalogue import CATALOGUE, Entry, Severity, Spelling, as_python, sentence, severity, words

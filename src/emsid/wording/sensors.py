@@ -1,0 +1,43 @@
+"""Words for channels that measure something else, or not what they seem to."""
+
+from __future__ import annotations
+
+from emsid.findings import Finding
+from emsid.units import with_unit
+from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import ordinal
+
+
+@words("output-clipped", Severity.WARNING)
+def output_clipped(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: lower, upper, unit, share, mask (a condition; absent or empty where none is known)."""
+    d = f.data
+    condition = f" {d['mask']!r}" if d.get("mask") else ""
+    upper = with_unit(f"{d['upper']:.4g}", d["unit"])
+    return (
+        f"{f.subject} is clipped to {d['lower']:.4g} … {upper} in {100 * d['share']:.2g} % of the samples; leave them "
+        f"out with {argument('mask')}{condition}"
+    )
+
+
+@words("few-output-levels", Severity.WARNING)
+def few_output_levels(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: levels."""
+    return f"{f.subject} has {f.data['levels']} values only, which show no dynamics; measure it with a finer sensor"
+
+
+@words("output-is-input", Severity.WARNING)
+def output_is_input(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, factor."""
+    d = f.data
+    return f"{f.subject} is {d['factor']:.4g} times {d['input']} in every row: one signal twice; check the columns"
+
+
+@words("input-logged-slower", Severity.WARNING)
+def input_logged_slower(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: output, factor, dt (s)."""
+    d = f.data
+    return (
+        f"{f.subject} changes at every {ordinal(d['factor'])} row, and {d['output']} does not follow the rows between; "
+        f"log both at one rate, or keep every {ordinal(d['factor'])} row with {argument('decimate')} {d['factor']}"
+    )

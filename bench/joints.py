@@ -13,8 +13,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 import time
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,36 +28,35 @@ from arguments import numbers
 from emsid.models.free_run import continued
 from targets import Target, show
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+import independent.joint
+from independent.joint import COUNTS, DT, GEAR
+
 Array = NDArray[np.float64]
-GEAR, COUNTS, DT = 100.0, 4096, 5e-3
 FINE = (50, 100)  # steps per sample
 SAMPLES = 3000
 BEGIN = 20  # samples that give the initial state
 
 
-class Joint(NamedTuple):
+@dataclass(frozen=True)
+class Joint(independent.joint.Joint):
     """A joint to simulate; all values are on its side of the gear."""
 
-    inertia: float
-    damping: float
-    friction: float
-    weight: float
-    angle: float
-    bristles: bool
+    bristles: bool = False
 
-
-def drawn(number: int) -> Joint:
-    """The joint with this number."""
-    rng = np.random.default_rng(number)
-    weight, swing = rng.uniform(0.5, 3.0), rng.uniform(5.0, 9.0)
-    return Joint(
-        weight / swing**2,
-        rng.uniform(0.3, 0.8) * weight / swing,
-        rng.uniform(0.05, 0.2) * weight,
-        weight,
-        rng.uniform(-0.5, 0.5),
-        number % 3 == 2,
-    )
+    @classmethod
+    def drawn(cls, seed: int) -> Joint:
+        """The joint with this number."""
+        rng = np.random.default_rng(seed)
+        weight, swing = rng.uniform(0.5, 3.0), rng.uniform(5.0, 9.0)
+        return cls(
+            weight / swing**2,
+            rng.uniform(0.3, 0.8) * weight / swing,
+            rng.uniform(0.05, 0.2) * weight,
+            weight,
+            rng.uniform(-0.5, 0.5),
+            seed % 3 == 2,
+        )
 
 
 def mjcf(joint: Joint, fine: int) -> str:
@@ -121,20 +123,9 @@ def turned(joint: Joint, u: Array, fine: int) -> Array:
     return angle
 
 
-def true_values(joint: Joint) -> dict[str, float]:
-    """The true values, by the names of estimates; those of the motor are on its side of the gear."""
-    return {
-        "rotor_inertia": joint.inertia / GEAR**2,
-        "rotor_viscous": joint.damping / GEAR**2,
-        "rotor_friction.coulomb": joint.friction / GEAR,
-        "gravity.torque": joint.weight,
-        "gravity.angle": joint.angle,
-    }
-
-
 def judged(number: int) -> tuple[list[bool], float, dict[str, Any], float]:
     """Whether the interval of every value contains it, the error on the third record over the noise, details and s."""
-    joint = drawn(number)
+    joint = Joint.drawn(number)
     records = [simulated(joint, kind)[0] for kind in (0, 1)]
     third, _ = simulated(joint, 2)
     begun = time.process_time()
@@ -142,7 +133,7 @@ def judged(number: int) -> tuple[list[bool], float, dict[str, Any], float]:
     spent = time.process_time() - begun
     intervals = {row.name: row.interval for row in fit.table}
     inside, values = [], {}
-    for name, true in true_values(joint).items():
+    for name, true in joint.truth.items():
         sides = [intervals[each] for each in (name, f"{name}.forward", f"{name}.backward") if each in intervals]
         inside.append(bool(sides) and all(low <= true <= high for low, high in sides))
         values[name] = (true, *[((low - true) / true, (high - true) / true) for low, high in sides])
@@ -162,7 +153,7 @@ def main() -> None:
         within.append(all(inside))
         errors.append(error)
         times.append(spent)
-        kind = "LuGre" if drawn(number).bristles else "frictionloss"
+        kind = "LuGre" if Joint.drawn(number).bristles else "frictionloss"
         outside = [name for name, yes in zip(values, inside, strict=True) if not yes]
         print(f"{number:3d} {kind:12s} error/noise {error:.3f}, {spent:.1f} s, outside: {', '.join(outside) or 'none'}")
         for name in outside:

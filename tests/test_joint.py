@@ -295,10 +295,10 @@ def test_a_joint_of_mujoco_is_identified(monkeypatch) -> None:
     import joints
 
     monkeypatch.setattr(joints, "SAMPLES", 1200)
-    truth = joints.drawn(3)
+    truth = joints.Joint.drawn(3)
     records = [joints.simulated(truth, kind)[0] for kind in (0, 1)]
     fit = emsid.fit(emsid.plants.joint(), records, fixed={"sensor.ratio": joints.GEAR}, search=False)
-    for name, true in joints.true_values(truth).items():
+    for name, true in truth.truth.items():
         assert fit[name].value == pytest.approx(true, rel=5e-3)
 
 

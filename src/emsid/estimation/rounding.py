@@ -1,4 +1,4 @@
-"""The step to which numbers are rounded."""
+"""The step to which numbers are rounded, and runs of one number."""
 
 from __future__ import annotations
 
@@ -28,3 +28,9 @@ def quantisation(levels: Array) -> float | None:
             few = multiples[-1] > 50 * len(levels)  # too few values to tell multiples from chance
             return None if few else float(f"{step:.6g}")
     return None
+
+
+def runs(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The first place and the length of every run of equal values (N,)."""
+    starts = np.concatenate([[0], 1 + np.flatnonzero(values[1:] != values[:-1])]).astype(np.intp)
+    return starts, np.diff([*starts, len(values)]).astype(np.intp)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.rounding import quantisation
+from emsid.estimation.rounding import quantisation, runs
 from emsid.first_look.levels import FEW, FEWEST_SAMPLES
 from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.io.selection import MOST_SKIPPED
@@ -167,12 +167,6 @@ def wrap_period(values: Array) -> float | None:
             if np.max(np.abs(within)) <= 2 * longest:
                 bend[period] = float(np.sum(np.diff(within) ** 2))
     return min(bend, key=bend.__getitem__, default=None)
-
-
-def runs(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The first row and the length of every stretch of equal values (N,)."""
-    starts = np.concatenate([[0], 1 + np.flatnonzero(values[1:] != values[:-1])]).astype(np.intp)
-    return starts, np.diff([*starts, len(values)]).astype(np.intp)
 
 
 def _codes(levels: Array, counts: NDArray[np.intp]) -> tuple[tuple[Code, ...], NDArray[np.bool_]]:

@@ -38,7 +38,8 @@ LINEAR_ORDER, FRICTION_ORDER = 4, 8
 TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
 SAME_SIGNAL = 1e-6
-"""Two channels with this largest difference, as a share of the largest value, are one signal in another unit."""
+"""Two channels with this largest difference, as a share of the largest value, are one signal in another unit: numbers
+written with seven digits differ by half as much."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import filtered
-from emsid.first_look.columns import runs
+from emsid.estimation.rounding import runs
 from emsid.first_look.levels import CLEAR, LAGS, PART, SAME, SAMPLES
 from emsid.validation.correlation import cross_correlation
 

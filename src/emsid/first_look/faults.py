@@ -16,7 +16,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import stretches_without_change
 from emsid.first_look.examined import is_position
 from emsid.first_look.levels import FEW, FEWEST_SAMPLES
-from emsid.first_look.outliers import outliers_of
+from emsid.first_look.outliers import about_outliers, outliers_of
 from emsid.first_look.stuck_output import is_stuck
 from emsid.record import Record
 
@@ -41,28 +41,23 @@ def without_faults(record: Record) -> Record:
 
 
 def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
-    """Samples (N,) that are no measurements, and what they are, output by output."""
+    """Samples (N,) that are no measurements, and what they are, channel by channel."""
     u, place = record.input[:, 0], np.arange(len(record))
     for name, x in zip(record.input_names, record.input.T, strict=True):
         found, away = outliers_of(x)
-        impossible = away > IMPOSSIBLE * np.ptp(np.delete(x, found)) if len(found) < len(x) else away < 0
+        impossible = away > IMPOSSIBLE * np.ptp(np.delete(x, found))
         if impossible.any():
-            yield np.isin(place, found[impossible]), _outliers(name, found[impossible], away[impossible])
+            found, away = found[impossible], away[impossible]
+            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
+    impulses, _ = outliers_of(u)
     for name, y in zip(record.output_names, record.output.T, strict=True):
         found, away = outliers_of(y)
-        answers = np.isin(found[:, None] - np.arange(FEW), outliers_of(u)[0]).any(axis=1)  # to an impulse
+        answers = np.isin(found[:, None] - np.arange(FEW), impulses).any(axis=1)
         found, away = found[~answers], away[~answers]
-        ordinary = np.delete(y, found)
         if len(found):
-            yield np.isin(place, found), _outliers(name, found, away)
-        for each in stretches_without_change(y, np.unique(ordinary)):
+            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
+        for each in stretches_without_change(y, np.unique(np.delete(y, found))):
             if is_stuck(u, y, each, position=is_position(record)):
                 where = (place >= each.start) & (place < each.start + each.length)
                 data = {"row": each.start, "length": each.length, "value": each.value}
                 yield where, Finding("value-stuck", name, data | {"masked": True})
-
-
-def _outliers(name: str, found: NDArray[np.intp], away: NDArray[np.float64]) -> Finding:
-    """That samples of a channel are outliers, and are left out."""
-    data = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8}
-    return Finding("outliers", name, data | {"mask": "", "masked": True})

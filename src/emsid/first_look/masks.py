@@ -20,7 +20,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.levels import PART
 from emsid.first_look.measurement import CLIPPED
-from emsid.first_look.outliers import limit_of_ordinary, outliers_of
+from emsid.first_look.outliers import about_outliers, limit_of_ordinary, outliers_of
 
 STUCK, STOP = "value-stuck", "joint-at-stop"
 LEFT_OUT = (STUCK, STOP)
@@ -58,8 +58,7 @@ def masked_outliers(output: Column) -> Iterable[Finding]:
     if limit is not None:
         found, away = outliers_of(output.signal)
         mask = f"abs({in_expression(output)}) > {limit:g}"
-        numbers = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8}
-        yield Finding("outliers", output.name, numbers | {"mask": mask})
+        yield about_outliers(output.name, found, away, mask=mask)
 
 
 def in_expression(column: Column) -> str:

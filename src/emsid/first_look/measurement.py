@@ -19,7 +19,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.levels import FEW, LAGS, MOST, PART, SAME
-from emsid.first_look.outliers import outliers_of
+from emsid.first_look.outliers import about_outliers, outliers_of
 from emsid.first_look.stops import stops
 from emsid.selection.improvement import DIFFERENT
 
@@ -84,14 +84,7 @@ def outliers(data: Examined) -> Iterable[Finding]:
     """Single samples far from both neighbours."""
     found, away = outliers_of(data.measured.output[:, 0])
     if len(found):
-        numbers = {
-            "count": len(found),
-            "sample": int(found[0]),
-            "size": float(away.max()),
-            "confidence": 0.8,
-            "mask": "",
-        }
-        yield Finding("outliers", data.output, numbers)
+        yield about_outliers(data.output, found, away)
 
 
 def sampling(data: Examined) -> Iterable[Finding]:

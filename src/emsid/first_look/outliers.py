@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.findings import Finding
 from emsid.first_look.levels import JUMP, SAME
 from emsid.record import Record
 
@@ -28,6 +29,18 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
     found = np.flatnonzero((away > JUMP * usual) & (away > 3 * spread) & (middle != y[1:-1]))
     found = found if len(found) < SAME * len(y) else found[:0]
     return found + 1, away[found]
+
+
+def about_outliers(name: str, found: NDArray[np.intp], away: Array, **more: object) -> Finding:
+    """The finding about the outliers of a channel, of which there is one at least.
+
+    Args:
+        name: of the channel.
+        found, away: the samples and how far each is away, see `outliers_of`.
+        more: what else it says: ``mask``, ``masked``.
+    """
+    data = {"count": len(found), "sample": int(found[0]), "size": float(away.max()), "confidence": 0.8, "mask": ""}
+    return Finding("outliers", name, data | more)
 
 
 def without_outliers(record: Record) -> Record:

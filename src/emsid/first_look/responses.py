@@ -13,7 +13,7 @@ A slow system is seen in means over several rows, a fast one in the rows themsel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -179,11 +179,6 @@ def _bank(u: Array, starts: NDArray[np.intp], whole: bool) -> tuple[Array, NDArr
                     kinds.append((integrates, from_rest, tau, delay))
     fields = [("integrates", bool), ("from_rest", bool), ("tau", float), ("delay", int)]
     return np.array(rows).reshape(-1, len(u)), np.array(kinds, dtype=fields)
-
-
-def _by_run(function: Callable[[Array], Array], x: Array, starts: NDArray[np.intp]) -> Array:
-    """(N,) a function of every run of a column."""
-    return np.concatenate([function(piece) for piece in np.split(x, starts[1:])])
 
 
 def _later(x: Array, run: NDArray[np.intp], delay: int) -> Array:

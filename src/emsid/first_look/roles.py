@@ -13,7 +13,8 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.first_look.columns import Code, Column, runs
+from emsid.estimation.rounding import runs
+from emsid.first_look.columns import Code, Column
 from emsid.first_look.levels import MOST, NAMED, PART, SAME
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.responses import SEEN, Answer, answers, same_motion
@@ -175,10 +176,10 @@ class _Facts:
             group, _, name = column.name.rpartition(".")
             groups.setdefault(name, []).append(group)
         self.experiments: dict[str, str] = {}
+        endings = _shared_endings([column.name for column in columns])
         for column in columns:
             group, _, name = column.name.rpartition(".")
-            of_axis = _shared_endings([each.name for each in columns]).get(column.name, "")
-            number = column.meaning.number or of_axis
+            number = column.meaning.number or endings.get(column.name, "")
             self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else number
         self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
         self._spreads: dict[str, float] = {}
@@ -206,13 +207,14 @@ class _Facts:
         """Find how columns of one length answer each other, all at once: the responses to a column serve all others."""
         several = [(column.name, numbers) for column in columns for numbers in self.signed(column)]
         table = np.column_stack([numbers for _, numbers in several])
-        known = np.isfinite(table).all(axis=1)
-        starts = np.searchsorted(np.flatnonzero(known), self.starts)
-        found = answers(table[known], np.unique([0, *starts[starts < known.sum()]]).tolist())
+        usable = np.isfinite(table).all(axis=1)
+        starts = np.searchsorted(np.flatnonzero(usable), self.starts)
+        found = answers(table[usable], np.unique([0, *starts[starts < usable.sum()]]).tolist())
         for (u, y), answer in found.items():
-            names = several[u][0], several[y][0]
-            if names[0] != names[1] and answer.evidence > getattr(self._answers.get(names), "evidence", -1.0):
-                self._answers[names] = answer
+            pair = several[u][0], several[y][0]
+            known = self._answers.get(pair)
+            if pair[0] != pair[1] and (known is None or answer.evidence > known.evidence):
+                self._answers[pair] = answer
         for pair in permutations([column.name for column in columns], 2):
             self._answers.setdefault(pair, None)
 

@@ -41,10 +41,6 @@ def unstable_pole(record: Record) -> float | None:
     """
     if record.input.shape[1] != 1 or record.output.shape[1] != 1:
         return None
-    table = np.column_stack([record.input[:, 0], record.output[:, 0]])
-    answer = answers(table, [0, *record.breaks]).get((0, 1))
-    if answer is not None and answer.left < PART and not answer.integrates:
-        return None
     segment = max(record.segments, key=len)
     size, found = len(segment) // QUARTERS, []
     for k in range(QUARTERS):
@@ -55,7 +51,11 @@ def unstable_pole(record: Record) -> float | None:
         poles = np.roots(fit.model.linear_part()[0])
         found.append(float(np.abs(poles).max(initial=0.0)))
     smallest = min(found)
-    return smallest if smallest > 1 and size * log(smallest) > log(RUNAWAY) else None
+    if smallest <= 1 or size * log(smallest) <= log(RUNAWAY):
+        return None
+    answer = answers(np.hstack([record.input, record.output]), [0, *record.breaks]).get((0, 1))
+    explained = answer is not None and answer.left < PART and not answer.integrates
+    return None if explained else smallest
 
 
 def horizon_of(pole: float) -> int:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -198,29 +198,48 @@ def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 def _input_explains_nothing(unseen: Assessment) -> list[Reason]:
     """That a free run is no better than one with the input shuffled, or held at its mean, where the input changes.
 
-    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input. Less than
-    half of the squared error is better, too, in however few stretches: the input can be at rest in the others.
+    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input.
     """
-    if not unseen.input_moves or np.isnan(unseen.row.fit_percent):  # the output is at rest
+    if not _shows_a_response(unseen):
         return []
-    own, others = _stretches(unseen), [_stretches(unseen, run) for run in unseen.on_other_inputs]
-    if all(DIFFERENT * own.mean < other.mean or better_by_ratio(own, other) for other in others):
+    shuffled, held = (_compared_with(unseen, run) for run in unseen.on_other_inputs)
+    if shuffled.better and held.better:
         return []
-    shares = [float(own.mean / other.mean) if other.mean > 0 else 1.0 for other in others]
-    return [{"code": NO_INPUT, "shuffled": shares[0], "held": shares[1]}]
+    return [{"code": NO_INPUT, "shuffled": shuffled.share, "held": held.share}]
 
 
 def _no_gain(unseen: Assessment) -> list[Reason]:
     """That a free run is no better than the straight line in time that fits the unseen output best."""
-    if not unseen.input_moves or np.isnan(unseen.row.fit_percent):
+    if not _shows_a_response(unseen):
         return []
     record, counted = unseen.record, unseen.simulation.counted
     t = np.vander(record.time - record.time[0], 2)
     line = t @ np.linalg.lstsq(t[counted], record.output[counted], rcond=None)[0]
-    own, trend = _stretches(unseen), _stretches(unseen, replace(unseen.simulation, output=line))
-    if DIFFERENT * own.mean < trend.mean or better_by_ratio(own, trend):
-        return []
-    return [{"code": NO_GAIN, "share": float(own.mean / trend.mean) if trend.mean > 0 else None}]
+    trend = _compared_with(unseen, replace(unseen.simulation, output=line))
+    return [] if trend.better else [{"code": NO_GAIN, "share": trend.share}]
+
+
+def _shows_a_response(unseen: Assessment) -> bool:
+    """Whether an input changes in the unseen data, and the output is not at rest."""
+    return unseen.input_moves and not np.isnan(unseen.row.fit_percent)
+
+
+class _Comparison(NamedTuple):
+    """Whether a free run is better than another run of the same samples, and the squared error as a share of its."""
+
+    better: bool
+    share: float
+
+
+def _compared_with(unseen: Assessment, other: Run) -> _Comparison:
+    """The free run of a model beside another run.
+
+    Less than half of the squared error is better, too, in however few stretches: the input can be at rest in the
+    others.
+    """
+    own, errors = _stretches(unseen), _stretches(unseen, other)
+    better = DIFFERENT * own.mean < errors.mean or better_by_ratio(own, errors)
+    return _Comparison(better, float(own.mean / errors.mean) if errors.mean > 0 else 1.0)
 
 
 def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:

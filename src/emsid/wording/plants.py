@@ -152,22 +152,25 @@ def effects_alike(f: Finding, argument: Spelling) -> str:
     return f"these data do not tell {f.subject} from {effects}{sure}"
 
 
+def _step(f: Finding) -> str:
+    """The step of a reading with its unit."""
+    return with_unit(f"{f.data['step']:.3g}", f.data["unit"])
+
+
 @words("error-above-rounding", Severity.WARNING)
 def error_above_rounding(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: ratio (of the error to that of rounding), step, unit."""
-    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
     return (
-        f"the error is {f.data['ratio']:.2g} times what rounding to {step} makes: an effect is missing; the intervals "
-        "hold all parameters whose largest error is no larger"
+        f"the error is {f.data['ratio']:.2g} times what rounding to {_step(f)} makes: an effect is missing; the "
+        "intervals hold all parameters whose largest error is no larger"
     )
 
 
 @words("within-rounding", Severity.INFO)
 def within_rounding(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: step, unit, narrower (the intervals than those of least squares)."""
-    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
     return (
-        f"the intervals hold what keeps the model within half a step ({step}) of every reading; "
+        f"the intervals hold what keeps the model within half a step ({_step(f)}) of every reading; "
         f"they are {f.data['narrower']:.2g} times narrower than by least squares"
     )
 
@@ -175,9 +178,8 @@ def within_rounding(f: Finding, argument: Spelling) -> str:
 @words("outside-rounding", Severity.INFO)
 def outside_rounding(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: step, unit, least (the largest error in steps of the values where it is smallest)."""
-    step = with_unit(f"{f.data['step']:.3g}", f.data["unit"])
     return (
-        f"no parameters keep the model within half a step ({step}) of each reading, at best {f.data['least']:.3g}: "
+        f"no parameters keep the model within half a step ({_step(f)}) of each reading, at best {f.data['least']:.3g}: "
         "an effect is missing or there is other noise"
     )
 

@@ -227,7 +227,7 @@ def identify(
             per_record=physical_names(per_record, "--per-record", plants),
             profile=physical_names(profile, "--profile", plants),
         )  # fmt: skip
-        check_folder(out, "result.json", REPORT, *(f"{name}.json" for name in ("best", *candidates.CANDIDATES)))
+        check_folder(out, "result.json", REPORT, BEST, *(f"{name}.json" for name in candidates.CANDIDATES))
         search = partial(workflow.identify, *_checked(*read(), unseen), models=asked or None, options=options)
         budget = None if budget is None else _for_searches(budget, monotonic() - begun)
     search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)

@@ -158,12 +158,12 @@ def _run(
     fitted: bool,
 ) -> _Run:
     """What follows from a run of the model on a record; what of it fails is left out, with a finding."""
-    from emsid.estimation.borders import collected, joined, tried
+    from emsid.estimation.borders import collected, tried
     from emsid.validation.regions import errors_by_region
 
     name = assessed.record.name
     with collected() as noted:
-        regions = joined({f"errors by region on {name}": lambda: errors_by_region(assessed)})
+        regions: Sequence[RegionError] = tried(f"errors by region on {name}", lambda: errors_by_region(assessed), ())
         found = _findings(assessed, source, fitted=fitted)
         document: dict[str, Any] = {"record": name, **assessed.row.to_data(), "findings": []}
         document |= {"regions": [asdict(region) for region in regions]}

@@ -28,6 +28,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.rounding import runs
+
 Array = NDArray[np.float64]
 
 FAR = 100.0
@@ -54,11 +56,6 @@ class Extent(NamedTuple):
     covariance: Array
 
 
-def runs(reading: Array) -> NDArray[np.intp]:
-    """Where runs of equal values of a reading (N,) begin."""
-    return np.flatnonzero(np.diff(reading, prepend=np.nan) != 0)
-
-
 def clustered_covariance(pieces: Sequence[tuple[Array, Array, Array]]) -> Array:
     """(p, p) covariance of the estimate from the sums of scores over runs of one reading.
 
@@ -68,7 +65,7 @@ def clustered_covariance(pieces: Sequence[tuple[Array, Array, Array]]) -> Array:
     """
     inverse = np.linalg.inv(np.linalg.qr(np.concatenate([jacobian for _, jacobian, _ in pieces]), mode="r"))
     scores = [
-        np.add.reduceat((jacobian @ inverse) * residual[:, None], runs(reading))
+        np.add.reduceat((jacobian @ inverse) * residual[:, None], runs(reading)[0])
         for residual, jacobian, reading in pieces
     ]
     sums = np.concatenate(scores)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
@@ -23,9 +22,9 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.rounding import quantisation
+from emsid.estimation.rounding import quantisation, runs
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.rounding import EXACT, Extent, extent, runs
+from emsid.estimation.uncertainty.rounding import EXACT, Extent, extent
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.initial_state import InitialState
@@ -88,7 +87,7 @@ def independent_errors(problem: FreeRunError, residuals: Sequence[Array]) -> flo
     found = effective_samples(residuals)
     if not prevails(problem, residuals):
         return found
-    return min(found, float(sum(len(runs(reading)) for reading in readings_of(problem))))
+    return min(found, float(sum(len(runs(reading)[0]) for reading in readings_of(problem))))
 
 
 class Rounded(NamedTuple):
@@ -229,5 +228,4 @@ def _is_of_the_model(task: Task) -> bool:
 
 def _rests_exactly(u: Array, y: Array) -> bool:
     """Whether an output (N,) stays at one value for a while, in which its input changes."""
-    ends = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan) != 0)
-    return any(np.ptp(u[a:b]) > 0 for a, b in pairwise(ends) if b - a >= STILL)
+    return any(np.ptp(u[k : k + n]) > 0 for k, n in zip(*runs(y), strict=True) if n >= STILL)

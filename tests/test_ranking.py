@@ -681,6 +681,8 @@ def test_the_front_is_drawn_with_its_numbers_and_standard_errors():
     assert plot.y.log
     assert len(plot.y.ticks) > 1
     assert [entry.label for entry in page_figure(figure).legend] == ["front", "other models", "recommended"]
+    without = front_figure(front_rows([model(3, noisy(0.8, 0.1), "small"), model(9, noisy(0.2, 0.1, 1), "large")], ""))
+    assert [entry.label for entry in page_figure(without).legend] == ["front", "models"]
     assert b"<svg" in draw(figure)["svg"]
     assert front_figure(rows[:1]) is None
 

@@ -116,10 +116,9 @@ def front_figure(rows: Sequence[FrontRow]) -> Figure | None:
     ]
     front = [each for _, each in known if each.on_front]
     steps = Line(_sizes(front), 100 * _errors(front), "front", Stroke(Ink.NAVY, width=1.0), stairs=True)
-    groups = (
-        ("other models", Ink.BLUE, [each for each in known if not each[1].recommended]),
-        ("recommended", Ink.RED, [each for each in known if each[1].recommended]),
-    )
+    recommended = [each for each in known if each[1].recommended]
+    others = [each for each in known if not each[1].recommended]
+    groups = ("other models" if recommended else "models", Ink.BLUE, others), ("recommended", Ink.RED, recommended)
     shown = _labels(known)
     points = [
         Points(_sizes(_rows(some)), 100 * _errors(_rows(some)), label, ink, tuple(shown[name] for name, _ in some))

@@ -47,7 +47,7 @@ def paper_ratios(f: Finding, argument: Spelling) -> str:
     """Data: rows (study, data, paper, free_run, one_step), with those on unseen data."""
     rows = [row for row in f.data["rows"] if row["data"] == "unseen"]
     shares = [f"{1 / row['free_run']:.3g} in {row['study']} (paper: {1 / row['paper']:.2g})" for row in rows]
-    return f"On unseen data, the paper's nonlinear model's free-run MSE over the linear model's is {listed(shares)}"
+    return f"On unseen data, the paper's nonlinear free-run MSE relative to its linear one is {listed(shares)}"
 
 
 @words("study-best-model")

@@ -7,7 +7,7 @@ leaves a share λ of the variance of y. The evidence that u drives y is, in nats
 
     E = W/2 · log(λ₀/λ),      λ₀ what a straight line leaves, or the responses to columns shifted against u,
 
-where W (`WITNESSES`) counts the independent errors: all these models are wrong in detail, so more rows say no more.
+where W (`BLOCKS`) counts the independent errors: all these models are wrong in detail, so more rows say no more.
 A slow system is seen in means over several rows, a fast one in the rows themselves; both are tried (`SCALES`).
 """
 
@@ -33,9 +33,8 @@ TIME_CONSTANTS = (0, 0.5, 1, 1.8, 3, 5.6, 10, 18, 30, 56, 100, 180, 300)
 DELAYS, AHEAD = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32), (-1, -2, -4, -8, -16)
 """In rows; no cause acts ahead of itself, so that a response ahead speaks for the other order."""
 BLOCKS, STRETCHES = 8, 32
-"""A level is free in every block, as offsets add up in a position; odd stretches judge even ones, and the reverse."""
-WITNESSES = 8
-"""Independent errors, one a block."""
+"""A level is free in every block, as offsets add up in a position, and each counts as one independent error; odd
+stretches judge even ones, and the reverse."""
 SEEN = 3.0
 """From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
 SAME_MOTION, LEADS = 0.95, 4
@@ -269,9 +268,9 @@ def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -
             chance = float(np.exp(np.mean(by_chance, axis=0))[y])
             base = max(float(line[y]) if periodic else min(chance, float(line[y])), best)
             found[u, y] = Answer(
-                evidence=WITNESSES / 2 * log(base / best),
+                evidence=BLOCKS / 2 * log(base / best),
                 left=best,
-                ahead=WITNESSES / 2 * log(best / float(left[:, y].min())),
+                ahead=BLOCKS / 2 * log(best / float(left[:, y].min())),
                 integrates=bool(kinds["integrates"][k]),
                 static=bool(kinds["tau"][k] == 0 == delay[k]),
                 delay=int(delay[k]) * scale,

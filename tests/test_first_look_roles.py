@@ -173,3 +173,17 @@ def test_the_evidence_of_every_column_is_in_the_table(tmp_path: Path) -> None:
     roles = find_roles(found.columns, "t")
     assert roles == found.roles
     assert {each.column for each in roles.table} >= {"u", "y"}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_controller_without_names_sets_the_input(tmp_path: Path, seed: int) -> None:
+    """The position follows its reference closely, and what sets the voltage is the error."""
+    rng = np.random.default_rng(seed)
+    reference, u, y, speed = np.repeat(rng.uniform(-10, 10, N // 60), 60), np.zeros(N), np.zeros(N), 0.0
+    for k in range(len(reference) - 1):
+        u[k] = np.clip(1.5 * (reference[k] - y[k]) - 0.02 * speed, -12, 12) + 0.05 * rng.standard_normal()
+        speed = 0.9 * speed + u[k]
+        y[k + 1] = y[k] + 0.01 * speed
+    n = len(reference)
+    found = look(tmp_path, {"c1": y[:n] + 0.001 * rng.standard_normal(n), "c2": reference, "c3": u[:n], "c4": T[:n]})
+    assert (found.roles.input, found.roles.output) == ("c3", "c1")

@@ -287,3 +287,22 @@ def _is_periodic(x: Array) -> bool:
     itself = np.correlate(x, x, "full")[n - 1 :] / (x @ x + 1e-300)
     again = (itself[k] * n / (n - k) for k in range(n // 100 + 4, n // 3))
     return bool(np.any(itself[: n // 8] < 0)) and max(again, default=0.0) > PERIODIC
+
+
+def share_of_controller(u: Array, r: Array, y: Array) -> float:
+    """The share of what a reference r (N,) alone leaves of u (N,) that its error r − y, with sum and change, explains.
+
+    It is 0 where y acts on u as r does. Rows in which u is at one of its limits are left out.
+    """
+    middle = slice(max((len(u) - MOST) // 2, 0), max((len(u) - MOST) // 2, 0) + MOST)
+    u, r, y = u[middle], r[middle], y[middle]
+    error, free, best = r - y, (u > u.min()) & (u < u.max()), 0.0
+    terms = (np.ones(len(u)), r, np.gradient(r), y, np.cumsum(error), np.gradient(error))
+    scaled = np.column_stack([each / max(float(np.abs(each).max()), 1e-300) for each in terms])
+    for lag in (0, 1) if np.count_nonzero(free) >= FEWEST else ():
+        rows, target = np.roll(scaled, lag, axis=0)[2:][free[2:]], u[2:][free[2:]]
+        alone, both = (np.linalg.lstsq(rows[:, :k], target, rcond=1e-9)[0] for k in (3, 6))
+        before, after = (float(np.sum((target - rows[:, : len(c)] @ c) ** 2)) for c in (alone, both))
+        if both[1] * both[3] < 0 and before > 0.01 * float(np.sum((target - target.mean()) ** 2)):
+            best = max(best, 1 - after / before)
+    return best

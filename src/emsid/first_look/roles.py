@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from emsid.estimation.rounding import runs
 from emsid.first_look.columns import Code, Column
-from emsid.first_look.levels import MOST, NAMED, PART, SAME
+from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME, SAMPLES
 from emsid.first_look.names import ColumnQuantity
-from emsid.first_look.responses import SEEN, Answer, answers, same_motion
+from emsid.first_look.responses import SEEN, Answer, answers, same_motion, share_of_controller
 from emsid.io.selection import signs_of
 
 Array = NDArray[np.float64]
@@ -27,6 +27,8 @@ ENOUGH = 12.0
 """Evidence in nats, 5 % of the variance left, beyond which a fit says how good a model is and not what drives what."""
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
+FOLLOWS = (0.6, 1.4)
+"""Gains with which the output of a closed loop follows its reference."""
 REPEATS = 1 - 1e-9
 """A column with a higher correlation with the times repeats them; measured ones have rounding far above this."""
 
@@ -185,6 +187,7 @@ class _Facts:
         self._spreads: dict[str, float] = {}
         self._answers: dict[Pair, Answer | None] = {}
         self._motions: dict[Pair, bool] = {}
+        self._controlled: dict[str, float] = {}
         for column in columns:
             if column.kind == "numbers":
                 key = self._kind(column)
@@ -245,6 +248,21 @@ class _Facts:
             steps = np.diff(self.times, append=np.nan) if len(self.times) == len(speed.values) else 1.0
             self._motions[pair] = same_motion(speed.signal * steps, position.signal, self.starts.tolist())
         return self._motions[pair]
+
+    def controlled(self, u: Column) -> float:
+        """The share of u that a controller explains which makes an output follow a third column; 0 below a half."""
+        if u.name not in self._controlled:
+            start = max((len(u.values) - SAMPLES) // 2, 0)
+            part = slice(start, start + SAMPLES)
+            found, named = [0.0], {column.name: column.signal[part] for column in self.columns}
+            for (r, y), answer in self._answers.items():
+                if answer is None or u.name in (r, y) or self._answers.get((u.name, y)) is None:
+                    continue
+                x = np.column_stack([named[u.name], named[r], named[y]])
+                if FOLLOWS[0] < answer.gain < FOLLOWS[1] and answer.evidence >= SEEN and not answer.integrates:
+                    found.append(share_of_controller(*x[np.isfinite(x).all(axis=1)].T))
+            self._controlled[u.name] = max(found) if max(found) > EXPLAINS else 0.0
+        return self._controlled[u.name]
 
     def motion(self, column: Column) -> float:
         """The share of the largest motion of a column of the same quantity and unit; 1 where it is alone."""
@@ -344,6 +362,7 @@ _PAIRS: tuple[tuple[str, float, Callable[[Column, Column, _Facts], float]], ...]
     ("they are of one experiment", 0.6, lambda u, y, facts: facts.of_one_experiment(u.name, y.name)),
     ("a simulated response to the first explains the second", 1.0, lambda u, y, facts: facts.explained(u, y)),
     ("the response to the first is better, or later, than to the second", 0.3, lambda u, y, facts: facts.first(u, y)),
+    ("a controller sets the first", 0.6, lambda u, y, facts: facts.controlled(u)),
     ("one is the speed of the other", -1.5, lambda u, y, facts: facts.one_motion(u, y) or facts.one_motion(y, u)),
     ("the first changes in steps, more than the second", 0.3, lambda u, y, facts: _held(u) - _held(y)),
     ("the first stands before the second", 0.05, lambda u, y, facts: facts.order[u.name] < facts.order[y.name]),

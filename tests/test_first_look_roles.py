@@ -53,7 +53,7 @@ def test_a_number_of_the_run_is_no_input_and_a_reference_is_one(tmp_path: Path) 
     runs = np.repeat(np.arange(N // 60), 60)
     angle = signal.lfilter([0.0, 0.1], [1.0, -0.9], U)
     found = look(tmp_path, {"run": runs, "t": np.tile(T[:60], N // 60), "target": U, "position": angle})
-    assert pair(found) == ("target", "d(position)")
+    assert pair(found) == ("target", "position")
 
 
 def test_a_copy_of_the_times_and_a_count_of_rows_are_no_output(tmp_path: Path) -> None:

@@ -116,16 +116,16 @@ class Column:
         return np.gradient(self.signal) if is_position and len(self.values) > 1 else self.signal
 
 
-def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> Column:
-    """The facts about a column of numbers (N,); NaN where there is none."""
+def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array, *, codes: bool = True) -> Column:
+    """The facts about a column of numbers (N,), NaN where there is none; isolated values are levels without codes."""
     finite = values[np.isfinite(values)]
     missing = len(values) - len(finite)
     if not len(finite):
         return Column(name, kind, meaning, len(values), missing, values=values)
     levels, counts = np.unique(finite, return_counts=True)
-    codes, ordinary = _codes(levels, counts)
+    isolated, ordinary = _codes(levels, counts) if codes else ((), np.ones(len(levels), dtype=bool))
     levels = levels[ordinary]
-    period = wrap_period(values) if meaning.quantity is ColumnQuantity.POSITION and not codes else None
+    period = wrap_period(values) if meaning.quantity is ColumnQuantity.POSITION and not isolated else None
     return Column(
         name=name,
         kind=kind,
@@ -136,7 +136,7 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         high=float(levels[-1]),
         distinct=len(levels),
         step=quantisation(levels),
-        codes=codes,
+        codes=isolated,
         stuck=stretches_without_change(values, levels),
         period=period,
         values=values if period is None else unwrapped(values, period),

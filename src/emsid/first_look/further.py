@@ -12,7 +12,6 @@ from emsid.first_look.dynamics import influence
 from emsid.first_look.levels import PART, SAME
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.roles import Roles
-from emsid.io.selection import signs_of
 
 DERIVED = 0.999
 """The correlation of a speed with the change of a count that it was derived from, at least: rounding leaves less."""
@@ -30,10 +29,8 @@ def sign_of_input(columns: Sequence[Column], roles: Roles) -> Finding | None:
     if u is None or y is None or not u.low >= 0 or u.constant:
         return None
     two_valued = [each for each in columns if each.distinct == 2 and each not in (u, y)]
-    shares = {each.name: influence(signs_of(each.values) * u.signal, y.movement) for each in two_valued}
-    best = max(shares, key=shares.__getitem__, default="")
-    if best and shares[best] > influence(u.signal, y.movement) + PART:
-        return Finding("direction-column", u.name, {"column": best, "output": y.name})
+    if roles.direction:
+        return Finding("direction-column", u.name, {"column": roles.direction, "output": y.name})
     if u.meaning.quantity not in (ColumnQuantity.DUTY, ColumnQuantity.VOLTAGE) or u.low > PART * u.high:
         return None  # pulses and commands about a middle have no sign
     speed = y.movement[np.isfinite(y.movement)]

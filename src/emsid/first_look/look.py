@@ -197,10 +197,12 @@ def _on_one_clock(raw: Columns, time: str) -> Columns:
 
 
 def _with_responses_to_codes(columns: Mapping[str, Column], roles: Roles) -> dict[str, Column]:
-    """The columns, where the codes of the input say what the output does there."""
+    """The columns, where the codes of the input say what the output does there, or are no codes if it follows them."""
     u, y = columns.get(roles.input), columns.get(roles.output)
     if u is None or y is None or not u.codes or len(u.values) != len(y.values):
         return dict(columns)
+    if roles.levels:
+        return {**columns, u.name: column_of_numbers(u.name, u.kind, u.meaning, u.values, codes=False)}
     return {**columns, u.name: replace(u, codes=with_responses(u.codes, u.values, y.movement))}
 
 
@@ -322,6 +324,11 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
     used = [columns[name] for name in (roles.input, roles.output) if name in columns]
     output = columns.get(roles.output)
     position = output is not None and output.meaning.quantity is ColumnQuantity.POSITION
+    if roles.input in columns and columns[roles.input].meaning.quantity in (
+        ColumnQuantity.REFERENCE,
+        ColumnQuantity.POSITION,
+    ):
+        position = False  # a position that follows another one is no integral of it
     reading: dict[str, Any] = {
         "input": roles.input,
         "output": f"d({roles.output})" if position else roles.output,

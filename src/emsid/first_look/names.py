@@ -85,7 +85,7 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
     ),
     (ColumnQuantity.CURRENT, 0.9, "current curr strom courant corriente corrente amps amp ampere ia im iq imot"),
     (ColumnQuantity.TORQUE, 0.9, "torque tau moment drehmoment couple coppia"),
-    (ColumnQuantity.FORCE, 0.85, "force kraft fuerza forza"),
+    (ColumnQuantity.FORCE, 0.85, "force thrust kraft schub fuerza empuje forza spinta poussée"),
     (
         ColumnQuantity.POSITION,
         0.9,

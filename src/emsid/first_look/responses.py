@@ -5,7 +5,7 @@ each also integrated, from a steady start and from rest, at several delays. Only
 is integrated, are fitted to a column y, on half of `STRETCHES` stretches; the response on the other half, a free run,
 leaves a share λ of the variance of y. The evidence that u drives y is, in nats,
 
-    E = W/2 · log(λ₀/λ),      λ₀ what a straight line leaves, or the responses to columns shifted against u,
+    E = W/2 · log(λ₀/λ),      λ₀ what a straight line leaves,
 
 where W (`BLOCKS`) counts the independent errors: all these models are wrong in detail, so more rows say no more.
 A slow system is seen in means over several rows, a fast one in the rows themselves; both are tried (`SCALES`).
@@ -39,8 +39,6 @@ SEEN = 3.0
 """From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
 SAME_MOTION, LEADS = 0.95, 4
 """The share of displacements that the speed of a motion explains, and rows by which clocks of the two may differ."""
-SHIFTS = (0.23, 0.41, 0.59, 0.77)
-"""Parts of the record by which columns are shifted, to see what chance explains; no ratios of small whole numbers."""
 WITHIN, WITHIN_PERIODIC = 0.15, 0.5
 """Errors that differ by less are equal: the grids are coarse and records short; a periodic input shows the shape of a
 response less well than the delay that is nearest to it."""
@@ -245,18 +243,14 @@ def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -
     edges = _edges(starts, n)
     y_all = _centred(table.T, edges).T
     moving = [k for k in range(count) if np.abs(y_all[:, k]).max() > 1e-9 * (1 + np.abs(table[:, k]).max())]
-    shifted = np.hstack([y_all, *(np.roll(y_all, int(share * n), axis=0) for share in SHIFTS)])
-    banks, by_chance = {}, []
+    banks = {}
     for u in range(count):
         x, kinds = _bank(table[:, u], starts, whole)
         if len(kinds):
             drifts = (kinds["integrates"] & ~kinds["from_rest"]).astype(float)[:, None]
-            left, line, gain = _left(x, shifted, edges, drifts)
-            banks[u] = kinds, left[:, :count], gain[:, :count]
-            of_shifted = left[kinds["delay"] >= 0, count:].min(axis=0).reshape(len(SHIFTS), count)
-            by_chance.append(np.log(of_shifted).mean(axis=0))
+            banks[u] = kinds, *_left(x, y_all, edges, drifts)
     found = {}
-    for u, (kinds, left, gain) in banks.items():
+    for u, (kinds, left, line, gain) in banks.items():
         causal, delay = kinds["delay"] >= 0, kinds["delay"]
         periodic = _is_periodic(y_all[:, u])
         for y in (each for each in moving if each != u):
@@ -265,10 +259,8 @@ def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -
             # an input acts after its row, unless its own row is clearly better
             soonest = min(delay[equal].tolist(), key=lambda d: {0: 1.5, 1: 0.5}.get(d, d))
             k = min(np.flatnonzero(equal & (delay == soonest)), key=lambda i: left[i, y])
-            chance = float(np.exp(np.mean(by_chance, axis=0))[y])
-            base = max(float(line[y]) if periodic else min(chance, float(line[y])), best)
             found[u, y] = Answer(
-                evidence=BLOCKS / 2 * log(base / best),
+                evidence=BLOCKS / 2 * log(max(float(line[y]), best) / best),
                 left=best,
                 ahead=BLOCKS / 2 * log(best / float(left[:, y].min())),
                 integrates=bool(kinds["integrates"][k]),

@@ -27,6 +27,10 @@ ENOUGH = 12.0
 """Evidence in nats, 5 % of the variance left, beyond which a fit says how good a model is and not what drives what."""
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
+BEST = 3
+"""So many pairs are shown with what they leave unexplained."""
+AS_LEVELS = "levels"
+"""The reading of a column whose isolated values are no codes, but levels of a command."""
 FOLLOWS = (0.6, 1.4)
 """Gains with which the output of a closed loop follows its reference."""
 REPEATS = 1 - 1e-9
@@ -42,6 +46,8 @@ _AS_INPUT = {
     ColumnQuantity.REFERENCE: 0.1,
     ColumnQuantity.UNKNOWN: 0.2,
 }
+_UNSIGNED = (ColumnQuantity.DUTY, ColumnQuantity.VOLTAGE, ColumnQuantity.INPUT, ColumnQuantity.UNKNOWN)
+"""Quantities of commands that are often logged without their sign."""
 _AS_OUTPUT = {
     ColumnQuantity.SPEED: 1.0,
     ColumnQuantity.OUTPUT: 0.95,
@@ -49,7 +55,8 @@ _AS_OUTPUT = {
     ColumnQuantity.CURRENT: 0.3,
     ColumnQuantity.ACCELERATION: 0.2,
     ColumnQuantity.TORQUE: 0.1,
-    ColumnQuantity.FORCE: 0.1,
+    ColumnQuantity.FORCE: 0.4,
+    ColumnQuantity.REFERENCE: -0.5,
     ColumnQuantity.UNKNOWN: 0.2,
 }
 
@@ -83,6 +90,10 @@ class Roles:
         input_confidence, output_confidence: from 0 to 1.
         others: further pairs of input and output, which differ in the number at the end of their names.
         table: the evidence for and against each role of each column, and for this pair.
+        direction: the column with the sign of the input; empty where that has its own.
+        levels: whether values far from the others are levels of the input, which the output follows.
+        tried: the likeliest pairs, this one first, each with the share of the second column's variance that the best
+            simple response to the first one leaves; they are ordered by all of the evidence.
     """
 
     input: str = ""
@@ -91,6 +102,9 @@ class Roles:
     output_confidence: float = 0.0
     others: tuple[tuple[str, str], ...] = ()
     table: tuple[Evidence, ...] = ()
+    direction: str = ""
+    levels: bool = False
+    tried: tuple[tuple[str, str, float], ...] = ()
 
 
 def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: str = "") -> Roles:
@@ -116,17 +130,18 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     for length in lengths:
         facts.compare([column for column in compared if len(column.values) == length])
     alone = {(u.name, y.name): totals["input"][u.name] + totals["output"][y.name] for u, y in pairs}
-    least = max(alone.values()) - sum(weight for _, weight, _ in _PAIRS)  # others cannot exceed it
     of_pairs = {
         (u.name, y.name): [(weight * share(u, y, facts), reason) for reason, weight, share in _PAIRS]
         for u, y in pairs
-        if alone[u.name, y.name] > least and len(u.values) == len(y.values)
+        if len(u.values) == len(y.values)
     }
     scores = {pair: alone[pair] + sum(weight for weight, _ in rows) for pair, rows in of_pairs.items()}
     if not scores:
         return Roles(input=input, output=output)
     (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared, facts, totals)
     named = {column.name: column for column in columns}
+    how = facts.read_as.get((u, y), "")
+    best = sorted(scores, key=lambda pair: (pair != (u, y), -scores[pair]))[:BEST]
     return Roles(
         input=u,
         output=y,
@@ -137,6 +152,9 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
             *(each for rows in table.values() for name in rows for each in rows[name]),
             *(Evidence(f"{u}, {y}", "pair", round(weight, 3), reason) for weight, reason in of_pairs[u, y] if weight),
         ),
+        direction=how if how != AS_LEVELS else "",
+        levels=how == AS_LEVELS,
+        tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(*map(named.get, pair)))),
     )
 
 
@@ -165,6 +183,9 @@ class _Facts:
             group counts where another one, or none, has a column of the same name; without a group it is ``"."`` then.
             Words at the end of names, such as those of axes, count too where other names have the same ones.
         order: the place of each column in the file.
+        signals: the numbers of each column.
+        read_as: for each pair, the reading of the first column that the second one answers best: the column with its
+            sign, or `AS_LEVELS`; empty for its numbers as they are.
     """
 
     def __init__(self, columns: Sequence[Column], clock: str) -> None:
@@ -173,6 +194,7 @@ class _Facts:
         self.columns = columns
         self.starts = np.flatnonzero(np.diff(times) < 0) + 1 if len(times) > 1 else np.zeros(0, dtype=np.intp)
         self.order = {column.name: k for k, column in enumerate(columns)}
+        self.signals = {column.name: column.signal for column in columns if column.kind == "numbers"}
         groups: dict[str, list[str]] = {}
         for column in columns:
             group, _, name = column.name.rpartition(".")
@@ -185,6 +207,8 @@ class _Facts:
             self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else number
         self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
         self._spreads: dict[str, float] = {}
+        self._held: dict[str, float] = {}
+        self.read_as: dict[Pair, str] = {}
         self._answers: dict[Pair, Answer | None] = {}
         self._motions: dict[Pair, bool] = {}
         self._controlled: dict[str, float] = {}
@@ -196,9 +220,16 @@ class _Facts:
     def spread(self, column: Column) -> float:
         """The standard deviation of a column."""
         if column.name not in self._spreads:
-            known = column.signal[np.isfinite(column.signal)]
+            known = self.signals[column.name][np.isfinite(self.signals[column.name])]
             self._spreads[column.name] = float(known.std()) if len(known) else 0.0
         return self._spreads[column.name]
+
+    def held(self, column: Column) -> float:
+        """The share of rows in which a column does not change."""
+        if column.name not in self._held:
+            signal = self.signals[column.name]
+            self._held[column.name] = float(np.count_nonzero(np.diff(signal) == 0) / max(len(signal) - 1, 1))
+        return self._held[column.name]
 
     def answer(self, u: Column, y: Column) -> Answer | None:
         """How one column answers another one."""
@@ -207,31 +238,50 @@ class _Facts:
         return self._answers[u.name, y.name]
 
     def compare(self, columns: Sequence[Column]) -> None:
-        """Find how columns of one length answer each other, all at once: the responses to a column serve all others."""
-        several = [(column.name, numbers) for column in columns for numbers in self.signed(column)]
-        table = np.column_stack([numbers for _, numbers in several])
+        """Find how columns of one length answer each other, all at once: the responses to a column serve all others.
+
+        Another reading of a column than its numbers as they are has to be clearly better.
+        """
+        named = {column.name: column for column in columns}
+        self._compare([(name, how, x) for name, column in named.items() for how, x in self._readings(column).items()])
+        if any(column.codes for column in columns):  # in rows of their own: those of codes are left out above
+            self._compare([(c.name, AS_LEVELS if c.codes else "", c.values) for c in columns])
+        for pair in permutations(named, 2):
+            self._answers.setdefault(pair, None)
+
+    def _compare(self, readings: Sequence[tuple[str, str, Array]]) -> None:
+        table = np.column_stack([numbers for _, _, numbers in readings])
         usable = np.isfinite(table).all(axis=1)
         starts = np.searchsorted(np.flatnonzero(usable), self.starts)
         found = answers(table[usable], np.unique([0, *starts[starts < usable.sum()]]).tolist())
-        for (u, y), answer in found.items():
-            pair = several[u][0], several[y][0]
-            known = self._answers.get(pair)
-            if pair[0] != pair[1] and (known is None or answer.evidence > known.evidence):
-                self._answers[pair] = answer
-        for pair in permutations([column.name for column in columns], 2):
-            self._answers.setdefault(pair, None)
+        for (a, b), answer in found.items():
+            (u, how, _), (y, of_output, _) = readings[a], readings[b]
+            known = self._answers.get((u, y))
+            if u != y and not of_output and (known is None or answer.evidence > known.evidence + SEEN * bool(how)):
+                self._answers[u, y], self.read_as[u, y] = answer, how
 
-    def signed(self, column: Column) -> list[Array]:
+    def _readings(self, column: Column) -> dict[str, Array]:
         """The numbers of a column; of a command without a sign also with the sign of every column of two values."""
-        if _AS_INPUT.get(column.meaning.quantity, 0.0) < NAMED or column.low < 0:
-            return [column.signal]
-        signs = [x for x in self.columns if x.distinct == 2 and len(x.values) == len(column.values) and x is not column]
-        return [column.signal, *(signs_of(each.values) * column.signal for each in signs)]
+        signal = self.signals[column.name]
+        if column.constant or column.low < 0 or column.meaning.quantity not in _UNSIGNED:
+            return {"": signal}
+        signs = [x for x in self.columns if x.distinct == 2 and len(x.values) == len(signal) and x is not column]
+        return {"": signal} | {each.name: signs_of(each.values) * signal for each in signs[:MOST_COMPARED]}
 
     def explained(self, u: Column, y: Column) -> float:
         """The evidence that the first column drives the second one, as a share of what is enough."""
         answer = self.answer(u, y)
         return 0.0 if answer is None or answer.evidence < SEEN else min(answer.evidence / ENOUGH, 1.0)
+
+    def static(self, u: Column, y: Column) -> bool:
+        """Whether the second column follows the first one at once, as two measurements of one quantity do."""
+        answer = self.answer(u, y)
+        return answer is not None and answer.evidence >= SEEN and answer.static
+
+    def opposes(self, u: Column, y: Column) -> bool:
+        """Whether the second column answers the first one with the other sign, as few drives do."""
+        answer = self.answer(u, y)
+        return answer is not None and answer.evidence >= SEEN and answer.sign < 0 and not answer.ambiguous
 
     def first(self, u: Column, y: Column) -> float:
         """How much better the second column answers the first one than the other way round, and how much later."""
@@ -246,7 +296,8 @@ class _Facts:
         pair = speed.name, position.name
         if pair not in self._motions:
             steps = np.diff(self.times, append=np.nan) if len(self.times) == len(speed.values) else 1.0
-            self._motions[pair] = same_motion(speed.signal * steps, position.signal, self.starts.tolist())
+            signals = self.signals[speed.name] * steps, self.signals[position.name]
+            self._motions[pair] = same_motion(*signals, self.starts.tolist())
         return self._motions[pair]
 
     def controlled(self, u: Column) -> float:
@@ -254,12 +305,15 @@ class _Facts:
         if u.name not in self._controlled:
             start = max((len(u.values) - SAMPLES) // 2, 0)
             part = slice(start, start + SAMPLES)
-            found, named = [0.0], {column.name: column.signal[part] for column in self.columns}
+            found = [0.0]
             for (r, y), answer in self._answers.items():
-                if answer is None or u.name in (r, y) or self._answers.get((u.name, y)) is None:
+                drives, back = self._answers.get((u.name, y)), self._answers.get((y, u.name))
+                if r == u.name or answer is None or drives is None or min(answer.evidence, drives.evidence) < SEEN:
                     continue
-                x = np.column_stack([named[u.name], named[r], named[y]])
-                if FOLLOWS[0] < answer.gain < FOLLOWS[1] and answer.evidence >= SEEN and not answer.integrates:
+                if back is not None and back.evidence > drives.evidence:
+                    continue
+                if FOLLOWS[0] < answer.gain < FOLLOWS[1] and not answer.integrates:
+                    x = np.column_stack([self.signals[name][part] for name in (u.name, r, y)])
                     found.append(share_of_controller(*x[np.isfinite(x).all(axis=1)].T))
             self._controlled[u.name] = max(found) if max(found) > EXPLAINS else 0.0
         return self._controlled[u.name]
@@ -336,11 +390,6 @@ def _named(column: Column, weights: Mapping[ColumnQuantity, float]) -> float:
     return weights.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
 
 
-def _held(column: Column) -> float:
-    """The share of rows in which a column does not change."""
-    return float(np.mean(np.diff(column.signal) == 0))
-
-
 _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = (
     ("input", "its name or unit is of an input", 1.0, lambda column, facts: _named(column, _AS_INPUT)),
     ("output", "its name or unit is of an output", 1.0, lambda column, facts: _named(column, _AS_OUTPUT)),
@@ -354,7 +403,7 @@ _TABLE: tuple[tuple[str, str, float, Callable[[Column, _Facts], float]], ...] = 
         "channel",
         "others of its kind move much more",
         -0.5,
-        lambda column, facts: column.kind == "numbers" and facts.motion(column) < PART,
+        lambda column, facts: column.kind == "numbers" and not column.constant and facts.motion(column) < PART,
     ),
 )
 """By role, or for every channel: a reason, its weight, and a test of how far it applies to a column, from 0 to 1."""
@@ -362,9 +411,11 @@ _PAIRS: tuple[tuple[str, float, Callable[[Column, Column, _Facts], float]], ...]
     ("they are of one experiment", 0.6, lambda u, y, facts: facts.of_one_experiment(u.name, y.name)),
     ("a simulated response to the first explains the second", 1.0, lambda u, y, facts: facts.explained(u, y)),
     ("the response to the first is better, or later, than to the second", 0.3, lambda u, y, facts: facts.first(u, y)),
-    ("a controller sets the first", 0.6, lambda u, y, facts: facts.controlled(u)),
+    ("the second is in proportion to the first, without lag", -0.3, lambda u, y, facts: facts.static(u, y)),
+    ("the second falls when the first rises", -0.2, lambda u, y, facts: facts.opposes(u, y)),
+    ("a controller sets the first", 1.0, lambda u, y, facts: facts.controlled(u)),
     ("one is the speed of the other", -1.5, lambda u, y, facts: facts.one_motion(u, y) or facts.one_motion(y, u)),
-    ("the first changes in steps, more than the second", 0.3, lambda u, y, facts: _held(u) - _held(y)),
+    ("the first changes in steps, more than the second", 0.3, lambda u, y, facts: facts.held(u) - facts.held(y)),
     ("the first stands before the second", 0.05, lambda u, y, facts: facts.order[u.name] < facts.order[y.name]),
 )
 """A reason for an input and an output together, its weight, and how far it applies, from −1 to 1."""
@@ -374,7 +425,7 @@ def _may_be_channel(column: Column, clock: str, given: tuple[str, str]) -> bool:
     """Whether a column may be input or output: numbers that change or have a clear name, and not the time."""
     if column.kind != "numbers":
         return False
-    if column.constant and not column.codes and column.meaning.confidence < NAMED:
+    if column.constant and not (column.codes or abs(column.low) > 0 or column.meaning.confidence >= NAMED):
         return False
     other = column.name == clock or column.meaning.quantity in (ColumnQuantity.TIME, ColumnQuantity.OTHER)
     return column.name in given or not other
@@ -453,4 +504,4 @@ def _confidence(by_name: float, scores: dict[Pair, float], chosen: Pair, side: i
     """How sure a role is: by the name, and by the distance to the best pair with another column in this role."""
     other = max((score for pair, score in scores.items() if pair[side] != chosen[side]), default=-1.0)
     margin = min(1.0, max(0.0, scores[chosen] - other))
-    return round(min(0.98, 0.3 + 0.45 * by_name + 0.25 * margin), 2)
+    return round(min(0.98, 0.3 + 0.45 * max(by_name, 0.0) + 0.25 * margin), 2)

@@ -46,6 +46,8 @@ OF_ALL = frozenset(
     }
 )
 """Findings about how much data show; of several files together they may be others than of each."""
+LOOPS = frozenset({"feedback-likely", "reference-column"})
+"""Findings about a controller, which gives a response another sign than that of the plant."""
 Array = NDArray[np.float64]
 
 
@@ -63,9 +65,10 @@ class Group:
 
     @property
     def against(self) -> str:
-        """The input against which the outputs of all files go; empty where there is none."""
+        """The input against which the outputs of all files go; empty where there is none, or a loop explains it."""
         found = [f.data["input"] for look in self.looks for f in look.findings if _is_reversed(f)]
-        return found[0] if len(found) == len(self.looks) else ""
+        in_loop = any(f.code in LOOPS for look in self.looks for f in look.findings)
+        return found[0] if len(found) == len(self.looks) and not in_loop else ""
 
     @property
     def mends(self) -> dict[str, Any]:

@@ -166,6 +166,7 @@ def as_document(look: "FirstLook") -> dict[str, Any]:
             "input": {"column": look.roles.input, "confidence": look.roles.input_confidence},
             "output": {"column": look.roles.output, "confidence": look.roles.output_confidence},
             "time": {"column": look.clock.column, "dt": look.clock.dt, "confidence": look.clock.confidence},
+            "pairs": [{"input": u, "output": y, "left": left} for u, y, left in look.roles.tried],
         },
         "response": {"delay": look.response.delay, "sign": look.response.sign},
         "findings": [finding.to_data() for finding in look.findings],

@@ -80,13 +80,16 @@ def _notes(column: Column) -> str:
 
 
 def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
-    """The clock, the record and every finding, as lines of text."""
+    """The clock, the record, the likeliest pairs with their evidence, and every finding, as lines of text."""
     clock, record = look.clock, look.record
     found = []
     if clock.column and clock.axis is not None:
         found.append(f"time column {clock.column}: {clock.axis}")
     if record is not None:
         found.append(f"record: {in_words(record)}")
+    if len(look.roles.tried) > 1:
+        pairs = (f"{u} → {y} {100 * left:.2g} %" for u, y, left in look.roles.tried)
+        found.append(f"likeliest pairs, and what a simple response leaves of the output's variance: {', '.join(pairs)}")
     return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]
 
 

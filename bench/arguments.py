@@ -23,7 +23,10 @@ def asked_parts(doc: str | None, parts: Iterable[str], arguments: Sequence[str] 
     return asked or known
 
 
-def numbers(text: str) -> range:
-    """The numbers of simulated systems, such as ``0-19``, the last one included."""
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
+def numbers(text: str) -> list[int]:
+    """The numbers of simulated systems, such as ``0-19``, the last one included, or ``0-2,61``."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        found += range(int(first), int(last or first) + 1)
+    return found

@@ -362,30 +362,6 @@ def test_only_the_models_ask_for_the_kind_of_a_model() -> None:
     assert {module: asked for module, asked in offenders(found).items() if not within(module, "models")} == {}
 
 
-# Functions may be this long, without their docstring.
-LONGEST = 60
-LONG = {"plant.taylor.run": "one compiled loop, in which every branch is a state of the motor"}
-
-
-def test_files_are_short_enough_to_be_read() -> None:
-    """A file of more lines than this mostly holds two subjects."""
-    lines = {module: len(path.read_text("utf-8").splitlines()) for module, path in SOURCES.items()}
-    assert {module: count for module, count in lines.items() if count > 500} == {}
-
-
-def test_functions_are_short_enough_to_be_read() -> None:
-    long = {}
-    for module in MODULES:
-        for node in nodes(module):
-            if isinstance(node, ast.FunctionDef):
-                first = node.body[0]
-                documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
-                text = first.end_lineno - first.lineno + 1 if documented else 0
-                name, lines = f"{module}.{node.name}", node.end_lineno - node.lineno + 1 - text
-                long[name] = max(lines, long.get(name, 0))
-    assert {name: lines for name, lines in long.items() if lines > LONGEST and name not in LONG} == {}
-
-
 @pytest.mark.parametrize(
     "command",
     [

@@ -3,6 +3,8 @@
 import json
 import sys
 from dataclasses import asdict, replace
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +71,7 @@ def baseline(monkeypatch):
     import baseline
 
     yield baseline
-    for name in ("baseline", "recordings", "arguments"):
+    for name in ("ablation", "baseline", "recordings", "arguments"):
         sys.modules.pop(name, None)
 
 
@@ -99,3 +101,28 @@ def test_a_file_that_was_cut_off_is_continued_and_compared(baseline, tmp_path, c
     said = capsys.readouterr().out
     assert "median 1.000" in said
     assert "supported that were not: motor; newly wrong: motor" in said
+
+
+def test_the_distribution_counts_what_diverges_as_worst(baseline):
+    line = baseline.Line("motors", "motor", 0, "arx", 4, 2.0, 1.2, "arx", 1.2, "model-supported", (), 3.0)
+    lines = [replace(line, seed=k) for k in range(9)]
+    lines += [replace(line, seed=9, error=None, ratio=None)]
+    said = "median 1.200, 90 % quantile 1.200, 9 of 10 within 1.3 times the truth; 10 called supported, 1 of them wrong"
+    assert baseline.distribution(lines) == f"{said}; 30 s of CPU"
+
+
+def test_every_mechanism_is_switched_off_and_on_again(baseline):
+    import ablation
+
+    for mechanism, replaced in ablation.MECHANISMS.items():
+        for module, path, other in replaced:
+            found = attrgetter(path)
+            before = found(import_module(module))
+            with ablation.without(mechanism):
+                assert found(import_module(module)) is other
+            assert found(import_module(module)) is before
+    line = baseline.Line("motors", "motor", 0, "arx", 4, 2.0, 1.2, "arx", 1.2, "model-supported", (), 3.0)
+    undisturbed = {replace(line, seed=k).key: replace(line, seed=k) for k in range(3)}
+    lines = [replace(line, error=2.01), replace(line, seed=1, error=3.0, ratio=1.8), replace(line, seed=2, error=None)]
+    said = ablation.row("exchange of moves", lines, undisturbed)
+    assert said == ["exchange of moves", "1.200", "1.200", "2 of 3", "3", "1", "2", "1.005", "inf", "9"]

@@ -3,15 +3,21 @@
 A kernel is compiled at its first call on a machine and kept in the folder of its module, or in the one of the user for
 such files. Where neither can be written to – installation and home are read-only, or the disk is full – every process
 compiles it in memory, and says so once.
+
+Numba uses what is kept while the file of the kernel is the same, although a function of another file, which the kernel
+calls, may have changed. Here it is used only while all that the kernel reaches is the same, see `digest_of`.
 """
 
 from __future__ import annotations
 
+import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from enum import EnumMeta
 from functools import cache
 from hashlib import blake2s
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -66,7 +72,7 @@ def njit(*, cache: bool = True, **options: Any) -> Callable[[Kernel], Kernel]:
             made = numba.njit(**options)(function)
         else:
             if cache:
-                _do_without(made._cache)
+                by_content(made)
         return cast(Kernel, made)
 
     return compiled
@@ -82,6 +88,8 @@ def with_functions(kernel: Any, **functions: Any) -> Any:
         kernel: made by `njit`.
         functions: by the names that kernels of its package know others by.
     """
+    for each in functions.values():
+        by_content(each)
     made = _with(kernel, tuple(sorted(functions.items())))
     return made if _kernel(made) else np.errstate(all="ignore")(made)
 
@@ -93,7 +101,7 @@ def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
     made = {name: replaced.get(name) or _with(each, functions) for name, each in known.items() if _kernel(each)}
     if all(each is known[name] for name, each in made.items()):
         return kernel
-    name = "_with_".join([code.__name__, *(f"{each.__name__}_{_digest(each)}" for _, each in functions)])
+    name = "_with_".join([code.__name__, *(f"{each.__name__}_{digest_of(each)}" for _, each in functions)])
     changed = FunctionType(code.__code__, {**code.__globals__, **made}, name)
     changed.__qualname__ = name  # the file on disk is found by this name alone
     if not all(map(_kernel, replaced.values())):
@@ -103,22 +111,102 @@ def _with(kernel: Any, functions: tuple[tuple[str, Any], ...]) -> Any:
     return njit(cache=ours, **options)(changed)
 
 
-def _digest(function: Any) -> str:
-    """A digest of the code of a function: what is cached for one version of it is not used for another."""
-    code = getattr(function, "py_func", function).__code__
-    constants = [value for value in code.co_consts if not isinstance(value, CodeType)]
-    return blake2s(code.co_code + repr((constants, code.co_names)).encode(), digest_size=4).hexdigest()
-
-
 def _kernel(function: Any) -> bool:
     return hasattr(function, "py_func")
 
 
-def _do_without(cache: Any) -> None:
-    """Let a kernel be compiled where what is kept cannot be read, and used where it cannot be kept."""
-    load, save = cache.load_overload, cache.save_overload
+def digest_of(function: Any) -> str:
+    """A digest of all that a function depends on: its code, and the constants and functions that it reaches.
+
+    These are found by the names in the code, also in modules and closures; compiled functions count with their options.
+    Functions of libraries are not followed.
+    """
+    found, (reached, values) = blake2s(digest_size=8), _reached(function)
+    found.update(repr((len(reached), values)).encode())
+    return found.hexdigest()
+
+
+def _reached(function: Any) -> tuple[dict[Any, int], list[object]]:
+    """The functions that a function reaches, numbered, and descriptions of them and of the constants, in order."""
+    reached: dict[Any, int] = {}
+    waiting: list[Any] = []
+
+    def described(value: Any, names: list[str]) -> object:
+        """What identifies a value, with the numbers of functions; what cannot be a constant has its type only."""
+        if isinstance(value, ModuleType):
+            parts = {} if _of_library(value.__name__) else vars(value)
+            return [(name, described(parts[name], names)) for name in names if name in parts]
+        if _kernel(value) or isinstance(value, FunctionType):
+            if _of_library(value.__module__):
+                return value.__module__, value.__qualname__
+            if value not in reached:
+                reached[value] = len(reached)
+                waiting.append(value)
+            return reached[value]
+        if isinstance(value, np.ndarray):
+            return value.dtype.str, value.shape, value.tobytes()
+        if isinstance(value, tuple | frozenset | set):
+            parts_of_it = [described(each, names) for each in value]
+            return parts_of_it if isinstance(value, tuple) else sorted(map(repr, parts_of_it))
+        if isinstance(value, EnumMeta):
+            return [(name, repr(member.value)) for name, member in value.__members__.items()]
+        if isinstance(value, type):
+            return value.__qualname__, getattr(value, "_fields", None)
+        plain = isinstance(value, int | float | complex | str | bytes | np.generic | None)
+        return repr(value) if plain or _of_library(type(value).__module__) else type(value).__qualname__
+
+    values = [described(function, [])]
+    for each in waiting:
+        code = getattr(each, "py_func", each)
+        for part in _codes(code.__code__):
+            names = [*part.co_names, *part.co_freevars]
+            known = {**code.__globals__, **dict(_closed_over(code))}
+            constants = tuple(value for value in part.co_consts if not isinstance(value, CodeType))
+            values += [part.co_code, names, described(constants, names)]
+            values += [described(known[name], names) for name in names if name in known]
+        options = tuple(sorted(getattr(each, "targetoptions", {}).items()))
+        values += [described(code.__defaults__, []), described(options, [])]
+    return reached, values
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """A code, and those of the functions within it."""
+    yield code
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _codes(value)
+
+
+def _closed_over(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        with suppress(ValueError):  # the cell is still empty
+            yield name, cell.cell_contents
+
+
+def _of_library(module: str | None) -> bool:
+    """Whether a module is of Python, NumPy or Numba, whose functions Numba compiles by itself."""
+    name = (module or "").partition(".")[0]
+    return name in ("numpy", "numba") or name in sys.stdlib_module_names
+
+
+def by_content(function: Any) -> None:
+    """Let a compiled function, and those that it reaches, use what is kept on disk only if all they reach is the same.
+
+    It is compiled where what is kept cannot be read, and used where it cannot be kept.
+
+    Args:
+        function: of `numba.njit`, also of a user; another one has nothing to keep.
+    """
+    cache = getattr(function, "_cache", None)
+    if not hasattr(cache, "_cache_file") or "load_overload" in vars(cache):
+        return
+    load, save, file = cache.load_overload, cache.save_overload, cache._cache_file
+    stamp = file._source_stamp
 
     def load_if_possible(signature: Any, context: Any) -> Any:
+        file._source_stamp = (stamp, digest_of(function))  # only now, as it may reach functions further below
+        for each in _reached(function)[0]:
+            by_content(each)
         try:
             return load(signature, context)
         except Exception:  # whatever unpickling a damaged file raises

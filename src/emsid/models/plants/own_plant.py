@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
-from emsid.compiled import njit
+from emsid.compiled import by_content, njit
 from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.interpolation import INTERPOLATION_REACH, between
@@ -78,6 +78,8 @@ class OwnPlant(Plant):
     beginning: int | None = None
 
     def __post_init__(self) -> None:
+        by_content(self.derivative)
+        by_content(self.output)
         if self.between not in REACH:
             raise ModelError(
                 f"{self.name}: between is {self.between!r}; give one of {listed(list(REACH))}"

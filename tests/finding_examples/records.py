@@ -152,10 +152,21 @@ EXAMPLES: tuple[Finding, ...] = (
         {"inputs": ["load torque"], "outputs": ["current"], "positions": ["count"]},
     ),
     Finding("unit-not-used", "current", {"unit": "A", "channels": ["u", "y"]}),
-    Finding(
-        "step-from-first-sample",
-        "rpm",
-        {"input": "pwm", "gain": 2.75, "time_constant": 0.225, "level": 255.0, "unit": "rpm", "input_unit": ""},
+    *(
+        Finding(
+            "step-from-first-sample",
+            "rpm",
+            {
+                "input": "pwm",
+                "gain": 2.75,
+                "time_constant": 0.225,
+                "begins": begins,
+                "level": 255.0,
+                "unit": "rpm",
+                "input_unit": "",
+            },
+        )
+        for begins in (None, 0.024)
     ),
     *(
         Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": source})

@@ -30,6 +30,7 @@ from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.outliers import without_outliers
 from emsid.first_look.responses import SEEN, answers
 from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
+from emsid.first_look.step_response import step_response
 from emsid.record import Record
 from emsid.wording import sentence as worded
 
@@ -118,21 +119,16 @@ def excitation(data: Examined) -> Iterable[Finding]:
 
 
 def _step(data: Examined) -> Iterable[Finding]:
-    """Gain and time constant of a first-order response y[k] = a·y[k−1] + b to an input that stepped at the beginning.
-
-    The response ends at b / (1 − a), and its time constant is −T / ln a with the sample time T. The regression is
-    exact for noise-free data of first order.
-    """
-    pieces = [piece.output[:, 0] for piece in data.record.segments]
-    past, now = (np.concatenate([piece[part] for piece in pieces]) for part in (slice(-1), slice(1, None)))
-    (a, b), *_ = np.linalg.lstsq(np.column_stack([past, np.ones(len(past))]), now, rcond=None)
-    if 0 < a < 1:
-        level, units = float(data.u[0]), units_of(data.record)
+    """Gain, time constant and delay of the response to an input that stepped at the beginning."""
+    step = step_response(data.record)
+    if step is not None:
+        units = units_of(data.record)
         numbers = {
             "input": data.input,
-            "gain": float(b / (1 - a) / level),
-            "time_constant": float(-data.record.dt / np.log(a)),
-            "level": level,
+            "gain": step.gain,
+            "time_constant": step.time_constant,
+            "begins": step.begins if step.resting else None,
+            "level": float(data.u[0]),
             "unit": units[data.output],
             "input_unit": units[data.input],
         }

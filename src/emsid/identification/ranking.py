@@ -21,9 +21,10 @@ held-back part decides alone.
 
 In a short record, with fewer than `ANEW` samples in each part for each that starts a model, a run that began anew in
 every part would show above all how well few samples give a state, and one part often has most of the largest values,
-which the others then lack. There each fold leaves out several stretches, spread over the whole record, and the run goes
-on through them. These fits begin at the parameters from all data, as those from the first part may be far off. The free
-run of a position never forgets an error, so there it always begins anew.
+which the others then lack, as a step has all of its response at the beginning. There each fold leaves out several
+stretches, spread over the whole record, and the run goes on through them. These fits begin at the parameters from all
+data, as those from the first part may be far off. The free run of a position never forgets an error, so there it always
+begins anew.
 
 References:
     Efron, *Estimating the error rate of a prediction rule: improvement on cross-validation*, Journal of the American
@@ -51,7 +52,7 @@ from emsid.models.free_run import free_run, predict
 from emsid.models.model import Model, Run
 from emsid.models.refitting import refitted, usable_refit
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import Mask, is_series, left_out_once, parted, stretches_in_turn
+from emsid.record.holding_back import Mask, is_series, left_out_once, parted, shows_all_in_a_part, stretches_in_turn
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
@@ -302,7 +303,8 @@ class _Folds:
     ) -> list[Ranked]:
         """The models over folds of all data, with the errors of fits to all of them."""
         size = len(fitted) // (FOLDS - 1)
-        if size < ANEW * self.start and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
+        few = size < ANEW * self.start or shows_all_in_a_part(fitted, FOLDS - 1)
+        if few and not is_series(fitted, FOLDS - 1) and not _integrates(whole):
             long = [each for each in whole.segments if len(each) > LEAST * self.start]
             if 2 * sum(map(len, long)) > len(whole):
                 return [self.in_turn(each.fit, whole, concatenate(long)) for each in followed]

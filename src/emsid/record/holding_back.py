@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,9 @@ FAIR = 1 / 3
 explains two thirds of the output, as few do that are of no use, would be no better than the mean there."""
 
 
+STARTS = 10
+"""Parts without a change of the input begin at each such share of their length, so that a response is little cut."""
+TINY = np.finfo(float).tiny
 CHANGES = 10
 """Changes are over this part of what is held back: long enough for a motion to stand out from noise, and short enough
 for several of them."""
@@ -95,41 +98,66 @@ def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
     """The first sample of the part to hold back and the one after its last.
 
     It is the last part that shows enough and leaves enough. Where no part does, as after a long rest before the only
-    motion, it is the end from where this fraction of the changes of the inputs is left, or that of the samples.
+    motion, it is the end from where this fraction of the changes of the inputs is left. Where no input changes, as
+    after a single step, it is the last part in which the output still responds, or the end.
 
     Args:
         record: all data.
         fraction: of the samples.
     """
+    parts = _possible_parts(record, fraction)
+    end = next(parts)
+    return next((part for part in chain([end], parts) if shares(record, *part).min() >= FAIR), end)
+
+
+def _possible_parts(record: Record, fraction: float) -> Iterator[tuple[int, int]]:
+    """The parts that may be unseen in the order in which they are preferred, see `unseen_part`."""
     first = round((1 - fraction) * len(record))
     size = len(record) - first
-    parts = [(k, k + size) for k in range(first, -1, -max(size // 2, 1))]
-    changes = np.flatnonzero(np.diff(record.input, axis=0).any(axis=1)) + 1
-    if len(changes):
-        parts.append((int(changes[round((1 - fraction) * (len(changes) - 1))]), len(record)))
-    return next((part for part in parts if shares(record, *part).min() >= FAIR), parts[0])
+    yield first, len(record)
+    changed = np.flatnonzero(np.diff(record.input, axis=0).any(axis=1)) + 1
+
+    def earlier(step: int, changes: bool) -> Iterator[tuple[int, int]]:
+        every = ((k, k + size) for k in range(first, -1, -max(step, 1)))
+        return ((k, stop) for k, stop in every if np.any((changed > k) & (changed < stop)) == changes)
+
+    yield from earlier(size // 2, True)
+    if len(changed):
+        yield int(changed[round((1 - fraction) * (len(changed) - 1))]), len(record)
+    yield from earlier(size // STARTS, False)
 
 
 def shares(record: Record, first: int, stop: int) -> Array:
     """(2,) how much of the motion of the record a part and the rest show; the least of all outputs.
 
     It is the deviation of an output, or that of its changes over a tenth of the part, whichever is larger, over that in
-    the record: a position may move as much as ever while it stays near one place. Zero where no input changes, and one
-    where an output is constant in the whole record.
+    the record: a position may move as much as ever while it stays near one place. Where no input changes, it is the
+    deviation without that of white noise, as that of the response to an earlier input. One where an output is constant
+    in the whole record.
     """
     place = np.arange(len(record))
     inside = (place >= first) & (place < stop)
     lag = max((stop - first) // CHANGES, 1)
-    largest = np.abs(record.output).max(axis=0, initial=0.0)
-    output = record.output / np.where(largest > 0, largest, 1.0)  # the squares of any numbers are then numbers
+    output = _in_common_scale(record.output)
     changes = output[lag:] - output[:-lag]
     found = np.zeros(2)
     for number, part in enumerate((inside, ~inside)):
-        if part.any() and np.ptp(record.input[part], axis=0).any():
-            level = _share(output, part)
-            change = _share(changes, part[lag:] & part[:-lag])
-            found[number] = np.min(np.maximum(level, change), initial=1.0)
+        if not part.any():
+            continue
+        level = _share(output, part)
+        if np.ptp(record.input[part], axis=0).any():
+            found[number] = np.min(np.maximum(level, _share(changes, part[lag:] & part[:-lag])), initial=1.0)
+        else:
+            steps = np.diff(output, axis=0)[part[1:] & part[:-1]]
+            noise = np.sum(steps**2, axis=0) / (2 * max(len(steps), 1) * np.maximum(output.var(axis=0), TINY))
+            found[number] = np.sqrt(np.min(np.maximum(level**2 - noise, 0.0), initial=1.0))
     return found
+
+
+def _in_common_scale(output: Array) -> Array:
+    """Outputs (N, ny) over their largest values, so that the squares of any numbers are numbers."""
+    largest = np.abs(output).max(axis=0, initial=0.0)
+    return np.asarray(output / np.where(largest > 0, largest, 1.0))
 
 
 def _share(values: Array, part: Mask) -> Array:
@@ -192,6 +220,11 @@ def parted(record: Record, folds: int) -> list[Record]:
     if is_series(record, folds):
         return [concatenate(record.segments[k::folds]) for k in range(folds)]
     return [record.part(first, stop) for first, stop in pairwise(_edges(record, folds))]
+
+
+def shows_all_in_a_part(record: Record, folds: int) -> bool:
+    """Whether one of the parts that `parted` gives has so much of the motion that the rest shows little."""
+    return any(shares(record, first, stop)[1] < FAIR for first, stop in pairwise(_edges(record, folds)))
 
 
 def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:

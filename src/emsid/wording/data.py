@@ -34,12 +34,14 @@ def channel_constant(f: Finding, argument: Spelling) -> str:
 
 @words("step-from-first-sample", Severity.WARNING)
 def step_from_first_sample(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input, gain, time_constant (s), level, unit, input_unit."""
+    """Subject: the output. Data: input, gain, time_constant (s), begins (time in s; None: with the step), level, unit,
+    input_unit."""
     d = f.data
+    late = "" if d["begins"] is None else f", and the response begins at {d['begins']:.3g} s"
     per = f" {d['unit'] or '1'}/{d['input_unit'] or '1'}" if d["unit"] or d["input_unit"] else ""
     return (
-        f"one step of {d['input']}: gain {d['gain']:.3g}{per}, time constant {d['time_constant']:.3g} s, and nothing "
-        "else; also record other levels and the other direction"
+        f"one step of {d['input']}: gain {d['gain']:.3g}{per}, time constant {d['time_constant']:.3g} s{late}; "
+        "nothing else is known; also record other levels and the other direction"
     )
 
 

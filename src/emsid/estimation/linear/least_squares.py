@@ -247,8 +247,11 @@ def sample_findings(information: Information) -> list[Finding]:
 
 
 def settles(record: Record) -> bool:
-    """Whether an output moves from its first value to another one and stays there, as after a step of the input."""
-    for piece in record.segments:
+    """Whether an output moves from its first value to another one and stays there, as after a step of the input.
+
+    In a record without the middle of a response, only all segments together show that.
+    """
+    for piece in (record, *record.segments):
         moves, rests = np.ptp(piece.output, axis=0), np.ptp(piece.output[-len(piece) // 4 :], axis=0)
         if np.any((np.abs(piece.output[-1] - piece.output[0]) > moves / 2) & (rests < SETTLED * moves)):
             return True

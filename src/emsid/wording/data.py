@@ -37,11 +37,11 @@ def step_from_first_sample(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, gain, time_constant (s), begins (time in s; None: with the step), level, unit,
     input_unit."""
     d = f.data
-    late = "" if d["begins"] is None else f", and the response begins at {d['begins']:.3g} s"
+    late = "" if d["begins"] is None else f", from {d['begins']:.3g} s on"
     per = f" {d['unit'] or '1'}/{d['input_unit'] or '1'}" if d["unit"] or d["input_unit"] else ""
     return (
         f"one step of {d['input']}: gain {d['gain']:.3g}{per}, time constant {d['time_constant']:.3g} s{late}; "
-        "nothing else is known; also record other levels and the other direction"
+        "also record other levels and the other direction"
     )
 
 

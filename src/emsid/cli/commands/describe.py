@@ -9,14 +9,13 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import Json, option
-from emsid.cli.reading import as_options, reads_records
-from emsid.cli.shell import command_line, file_word
+from emsid.cli.reading import identify_command, reads_records
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 
 if TYPE_CHECKING:
     from emsid.findings import Finding
-    from emsid.first_look import FirstLook, Group
+    from emsid.first_look import FirstLook
     from emsid.record import Record
 
 COLUMNS = 30
@@ -63,7 +62,7 @@ def describe(
         check_folder(out, REPORT)
     looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
     divided = groups(looks)
-    commands = [command_line(words) for words in proposals(divided)]
+    commands = [identify_command(group) for group in divided]
     if json:
         documents = [as_document(look) for look in looks]
         found = [finding.to_data() for finding in together]
@@ -122,23 +121,6 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
         for found in alike.values()
         for name, finding in found[:1]
     ]
-
-
-def proposals(divided: "Sequence[Group]") -> list[list[str]]:
-    """The words of the commands to run next, one for each group of files."""
-    return [
-        ["emsid", "identify", *(file_word(look.path) for look in group.looks), *as_options(_turned(group))]
-        for group in divided
-    ]
-
-
-def _turned(group: "Group") -> dict[str, Any]:
-    """Arguments for files that are read alike, with all repairs, and the sign of an input that all outputs oppose."""
-    reading = {**group.looks[0].reading, **group.mends}
-    if group.against:
-        scale = reading.get("scale", {})
-        reading["scale"] = {**scale, group.against: -scale.get(group.against, 1)}
-    return reading
 
 
 def as_document(look: "FirstLook") -> dict[str, Any]:

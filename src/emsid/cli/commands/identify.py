@@ -213,6 +213,7 @@ def identify(
     begun = monotonic()
     asked = names(models, "--models")
     with without_collection():
+        reader, files = reader.with_columns(files)
         read = _reading(reader, files, validate)
         load_identification()
         from emsid.identification import Options, candidates, workflow
@@ -245,7 +246,9 @@ def _reading(
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
     """The records and the unseen ones."""
     with without_collection():
-        return [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+        files = reader.files(files)
+        records = reader.together([*files, *validate])
+        return records[: len(files)], records[len(files) :]
 
 
 def _checked(

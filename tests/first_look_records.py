@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from scipy import signal
 
 import emsid
-from emsid.cli.commands.describe import proposals as commands
+from emsid.cli.reading import identify_command
 from emsid.first_look import groups
 
 N = 800
@@ -34,7 +35,7 @@ def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
 
 def proposals(looks: list[emsid.FirstLook]) -> list[list[str]]:
     """The words of the commands that are proposed for these files."""
-    return commands(groups(looks))
+    return [shlex.split(identify_command(group)) for group in groups(looks)]
 
 
 def table(separator: str, times: np.ndarray, header: str = "") -> str:

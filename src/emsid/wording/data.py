@@ -184,6 +184,16 @@ def response_delay(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} {_after(d)}{sign}"
 
 
+@words("delay-ambiguous")
+def delay_ambiguous(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, period (samples), time (of a period, in s)."""
+    d = f.data
+    return (
+        f"{d['input']} repeats every {d['period']} samples ({duration(d['time'])}), so a delay longer by that explains "
+        f"{f.subject} as well; the shortest is taken"
+    )
+
+
 def _after(data: Mapping[str, Any]) -> str:
     """When a response begins, by its ``delay`` in samples and its ``time`` in s."""
     delay = data["delay"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from scipy import signal
 
 import emsid
-from emsid.cli.reading import identify_command
+from emsid.cli.commands.describe import proposals as commands
 from emsid.first_look import groups
 
 N = 800
@@ -35,7 +34,7 @@ def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
 
 def proposals(looks: list[emsid.FirstLook]) -> list[list[str]]:
     """The words of the commands that are proposed for these files."""
-    return [shlex.split(identify_command(group)) for group in groups(looks)]
+    return commands(groups(looks))
 
 
 def table(separator: str, times: np.ndarray, header: str = "") -> str:

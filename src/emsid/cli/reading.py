@@ -358,19 +358,19 @@ def _certain_columns(
     if sure:
         best = found[0]
         sides = {side: [best.reading[side]] for side in ("input", "output")}
-        said = f"a first look is almost certain of the columns; this is the same: {identify_command(best)}"
+        said = f"a first look is almost certain of the columns; this is the same: {command_line(identify_words(best))}"
         return {**best.reading, **sides}, [Path(look.path) for look in best.looks], [said]
     lines = []
     for each in found:
         left = f"a simple response leaves {100 * each.left:.2g} % of the output's variance"
-        lines.append(f"{left if each.left < 1 else 'no simple response is seen'}: {identify_command(each)}")
+        lines.append(f"{left if each.left < 1 else 'no simple response is seen'}: {command_line(identify_words(each))}")
     return None, [], lines
 
 
-def identify_command(group: "Hypothesis | Group") -> str:
-    """The command that identifies from files as a first look reads them."""
-    words = [*(file_word(look.path) for look in group.looks), *as_options(group.reading)]
-    return command_line(["emsid", "identify", *words])
+def identify_words(group: "Hypothesis | Group") -> list[str]:
+    """The words of the command that identifies from files as a first look reads them."""
+    files = [file_word(look.path) for look in group.looks]
+    return ["emsid", "identify", *files, *as_options(group.reading)]
 
 
 def as_options(reading: Mapping[str, Any]) -> list[str]:

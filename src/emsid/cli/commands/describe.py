@@ -9,13 +9,14 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import Json, option
-from emsid.cli.reading import identify_command, reads_records
+from emsid.cli.reading import identify_words, reads_records
+from emsid.cli.shell import command_line
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 
 if TYPE_CHECKING:
     from emsid.findings import Finding
-    from emsid.first_look import FirstLook
+    from emsid.first_look import FirstLook, Group
     from emsid.record import Record
 
 COLUMNS = 30
@@ -62,7 +63,7 @@ def describe(
         check_folder(out, REPORT)
     looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
     divided = groups(looks)
-    commands = [identify_command(group) for group in divided]
+    commands = [command_line(words) for words in proposals(divided)]
     if json:
         documents = [as_document(look) for look in looks]
         found = [finding.to_data() for finding in together]
@@ -121,6 +122,11 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
         for found in alike.values()
         for name, finding in found[:1]
     ]
+
+
+def proposals(divided: "Sequence[Group]") -> list[list[str]]:
+    """The words of the commands to run next, one for each group of files."""
+    return [identify_words(group) for group in divided]
 
 
 def as_document(look: "FirstLook") -> dict[str, Any]:

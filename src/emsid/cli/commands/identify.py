@@ -210,8 +210,7 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    begun = monotonic()
-    asked = names(models, "--models")
+    begun, asked = monotonic(), names(models, "--models")
     with without_collection():
         reader, files = reader.with_columns(files)
         read = _reading(reader, files, validate)

@@ -319,8 +319,9 @@ def test_identify_reads_a_file(linear_record, tmp_path):
     found = emsid.identify(path, models="arx", input="u1", output="y1", time="t")
     assert found.chosen.model.name == "arx"
     assert np.allclose(found.chosen.estimate, emsid.identify(linear_record, models=("arx",)).chosen.estimate)
+    assert np.allclose(emsid.identify(str(path), models="arx").chosen.estimate, found.chosen.estimate)
     with pytest.raises(emsid.DataError, match=r"name its columns.*u1"):
-        emsid.identify(str(path))
+        emsid.identify(str(path), input="u1", time="t")
     with pytest.raises(emsid.DataError, match=r"did you mean models"):
         emsid.identify(path, model="arx")
 

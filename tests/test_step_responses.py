@@ -50,8 +50,7 @@ def test_noise_does_not_make_a_step_faster() -> None:
 def test_the_unseen_part_of_a_step_has_a_part_of_its_response() -> None:
     for record in (step(), step(lasting=0.05), step(noise=2.0)):
         assert shares(record, *unseen_part(record, 0.3)).min() >= FAIR
-        first, stop = unseen_part(record, 0.3)
-        assert stop < len(record)
+        assert unseen_part(record, 0.3)[1] < len(record)
 
 
 def test_noise_after_a_step_is_no_response() -> None:
@@ -70,3 +69,18 @@ def test_an_identification_of_one_step_gives_its_gain_and_time_constant() -> Non
     known = {each.name: each.value for each in result.characteristics if each.shown}
     assert known["gain"] == pytest.approx(GAIN, rel=0.02)
     assert known["time constant"] == pytest.approx(LASTING, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_files_that_are_resampled_have_one_step(tmp_path: Path, seed: int) -> None:
+    """Three files of one step each, at clocks of different steps: one model of all of them."""
+    steps = ((0.005, 0.006, 0.007), (0.007, 0.009), (0.006, 0.008, 0.010))
+    levels = (40.0, 60.0, 80.0)
+    paths = [irregular(tmp_path / f"{level:g}.csv", level, seed + k, steps[k]) for k, level in enumerate(levels)]
+    reading = {"input": "duty", "output": "speed", "time": "time", "resample": True}
+    alone = [emsid.read(path, **reading).dt for path in paths]
+    result = emsid.identify(paths, models="arx,output-error", **reading)
+    assert result.record.dt == max(alone) > min(alone)
+    known = {each.name: each.value for each in result.characteristics if each.shown}
+    assert known["gain"] == pytest.approx(GAIN, rel=0.02)
+    assert result.on_unseen.best.row.fit_percent > 90

@@ -151,6 +151,7 @@ EXAMPLES: tuple[Finding, ...] = (
         "log.csv",
         {"inputs": ["load torque"], "outputs": ["current"], "positions": ["count"]},
     ),
+    Finding("delay-ambiguous", "y", {"input": "u", "period": 22, "time": 1.1}),
     Finding("unit-not-used", "current", {"unit": "A", "channels": ["u", "y"]}),
     *(
         Finding(

@@ -4,6 +4,7 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -14,6 +15,8 @@ from emsid.cli.shell import command_line, file_word
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
+    from emsid.first_look import Group
+    from emsid.first_look.hypotheses import Hypothesis
     from emsid.io import ParsedFile
     from emsid.io.columns import Columns
     from emsid.record import Record
@@ -55,6 +58,14 @@ class Reader:
             record, findings=(*record.findings, *contradiction(stated_clock(parsed.columns, path.name), path.name, dt))
         )
 
+    def together(self, paths: Sequence[Path]) -> "list[Record]":
+        """The records of several files; resampled ones have a common step."""
+        from emsid.io.reading import common_step
+
+        records = [self(path) for path in paths]
+        step = common_step(records, self.given)
+        return records if step is None else [replace(self, given={**self.given, "dt": step})(path) for path in paths]
+
     def for_columns(self, columns: "Columns") -> dict[str, Any]:
         """The arguments for a file, without recalled units of columns whose header in it gives one."""
         from emsid.units import column_of
@@ -82,6 +93,29 @@ class Reader:
         record = read(parsed, **given, time=clock.column)
         found = Finding("sample-time-of-file", record.name, {"column": clock.column, "dt": record.dt, "before": before})
         return replace(record, findings=(*record.findings, found))
+
+    def with_columns(self, files: Sequence[Path]) -> "tuple[Reader, Sequence[Path]]":
+        """This reader with the columns that a first look is almost certain of, where none are named, and its files.
+
+        It prints the command that reads the files in the same way.
+
+        Raises:
+            DataError: with the commands of the best hypotheses, where the columns are open.
+            FormatError: where a file cannot be read.
+        """
+        if self.given.get("input") or self.given.get("output") or not files:
+            return self, files
+        from emsid.cli.second_process import meanwhile
+        from emsid.cli.terminal import warn
+
+        reading, kept, lines = meanwhile(partial(_certain_columns, files, self.given))()  # a fork: its threads end
+        for line in lines:
+            warn(line)
+        if reading is not None:
+            return replace(self, given=reading), kept
+        if lines:
+            raise DataError("the columns are not certain; choose one of these commands", arguments=("input", "output"))
+        return self, files  # the message about missing names follows
 
     def files(self, files: Sequence[Path]) -> list[Path]:
         """The given files, or the one of the output where that is a column of a named file: ``y.csv:1``.
@@ -306,6 +340,37 @@ def _reader(
         "detrend": detrend,
     }
     return {name: value for name, value in given.items() if value not in (None, {}, [])}
+
+
+def _certain_columns(
+    files: Sequence[Path], given: Mapping[str, Any]
+) -> tuple[dict[str, Any] | None, list[Path], list[str]]:
+    """The arguments of `emsid.io.read` that a first look is almost certain of, the files, and what to say about it.
+
+    Where it is not certain, there are no arguments, and a line for each of the best hypotheses.
+
+    Raises:
+        FormatError: where a file cannot be read.
+    """
+    from emsid.first_look.hypotheses import hypotheses
+
+    found, sure = hypotheses(files, given)
+    if sure:
+        best = found[0]
+        sides = {side: [best.reading[side]] for side in ("input", "output")}
+        said = f"a first look is almost certain of the columns; this is the same: {command_line(identify_words(best))}"
+        return {**best.reading, **sides}, [Path(look.path) for look in best.looks], [said]
+    lines = []
+    for each in found:
+        left = f"a simple response leaves {100 * each.left:.2g} % of the output's variance"
+        lines.append(f"{left if each.left < 1 else 'no simple response is seen'}: {command_line(identify_words(each))}")
+    return None, [], lines
+
+
+def identify_words(group: "Hypothesis | Group") -> list[str]:
+    """The words of the command that identifies from files as a first look reads them."""
+    files = [file_word(look.path) for look in group.looks]
+    return ["emsid", "identify", *files, *as_options(group.reading)]
 
 
 def as_options(reading: Mapping[str, Any]) -> list[str]:

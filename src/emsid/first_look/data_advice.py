@@ -149,7 +149,8 @@ def answer(data: Examined) -> Iterable[Finding]:
     yield from without_sign
     response, dt = data.response, data.record.dt
     at_once = response.sign if (response.delay or 0) <= 1 else None  # a part of the response may be within a sample
-    open_loop = repeats([data.u]) or period_of(data.u) is not None  # a controller passes noise on, which never repeats
+    period = period_of(data.u)
+    open_loop = repeats([data.u]) or period is not None  # a controller passes noise on, which never repeats
     back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, at_once)
     if back > PART:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
@@ -163,6 +164,8 @@ def answer(data: Examined) -> Iterable[Finding]:
     sure = round(min(most, 0.5 + 0.5 * abs(response.correlation)), 2)
     shared = {"input": data.input, "delay": delay, "time": delay * dt, "sign": response.sign, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
+    if period is not None:
+        yield Finding("delay-ambiguous", data.output, {"input": data.input, "period": period, "time": period * dt})
 
 
 def command_row(data: Examined) -> Iterable[Finding]:

@@ -252,7 +252,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
         return _with_record(look, parsed, noticed, given)
     found = found or Response(None, 0, 0.0)
-    known = {"shift", "direction", "resample"} & set(look.reading) or parsed.columns.clocks  # nothing else: rows move
+    known = {"shift", "direction"} & set(look.reading) or parsed.columns.clocks  # nothing else: rows move
     if not known and _acts_in_its_own_row(look, found):
         noticed.append(Finding("command-before-its-row", look.roles.input, {"output": look.roles.output}))
         look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})

@@ -117,4 +117,4 @@ def _scale(y: Array, resting: int, a: float, end: float) -> float:
     """What the response y∞ − scale·a^k has left at k = 0 to the level y∞ where it ends."""
     k = np.arange(resting + 1 if resting else 0, len(y), dtype=float)
     powers = a ** (k - k[0])
-    return float((end - y[len(y) - len(k) :]) @ powers / (powers @ powers)) * a ** -k[0]
+    return float((end - y[len(y) - len(k) :]) @ powers / (powers @ powers) * a ** -k[0])

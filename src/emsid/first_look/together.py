@@ -71,6 +71,15 @@ class Group:
         return found[0] if len(found) == len(self.looks) and not in_loop else ""
 
     @property
+    def reading(self) -> dict[str, Any]:
+        """The arguments of `emsid.read` for all files, with repairs, and the sign of an input that all oppose."""
+        reading = {**self.looks[0].reading, **self.mends}
+        if self.against:
+            scale = reading.get("scale", {})
+            reading["scale"] = {**scale, self.against: -scale.get(self.against, 1)}
+        return reading
+
+    @property
     def mends(self) -> dict[str, Any]:
         """The further arguments of `emsid.read` that any file needs, for all of them."""
         every = {name: value for look in self.looks for name, value in look.mends.items()}

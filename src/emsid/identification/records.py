@@ -8,7 +8,7 @@ from typing import Any
 
 from emsid.arguments import did_you_mean
 from emsid.errors import DataError
-from emsid.io.reading import read, read_columns
+from emsid.io.reading import common_step, read, read_columns
 from emsid.record import Record, concatenate
 
 Path = str | os.PathLike[str]
@@ -40,7 +40,34 @@ def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record,
         records = (records,)
     elif not isinstance(records, Iterable) or hasattr(records, "dtype"):
         raise DataError(f"a {type(records).__name__} is no record; give emsid.Record(input, output, dt=…), or a path")
-    return tuple(_record(each, reading) for each in records)
+    sources = tuple(records)
+    reading = _with_columns(sources, reading)
+    found = tuple(_record(each, reading) for each in sources)
+    step = common_step(found, reading)
+    return found if step is None else tuple(_record(each, {**reading, "dt": step}) for each in sources)
+
+
+def _with_columns(sources: Sequence[Record | Path], reading: Mapping[str, Any]) -> Mapping[str, Any]:
+    """How to read paths, with the columns that a first look is almost certain of where none are named.
+
+    Raises:
+        DataError: with the best hypotheses, where the columns are open.
+        FormatError: where a file cannot be read.
+    """
+    paths = [each for each in sources if isinstance(each, str | os.PathLike)]
+    if not paths or reading.get("input") or reading.get("output"):
+        return reading
+    from emsid.first_look.hypotheses import hypotheses  # its reading of files is not needed for records
+
+    found, sure = hypotheses(paths, reading)
+    if sure and len(found[0].looks) == len(paths):
+        return found[0].reading
+    if not found:
+        return reading  # the message about missing names follows
+    pairs = [f"input={each.reading['input']!r}, output={each.reading['output']!r}" for each in found]
+    raise DataError(
+        f"{paths[0]}: the columns are not certain; give {' or '.join(pairs)}; emsid.describe shows the evidence"
+    )
 
 
 def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:

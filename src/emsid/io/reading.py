@@ -280,6 +280,20 @@ def read(
         return _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
 
 
+def common_step(records: Sequence[Record], reading: Mapping[str, Any]) -> float | None:
+    """The sample time in s to which several files have to be resampled, the longest of all: a shorter one would add
+    samples that were not measured. None where they agree, are not to be resampled, or have one that is given.
+
+    Args:
+        records: of the files, as read.
+        reading: the arguments of `read`.
+    """
+    if not reading.get("resample") or reading.get("dt") is not None:
+        return None
+    steps = [record.dt for record in records]
+    return None if np.allclose(steps, steps[0], rtol=1e-6, atol=0.0) else max(steps)
+
+
 def with_names_of(columns: Columns, reading: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of `read` in which every column has its name in the file, also where it was given without its unit.
 

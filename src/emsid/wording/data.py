@@ -37,11 +37,11 @@ def step_from_first_sample(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, gain, time_constant (s), begins (time in s; None: with the step), level, unit,
     input_unit."""
     d = f.data
-    late = "" if d["begins"] is None else f", and the response begins at {d['begins']:.3g} s"
+    late = "" if d["begins"] is None else f", from {d['begins']:.3g} s on"
     per = f" {d['unit'] or '1'}/{d['input_unit'] or '1'}" if d["unit"] or d["input_unit"] else ""
     return (
         f"one step of {d['input']}: gain {d['gain']:.3g}{per}, time constant {d['time_constant']:.3g} s{late}; "
-        "nothing else is known; also record other levels and the other direction"
+        "also record other levels and the other direction"
     )
 
 
@@ -182,6 +182,16 @@ def response_delay(f: Finding, argument: Spelling) -> str:
     d = f.data
     sign = ", with the same sign" if d["sign"] else ""
     return f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} {_after(d)}{sign}"
+
+
+@words("delay-ambiguous")
+def delay_ambiguous(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, period (samples), time (of a period, in s)."""
+    d = f.data
+    return (
+        f"{d['input']} repeats every {d['period']} samples ({duration(d['time'])}), so a delay longer by that explains "
+        f"{f.subject} as well; the shortest is taken"
+    )
 
 
 def _after(data: Mapping[str, Any]) -> str:

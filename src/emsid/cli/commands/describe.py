@@ -9,8 +9,8 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import Json, option
-from emsid.cli.reading import as_options, reads_records
-from emsid.cli.shell import command_line, file_word
+from emsid.cli.reading import identify_words, reads_records
+from emsid.cli.shell import command_line
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 
@@ -126,19 +126,7 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
 
 def proposals(divided: "Sequence[Group]") -> list[list[str]]:
     """The words of the commands to run next, one for each group of files."""
-    return [
-        ["emsid", "identify", *(file_word(look.path) for look in group.looks), *as_options(_turned(group))]
-        for group in divided
-    ]
-
-
-def _turned(group: "Group") -> dict[str, Any]:
-    """Arguments for files that are read alike, with all repairs, and the sign of an input that all outputs oppose."""
-    reading = {**group.looks[0].reading, **group.mends}
-    if group.against:
-        scale = reading.get("scale", {})
-        reading["scale"] = {**scale, group.against: -scale.get(group.against, 1)}
-    return reading
+    return [identify_words(group) for group in divided]
 
 
 def as_document(look: "FirstLook") -> dict[str, Any]:

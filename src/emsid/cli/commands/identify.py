@@ -208,9 +208,9 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    begun = monotonic()
-    asked = names(models, "--models")
+    begun, asked = monotonic(), names(models, "--models")
     with without_collection():
+        reader, files = reader.with_columns(files)
         read = _reading(reader, files, validate)
         load_identification()
         from emsid.identification import Options, candidates, workflow
@@ -243,7 +243,9 @@ def _reading(
 def _read(reader: Any, files: Sequence[Path], validate: Sequence[Path]) -> "tuple[list[Record], list[Record]]":
     """The records and the unseen ones."""
     with without_collection():
-        return [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+        files = reader.files(files)
+        records = reader.together([*files, *validate])
+        return records[: len(files)], records[len(files) :]
 
 
 def _checked(

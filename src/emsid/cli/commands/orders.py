@@ -56,7 +56,7 @@ def orders(
     grid = {name: numbers(text, option(name)) for name, text in (("na", na), ("nb", nb), ("nk", nk))}
     if not 0 < unseen < 1:
         raise DataError(f"{option('unseen')} {unseen:g}: give a fraction between 0 and 1")
-    record = as_one([reader(path) for path in reader.files(files)])
+    record = as_one(reader.together(reader.files(files)))
     with working() as control, cancelled_with(control):
         found = order_grid(record, na=grid["na"], nb=grid["nb"], nk=grid["nk"], unseen=unseen, control=control)
     best = {name: found.best(name) for name in ("free_run", "bic", "aic", "fpe")}

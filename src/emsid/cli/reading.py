@@ -195,7 +195,8 @@ Dt = Annotated[
 ]
 Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column; it must be regular (see --resample).")]
 TimeUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us.")
+    str | None,
+    typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us, or 8kHz for ticks."),
 ]
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
 Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]

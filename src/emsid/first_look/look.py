@@ -39,7 +39,6 @@ from emsid.io.columns import Columns, as_numbers, errors_of
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
-from emsid.io.sampling import stale_rows
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
@@ -333,8 +332,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
         reading["time"] = clock.column
         said = columns[clock.column].meaning.unit
         reading["time_unit"] = clock.unit if clock.unit and said not in SECONDS and clock.unit != "s" else None
-        stale = stale_rows(columns[clock.column].values)
-        reading["rows"] = slice(stale, None) if stale else None
+        reading["rows"] = clock.rows
         reading["resample"] = None if clock.axis is None or clock.axis.regular else True
     else:
         reading["dt"] = clock.dt

@@ -170,7 +170,7 @@ def _evidence(column: Column, columns: Sequence[Column], place: int, stated: Clo
             [smooth, *of_others]
         )
         reasons["it repeats"] = -2.0 * (back > 0)
-        reasons["it begins below zero"] = -2.0 * bool(np.any(begins < 0))
+        reasons["it begins below zero"] = -3.0 * bool(np.any(begins < 0))
         reasons["it counts the rows"] = -6.0 * bool(step == 1)
         reasons["it counts ticks of the stated rate"] = 3.0 * bool(_ticks(column, step, stated))
     return {reason: weight for reason, weight in reasons.items() if weight}

@@ -110,6 +110,17 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("several-experiments", "log.csv", {"chosen": ["u1", "z1"], "pairs": [["u2", "z2"], ["u3", "z3"]]}),
     Finding("sample-time-unknown", "log.csv", {"assumed": 1.0}),
     *(
+        Finding(
+            "steady-states", "static.csv", {"input": "u", "output": "y", "rows": 40, "slope": 730.2, "at": 0.6} | more
+        )
+        for more in (
+            {"dead": [-0.31, 0.31], "low": [-760.1, -1.3], "high": [759.8, 1.2]},
+            {"dead": None, "low": None, "high": [759.8, 1.2]},
+            {"dead": None, "low": None, "high": None},
+        )
+    ),
+    Finding("encoder-pulses", "encoder", {"low": 2.0, "high": 3.4, "edges": 46, "rate": 1045.4}),
+    *(
         Finding("time-unit-assumed", subject, {"unit": "ms", "dt": 0.01, "confidence": 0.7, "source": source})
         for subject, source in (("t", "column"), ("log.csv", "preamble"), ("log_dt10.csv", "file name"))
     ),

@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 
 from emsid.cli.options import numbers, option, pairs, quantity, sample_time
 from emsid.cli.shell import command_line, file_word
-from emsid.errors import DataError
+from emsid.errors import DataError, EmsidError
 
 if TYPE_CHECKING:
     from emsid.first_look import Group
@@ -130,7 +131,7 @@ class Reader:
             if not self.given.get(name) and files:
                 read_columns(files[0])  # a missing or damaged file is what to mend first
                 hint = f"`{command_line(['emsid', 'describe', file_word(str(files[0]))])}` shows the columns"
-                raise DataError(f"name the {name} column; {hint}", arguments=(name,))
+                raise DataError(f"{_kind_in_words(files[0])}name the {name} column; {hint}", arguments=(name,))
         names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]
         found = [file_and_column(name) for name in names]
         files = list(files) or [each[0] for each in found if each][:1]
@@ -229,7 +230,8 @@ Dt = Annotated[
 ]
 Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column; it must be regular (see --resample).")]
 TimeUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us.")
+    str | None,
+    typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us, or 8kHz for ticks."),
 ]
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
 Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
@@ -285,6 +287,17 @@ Decimate = Annotated[
 Detrend = Annotated[
     int | None, typer.Option(metavar="ORDER", help="Subtract the mean (0) or a line (1) from every channel.", min=0)
 ]
+
+
+def _kind_in_words(path: Path) -> str:
+    """What a file is, where that is no dynamic record, as the beginning of a message."""
+    from emsid.first_look import describe
+    from emsid.first_look.kinds import FileKind
+
+    with suppress(EmsidError):
+        look = describe(path)
+        return "" if look.kind.kind is FileKind.DYNAMIC else f"{look.name} is {look.kind}; "
+    return ""
 
 
 def _reader(

@@ -7,6 +7,8 @@ from .data_advice import advice as advice
 from .data_advice import opposite_signs as opposite_signs
 from .dynamics import Response as Response
 from .dynamics import response as response
+from .kinds import FileKind as FileKind
+from .kinds import Kind as Kind
 from .look import FirstLook as FirstLook
 from .look import describe as describe
 from .names import ColumnQuantity as ColumnQuantity

@@ -6,10 +6,11 @@ It is stated in the lines above the header of a table, or as a single number of 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
@@ -17,19 +18,29 @@ from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.levels import SAME
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.io.columns import Columns, as_numbers
-from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time, stale_rows
+from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time, running_rows
 from emsid.record.time_axis import TimeAxis, time_axis
-from emsid.record.time_units import SECONDS
+from emsid.record.time_units import SECONDS, seconds_of
+
+Array = NDArray[np.float64]
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""
-ALIKE = 0.5
-"""Steps of this correlation with another column are those of its integral: those of a position had 0.97, of uneven
-clocks up to 0.34."""
 NEAR_ZERO = 10
 """Median steps within which a clock without a name begins."""
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
+FEWEST = 10
+"""A column of fewer steps is no clock unless its name says so."""
+STATED, SUREST = 2.0, 0.98
+"""The log-odds of a stated sample time, against which a column has to be likelier, and the largest confidence."""
+_NAMES = {
+    ColumnQuantity.TIME: 4.0,
+    ColumnQuantity.UNKNOWN: 0.0,
+    ColumnQuantity.OTHER: -2.0,
+    ColumnQuantity.POSITION: -3.0,
+}
+"""Log-odds by what the name of a column says; a clear name says the opposite in one of fifty files."""
 
 _DT = re.compile(
     r"\b(?:dt|Ts|sample[ _]?(?:time|interval)|x?increment|period)\b\W{0,3}(\d+(?:\.\d+)?(?:[eE]-?\d+)?)\s*"
@@ -51,9 +62,11 @@ class Clock:
         source: ``column``, ``preamble``, the name of an entry, ``file name``, or ``nothing``, where it is assumed.
         confidence: of the sample time, from 0 to 1.
         column: the time column; empty where there is none.
-        unit: of the time column or of the number found; empty for dates and times.
+        unit: of the time column or of the number found, or the rate of its ticks (``8kHz``); empty for dates and times.
         unit_confidence: of the unit.
         axis: the regularity of the time column, in seconds and without resets.
+        rows: in which the time column increases; None for all.
+        evidence: log-odds that the column is the time, by reason.
     """
 
     dt: float
@@ -63,28 +76,29 @@ class Clock:
     unit: str = "s"
     unit_confidence: float = 1.0
     axis: TimeAxis | None = None
+    rows: slice | None = None
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 def find_clock(columns: Sequence[Column], stated: Clock | None, wanted: str = "") -> Clock:
-    """The clock of a file.
+    """The likeliest clock of a file.
 
     Args:
         columns: of the file.
         stated: the clock that the file states besides its columns.
         wanted: the time column, where the user gives it.
     """
-    scored = sorted(((_like_time(column), -k) for k, column in enumerate(columns)), reverse=True)
-    for score, k in scored:
-        column = columns[-k]
-        if column.name == wanted or (not wanted and score > 0.3 and not _goes_with_another(column, columns)):
-            clock = _of_column(column, 1.0 if wanted else score)
-            if clock is not None:
-                return clock
-    for column in () if wanted or stated else columns:
-        clock = _of_column(column, 0.4) if _is_uneven_clock(column, columns) else None
-        if clock is not None:
-            return clock
-    return stated or Clock(ASSUMED, "nothing", 0.0)
+    found = []
+    for place, column in enumerate(columns):
+        if wanted not in ("", column.name):
+            continue
+        reasons = _evidence(column, columns, place, stated)
+        total = sum(reasons.values())
+        if reasons and (wanted or total > (STATED if stated else 0.0)):
+            sure = 1.0 if wanted else min(1 / (1 + np.exp(-total)), SUREST)
+            clock = _of_column(column, float(sure), stated)
+            found += [(total, -place, replace(clock, evidence=reasons))] if clock is not None else []
+    return max(found, key=lambda each: each[:2])[2] if found else stated or Clock(ASSUMED, "nothing", 0.0)
 
 
 def clock_of_file(raw: Columns, besides: Collection[str] = ()) -> Clock | None:
@@ -106,7 +120,7 @@ def clock_of_file(raw: Columns, besides: Collection[str] = ()) -> Clock | None:
 def differs(clock: Clock, dt: float) -> bool:
     """Whether the sample time of a clock is another one, in any unit that the clock may have."""
     units = (clock.unit,) if clock.unit_confidence == 1 or clock.unit not in SECONDS else SECONDS
-    number = clock.dt / SECONDS.get(clock.unit, 1.0)
+    number = clock.dt / seconds_of(clock.unit)
     return all(abs(number * SECONDS.get(unit, 1.0) - dt) > SAME * dt for unit in units)
 
 
@@ -122,87 +136,103 @@ def contradiction(stated: Clock | None, file: str, dt: float) -> Iterable[Findin
         yield Finding("sample-time-contradicted", file, {"dt": dt, "said": stated.dt, "source": stated.source})
 
 
-def _like_time(column: Column) -> float:
-    """How sure it is that a column is the time."""
+def _evidence(column: Column, columns: Sequence[Column], place: int, stated: Clock | None) -> dict[str, float]:
+    """Log-odds of a column to be the time, by reason; empty where it cannot be."""
     if column.kind == "text" or column.constant or column.rows < 3 or column.missing > 0.02 * column.rows:
-        return 0.0
-    values = column.values[np.isfinite(column.values)]
-    steps = np.diff(values)
-    forward = float(np.mean(steps > 0))
-    if column.kind == "times":
-        return 0.95 if forward > 0.5 else 0.5
-    is_time = column.meaning.quantity is ColumnQuantity.TIME
-    if forward < (0.5 if is_time else 0.98):
-        return 0.0
-    if is_time:
-        return 0.95 if forward > 0.95 else 0.7
-    named = column.meaning.quantity is not ColumnQuantity.UNKNOWN
-    middle = float(np.median(steps))
-    even = float(np.mean(np.abs(steps - middle) < 0.2 * middle))
-    return 0.0 if named or even < 0.9 or middle == 1 else 0.6
-
-
-def _is_uneven_clock(column: Column, others: Sequence[Column]) -> bool:
-    """Whether a column without a name increases throughout, in seconds of uneven steps that no other column goes with.
-
-    The steps of a position go with its speed. Where it goes back, a clock begins again near zero.
-    """
-    values = column.values
-    if column.kind != "numbers" or column.meaning.quantity is not ColumnQuantity.UNKNOWN or column.missing:
-        return False
-    steps = np.diff(values)
-    forward, resets = steps[steps > 0], clock_resets(values)
-    if column.rows < 10 or len(forward) + len(resets) < len(steps) or np.array_equal(values, np.rint(values)):
-        return False
-    middle = float(np.median(forward))
+        return {}
+    said = column.meaning.quantity if column.kind == "numbers" else ColumnQuantity.TIME
+    rows = running_rows(column.values)
+    values = counted_on(column.values[rows])
+    steps = np.diff(values[np.isfinite(values)])
+    resets = clock_resets(values)
+    back = np.count_nonzero(steps <= 0) - len(resets)
+    forward = steps[steps > 0]
+    unnamed = said is not ColumnQuantity.TIME
+    if not len(forward) or (column.kind == "numbers" and len(forward) < len(steps) / 2):
+        return {}
+    if unnamed and (len(steps) < FEWEST or back > 0.02 * len(steps)):
+        return {}
+    step = float(np.median(forward))
+    even = float(np.mean(np.abs(forward - step) < 0.2 * step))
     begins = values[[0, *resets]]
-    if not PLAUSIBLE[0] <= middle <= PLAUSIBLE[1] or not np.all((begins >= 0) & (begins < NEAR_ZERO * middle)):
-        return False
-    return not _goes_with_another(column, others)
+    reasons = {
+        "few columns are times": -1.0,
+        "its name": _NAMES.get(said, -6.0),
+        "its steps are even": 3 * even,
+        "it is the first column": float(place == 0),
+        "it begins near zero": float(bool(np.all((begins >= 0) & (begins < NEAR_ZERO * step)))),
+    }
+    if unnamed:
+        others = [x for x in columns if x is not column and x.meaning.quantity is not ColumnQuantity.TIME]
+        smooth = (1 - even) * _alike(steps[1:], steps[:-1])
+        of_others = [_follows(x.values[rows], values) for x in others if len(x.values) == column.rows]
+        reasons["its steps follow each other or another column, as those of a position do"] = -8 * max(
+            [smooth, *of_others]
+        )
+        reasons["it repeats"] = -2.0 * (back > 0)
+        reasons["it begins below zero"] = -3.0 * bool(np.any(begins < 0))
+        reasons["it counts the rows"] = -6.0 * bool(step == 1)
+        reasons["it counts ticks of the stated rate"] = 3.0 * bool(_ticks(column, step, stated))
+    return {reason: weight for reason, weight in reasons.items() if weight}
 
 
-def _goes_with_another(column: Column, others: Sequence[Column]) -> bool:
-    """Whether the steps forward of a column without a name go with another column, as those of a position do."""
-    steps = np.diff(column.values)
-    within = steps > 0
-    if column.meaning.quantity is not ColumnQuantity.UNKNOWN or column.kind != "numbers" or within.sum() < 10:
-        return False
-    for other in others:
-        if other is column or other.constant or other.missing or other.rows != column.rows or other.kind != "numbers":
-            continue
-        size = np.abs(other.values[1:][within])
-        alike = np.ptp(size) > 0 and np.ptp(steps[within]) > 1e-6 * np.median(steps[within])
-        if alike and abs(np.corrcoef(size, steps[within])[0, 1]) > ALIKE:
-            return True
-    return False
+def _follows(other: Array, values: Array) -> float:
+    """How well the steps of a column (N,) follow another one, from 0 to 1."""
+    steps = np.diff(values)
+    forward = steps > 0
+    return max(_alike(steps[forward], other[1:][forward]), _alike(steps[forward], other[:-1][forward]))
 
 
-def _of_column(column: Column, confidence: float) -> Clock | None:
+def _alike(a: Array, b: Array) -> float:
+    """The squared correlation of two series, where both are known; zero where one hardly changes."""
+    known = np.isfinite(a) & np.isfinite(b)
+    a, b = a[known], b[known]
+    if len(a) < FEWEST or any(np.ptp(x) <= 1e-6 * np.max(np.abs(x)) for x in (a, b)):
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1] ** 2)
+
+
+def _ticks(column: Column, step: float, stated: Clock | None) -> str:
+    """The unit of a column that counts ticks of a stated rate; empty for another column.
+
+    The rate is that of the rows where the column agrees with it in a unit of time.
+    """
+    known = column.values[np.isfinite(column.values)]
+    if stated is None or step == 1 or column.meaning.unit in SECONDS or not np.array_equal(known, np.rint(known)):
+        return ""
+    of_rows = any(abs(step * size - stated.dt) < 0.2 * stated.dt for size in SECONDS.values())
+    rate = 1 / stated.dt
+    shown = f"{rate / 1e3:.12g}kHz" if rate >= 1e3 else f"{rate:.12g}Hz"
+    return "" if of_rows or not PLAUSIBLE[0] <= step * stated.dt <= PLAUSIBLE[1] else shown
+
+
+def _of_column(column: Column, confidence: float, stated: Clock | None) -> Clock | None:
     """The clock of a time column, with a plausible unit."""
-    values = counted_on(column.values[stale_rows(column.values) :])
+    rows = running_rows(column.values)
+    values = counted_on(column.values[rows])
     resets = clock_resets(values)
     steps = np.delete(np.diff(values), resets - 1)
     steps = steps[np.isfinite(steps)]
     forward = steps[steps > 0]
     if not len(forward):
         return None
-    unit, sure = _unit(column, float(np.median(forward)))
-    factor = SECONDS.get(unit, 1.0)
+    unit, sure = _unit(column, float(np.median(forward)), stated)
     try:
-        axis = time_axis(factor * np.append(0.0, np.cumsum(steps)))
+        axis = time_axis(seconds_of(unit) * np.append(0.0, np.cumsum(steps)))
     except DataError:
         return None
     axis = axis._replace(samples=column.rows - column.missing)
-    return Clock(axis.dt, "column", confidence, column.name, unit, sure, axis)
+    return Clock(axis.dt, "column", confidence, column.name, unit, sure, axis, None if rows == slice(None) else rows)
 
 
-def _unit(column: Column, step: float) -> tuple[str, float]:
+def _unit(column: Column, step: float, stated: Clock | None) -> tuple[str, float]:
     """The unit of a time column, and how sure it is."""
     if column.kind == "times":
         return "", 1.0
     if column.meaning.unit in SECONDS:
         return column.meaning.unit, 1.0
-    return plausible_unit(step)
+    ticks = _ticks(column, step, stated)
+    return (ticks, 0.8) if ticks else plausible_unit(step)
 
 
 def plausible_unit(step: float) -> tuple[str, float]:

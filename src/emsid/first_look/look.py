@@ -27,6 +27,7 @@ from emsid.first_look.data_advice import TOLERANCE, advice, response_of
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.further import further_channels, per_change, sign_of_input
 from emsid.first_look.hanging import as_angle
+from emsid.first_look.kinds import FileKind, Kind, kind_of
 from emsid.first_look.levels import JUMP, MOST, SAME, UNSURE
 from emsid.first_look.masks import mask_of, masked_outliers, mends
 from emsid.first_look.names import ColumnQuantity, Meaning
@@ -39,7 +40,6 @@ from emsid.io.columns import Columns, as_numbers, errors_of
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
-from emsid.io.sampling import stale_rows
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
@@ -58,6 +58,8 @@ USELESS = frozenset(
         "output-noise-only",
         "not-readable",
         "no-role-found",
+        "steady-states",
+        "encoder-pulses",
     }
 )
 """Findings with which there is nothing to identify."""
@@ -87,6 +89,7 @@ class FirstLook(Presented):
         header: the lines above the header of the table.
         stated: the clock that the file states besides its columns.
         system: number of the system that it is of, among files that are looked at together.
+        kind: what the file is.
         copy_of: an earlier one of these files that has the same samples; empty where there is none.
     """
 
@@ -105,6 +108,7 @@ class FirstLook(Presented):
     header: tuple[str, ...] = ()
     stated: Clock | None = None
     system: int = 0
+    kind: Kind = field(default_factory=lambda: Kind(FileKind.DYNAMIC))
     copy_of: str = ""
 
     @property
@@ -113,7 +117,7 @@ class FirstLook(Presented):
         return Path(self.path).name
 
     @property
-    def kind(self) -> str:
+    def read_as(self) -> str:
         """The same for files that are read alike."""
         return repr(sorted(self.reading.items(), key=str))
 
@@ -183,9 +187,16 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         header=tuple(raw.preamble),
         stated=stated,
     )
+    if "dt" in reading:
+        clock = replace(clock, confidence=1.0)
+    what = kind_of(table, clock, roles)
+    shown = what.finding(file.name, look.clock.dt)
+    if shown:
+        return replace(look, kind=what, findings=tuple(shown))
     look = _with_hanging_angle(look, parsed, set(reading))
     noticed += _about_columns(look, set(reading))
-    return _with_record(look, parsed, noticed, set(reading))
+    look = _with_record(look, parsed, noticed, set(reading))
+    return replace(look, kind=kind_of(table, clock, roles, look.useless))
 
 
 def _on_one_clock(raw: Columns, time: str) -> Columns:
@@ -340,8 +351,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
         reading["time"] = clock.column
         said = columns[clock.column].meaning.unit
         reading["time_unit"] = clock.unit if clock.unit and said not in SECONDS and clock.unit != "s" else None
-        stale = stale_rows(columns[clock.column].values)
-        reading["rows"] = slice(stale, None) if stale else None
+        reading["rows"] = clock.rows
         reading["resample"] = None if clock.axis is None or clock.axis.regular else True
     else:
         reading["dt"] = clock.dt

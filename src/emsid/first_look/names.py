@@ -163,6 +163,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     digits = re.search(r"\d+$", bare)
     number = digits[0] if digits else ""
     words = _words(bare)
+    words = [word for k, word in enumerate(words) if len(word) > 1 or k in (0, len(words) - 1)]
     unit = unit or next((_UNIT_NAMES[word] for word in words if word in _UNIT_NAMES), "")
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
     by_unit = next(((q, NAMED) for q, units in _BY_UNIT if unit in units.split()), None)

@@ -98,7 +98,7 @@ def groups(looks: Sequence[FirstLook]) -> list[Group]:
     for look in looks:
         if not (look.useless or look.copy_of):
             reverse = any(map(_is_reversed, look.findings))
-            kinds.setdefault((look.kind, look.system, reverse), []).append(look)
+            kinds.setdefault((look.read_as, look.system, reverse), []).append(look)
     still = [look for look in looks if look.useless == {CONSTANT}]
     return [Group(tuple(alike), tuple(_of_all(alike, still))) for alike in kinds.values()]
 
@@ -123,7 +123,7 @@ def _of_all(alike: Sequence[FirstLook], still: Sequence[FirstLook]) -> Iterable[
     """What files show together, with those in which the output does not move: they show where a dead zone ends."""
     if len(alike) < 2:
         return
-    beside = [each for each in still if (each.kind, each.system) == (alike[0].kind, alike[0].system)]
+    beside = [each for each in still if (each.read_as, each.system) == (alike[0].read_as, alike[0].system)]
     try:
         record = concatenate(each.record for each in (*alike, *beside) if each.record is not None)
     except DataError:  # of different sample times, for instance
@@ -189,7 +189,7 @@ def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Findi
     kinds: dict[str, list[FirstLook]] = {}
     for look in looks:
         if look.record is not None and look.record.output.shape[1]:
-            kinds.setdefault(look.kind, []).append(look)
+            kinds.setdefault(look.read_as, []).append(look)
     numbers: dict[str, int] = {}
     found: list[Finding] = []
     for alike in kinds.values():

@@ -212,8 +212,8 @@ def read(
             file whose columns have times of their own, by default that of the output; other columns are brought to it,
             inputs held and outputs interpolated. A table with a row for every message is such a file: its input and its
             output have values in different rows, and ``rows`` then counts those of the output.
-        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds. It may
-            also be given in ``units``.
+        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds. For a
+            column of ticks it is their rate, ``8kHz``. It may also be given in ``units``.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.

@@ -83,15 +83,15 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     breaks = np.union1d(breaks, resets).astype(int)
     follows = selection.follows & ~np.isin(np.arange(1, len(seconds)), resets)
     rows = np.arange(1, len(seconds))[follows]  # rows whose time step is used
+    part = "{0.start}:{0.stop}".format(running_rows(seconds)).replace("None", "")
+    hint = f"; it increases in the rows {part}: take only these with rows" if part != ":" else ""
     try:
         axis = time_axis(
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
         )
     except DataError as problem:
-        stale = stale_rows(seconds)
-        hint = f"; after the first {stale} it increases: leave them out with rows, {stale}:" if stale else ""
         raise DataError(
-            f"time column {clock.time!r}: {problem}{hint}", arguments=("rows",) if stale else problem.arguments
+            f"time column {clock.time!r}: {problem}{hint}", arguments=("rows",) if hint else problem.arguments
         ) from None
     axis = axis._replace(
         samples=len(seconds),
@@ -106,7 +106,7 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     record = replace(record, findings=(*record.findings, *about_time(axis, record.name, clock.dt, clock.resample)))
     if clock.resample:
         return replace(_resampled(record, seconds, breaks, axis, clock.dt), time_axis=axis)
-    _check_axis(axis, clock)
+    _check_axis(axis, clock, hint)
     starts = seconds[[0, *breaks]]
     return replace(
         record,
@@ -117,8 +117,13 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     )
 
 
-def _check_axis(axis: TimeAxis, clock: SampleTime) -> None:
+def _check_axis(axis: TimeAxis, clock: SampleTime, hint: str) -> None:
     """Refuse an irregular time column, and one that contradicts a given sample time.
+
+    Args:
+        axis: of the time column.
+        clock: as given.
+        hint: what to say about rows before or after the times, if there are any.
 
     Raises:
         DataError: with what may be given in its place.
@@ -127,8 +132,8 @@ def _check_axis(axis: TimeAxis, clock: SampleTime) -> None:
     if not axis.regular:
         raise DataError(
             f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
-            "dt in its place to take the samples as equidistant",
-            arguments=("resample", "dt"),
+            f"dt in its place to take the samples as equidistant{hint}",
+            arguments=(*(("rows",) if hint else ()), "resample", "dt"),
         )
     if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
         raise DataError(
@@ -184,16 +189,25 @@ def clock_resets(time: Array) -> NDArray[np.intp]:
     return resets if from_start else resets[:0]
 
 
-def stale_rows(time: Array) -> int:
-    """How many rows at the start of a time column (N,) are left over from before: it increases from the next one on.
+def running_rows(time: Array) -> slice:
+    """The rows of a time column (N,) without a few first ones of an earlier record, and last ones after its end.
 
-    >>> stale_rows(np.array([1.074, 0.008, 0.018, 0.028, 0.038])), stale_rows(np.array([0.0, 0.1, 0.2]))
-    (1, 0)
+    After the end, a column goes back once and stays there.
+
+    >>> running_rows(np.array([1.074, 0.008, 0.018, 0.028, 0.038])), running_rows(np.array([0.0, 0.1, 0.2]))
+    (slice(1, None, None), slice(None, None, None))
+    >>> running_rows(np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.0]))
+    slice(None, 5, None)
     """
-    steps = np.diff(time)
+    known = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[known])
+    changes = np.flatnonzero(steps)
+    stop = int(changes[-1]) + 1 if len(changes) and steps[changes[-1]] < 0 and steps[-1] == 0 else len(known)
+    steps = steps[: max(stop - 1, 0)]
     back = np.flatnonzero(steps <= 0)
     last = int(back[-1]) + 1 if len(back) else 0
-    return last if last <= MOST_STALE < len(time) - last and np.any(steps[:last] < 0) else 0
+    stale = last <= MOST_STALE < stop - last and np.any(steps[:last] < 0)
+    return slice(int(known[last]) if stale else None, int(known[stop - 1]) + 1 if stop < len(known) else None)
 
 
 def _time_unit(clock: SampleTime, columns: Columns) -> float:

@@ -149,6 +149,29 @@ def no_role_found(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("steady-states", Severity.PROBLEM)
+def steady_states(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: input, output, rows, dead (low and high end, or None), slope, at (its input), and low
+    and high (level and first input of the saturation, or None)."""
+    d = f.data
+    u, y = d["input"], d["output"]
+    said = [f"rests from {d['dead'][0]:.3g} to {d['dead'][1]:.3g}"] if d["dead"] else []
+    said += [f"has a slope up to {d['slope']:.4g} at {d['at']:.3g}"]
+    ends = [f"{d[end][0]:.4g}" for end in ("low", "high") if d[end]]
+    said += [f"saturates at {listed(ends)}"] if ends else []
+    return f"steady states over {u}: {y} {listed(said)}; they show no dynamics"
+
+
+@words("encoder-pulses", Severity.PROBLEM)
+def encoder_pulses(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: low, high (levels), edges, rate (edges per second)."""
+    d = f.data
+    return (
+        f"{f.subject} toggles between {d['low']:.3g} and {d['high']:.3g} like an encoder, {d['rate']:.4g} times per "
+        f"second; write the count of its edges into a column, which is a position ({argument('units')} COLUMN=count)"
+    )
+
+
 @words("not-readable", Severity.PROBLEM)
 def not_readable(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: reason, arguments."""

@@ -136,6 +136,7 @@ def as_document(look: "FirstLook") -> dict[str, Any]:
     document: dict[str, Any] = {
         "file": look.path,
         "rows": look.rows,
+        "kind": str(look.kind),
         "columns": [
             {
                 "name": column.name,

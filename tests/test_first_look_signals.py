@@ -8,6 +8,7 @@ from scipy import signal
 
 import emsid
 from emsid.first_look import describe
+from emsid.first_look.baseline import _simulated
 from emsid.first_look.columns import Stretch
 from emsid.first_look.stuck_output import is_stuck
 from first_look_records import N, T, U, Write, Y, codes, data, proposals
@@ -270,3 +271,12 @@ def test_samples_at_a_limit_stay_in_and_their_mask_is_named(write: Write) -> Non
     (mask,) = (each.data["mask"] for each in look.findings if each.code == "values-cut-off")
     record = emsid.read(look.path, **{**look.reading, "mask": mask})
     assert (mask, len(look.record) - len(record)) == ('"y (rpm)" <= -30', np.sum(cut == -30))
+
+
+@pytest.mark.parametrize("poles", [(0.62, 0.62 / 3), (0.66, 0.22), (0.06, 0.02)])
+def test_an_integrator_with_rounded_poles_is_no_stable_baseline(poles: tuple[float, float]) -> None:
+    a = np.convolve([1.0, -1.0], np.convolve([1.0, -poles[0]], [1.0, -poles[1]]))
+    assert np.max(np.abs(np.roots(a))) < 1  # by rounding only
+    u = np.random.default_rng(0).choice([-1.0, 1.0, 2.0], 200)
+    record = emsid.Record(u, np.cumsum(u) - u, 0.01)
+    assert _simulated(record, a, np.array([0.0, 1.0]), 0.0, 1) is None

@@ -175,7 +175,7 @@ def _by_squares(record: Record, delay: int, order: int) -> list[tuple[Array, Arr
 
 def _simulated(record: Record, a: Array, b: Array, constant: float, delay: int) -> Baseline | None:
     """The model with its free run; None where it is unstable."""
-    if np.max(np.abs(np.roots(a)), initial=0.0) >= 1:
+    if np.max(np.abs(np.roots(a)), initial=0.0) >= 1 or a.sum() <= 0:  # A(1) = ∏(1 − pᵢ), positive but for rounding
         return None
     simulated = np.concatenate([_free_run(piece, a, b, constant) for piece in record.segments])
     y = record.output[:, 0]

@@ -70,6 +70,13 @@ def test_no_command_is_cut_in_the_list_of_commands(run):
 EMSID = [sys.executable, "-c", "from emsid.cli import main; main()"]
 
 
+def test_every_command_prints_tracebacks_where_they_are_asked_for():
+    groups = [app, *(each.typer_instance for each in app.registered_groups)]
+    commands = [each.callback for group in groups for each in group.registered_commands]
+    assert {"describe", "fleet", "serve", "run"} <= {each.__name__ for each in commands}
+    assert all("debug" in each.__annotations__ for each in commands)
+
+
 def test_without_a_word_six_lines_say_what_to_do_first(run):
     status, out, err = run()
     assert (status, err, out.count("\n")) == (0, "", 6)

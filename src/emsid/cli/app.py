@@ -1,9 +1,13 @@
 """The Typer application that commands register with, and the texts of ``emsid`` and ``emsid --help``."""
 
+import inspect
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
+
+from emsid.cli.options import Debug
 
 FIRST_STEPS = """\
 emsid turns a record of input and output, such as the voltage and speed of a motor, into a model.
@@ -14,7 +18,30 @@ emsid turns a record of input and output, such as the voltage and speed of a mot
   emsid --help                                          all commands"""
 """What ``emsid`` alone prints."""
 
-app = typer.Typer(
+
+class Commands(typer.Typer):
+    """Commands that all have ``--debug``, which its callback answers."""
+
+    def command(self, *args: Any, **options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+        """Register a function as a command."""
+
+        def registered(function: Callable[..., Any]) -> Callable[..., Any]:
+            def with_debug(*, debug: bool, **values: Any) -> Any:
+                return function(**values)
+
+            more = inspect.Parameter("debug", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Debug)
+            own = inspect.signature(function).parameters.values()
+            parameters = [*(each.replace(kind=more.kind) for each in own), more]
+            with_debug.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+            with_debug.__annotations__ = {each.name: each.annotation for each in parameters}
+            with_debug.__name__, with_debug.__doc__ = function.__name__, function.__doc__
+            typer.Typer.command(self, *args, **options)(with_debug)
+            return function
+
+        return registered
+
+
+app = Commands(
     help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
     epilog="""
     \b

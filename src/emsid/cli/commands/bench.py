@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from emsid.cli.app import app
+from emsid.cli.app import Commands, app
 from emsid.cli.commands.track import Baud, Header, Patience
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, option, quantity
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from emsid.live.driving import Drive, Limits
     from emsid.record import Record
 
-bench = typer.Typer(
+bench = Commands(
     help="Serve a simulated motor, or send a test signal to a motor.",
     no_args_is_help=True,
     rich_markup_mode=None,

@@ -12,7 +12,6 @@ from emsid.cli.app import app
 from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
-    Debug,
     Details,
     Json,
     Out,
@@ -188,7 +187,6 @@ def identify(
     details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
-    debug: Debug = False,
 ) -> None:
     """Fit models to a record and rank them.
 

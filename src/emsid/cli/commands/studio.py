@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Debug, option
+from emsid.cli.options import option
 from emsid.cli.reading import as_options
 from emsid.cli.shell import command_line, file_word
 from emsid.cli.terminal import say
@@ -27,7 +27,6 @@ def studio(
     ] = Path("emsid-studio"),
     port: Annotated[int, typer.Option(metavar="N", help="Port on this machine; 0: a free one.", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
-    debug: Debug = False,
 ) -> None:
     """Look at data, fit and compare models in the browser.
 

@@ -8,7 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Debug, Details, Json, Out, Pdf, Transient, option, quantity
+from emsid.cli.options import Details, Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, reader_may_leave, say, say_json, show, text_table, width_of_terminal, working
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, kept, say_where, write
@@ -53,7 +53,6 @@ def study(
     details: Details = False,
     json: Json = False,
     pdf: Pdf = False,
-    debug: Debug = False,
 ) -> None:
     """Run a complete study; no data needed.
 

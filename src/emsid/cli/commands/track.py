@@ -11,7 +11,7 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.live_view import view_of
-from emsid.cli.options import Debug, Json, Out, Pdf, names, option, quantity
+from emsid.cli.options import Json, Out, Pdf, names, option, quantity
 from emsid.cli.structures import structure_of
 from emsid.cli.terminal import warn, working
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where
@@ -112,7 +112,6 @@ def track(
     out: Out = Path("emsid-track"),
     json: Json = False,
     pdf: Pdf = False,
-    debug: Debug = False,
 ) -> None:
     """Track the parameters of a motor while it runs.
 

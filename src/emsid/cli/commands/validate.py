@@ -9,7 +9,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Debug, Json, Transient, names, option
+from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where, write
@@ -55,7 +55,6 @@ def validate(
     part: Part = 0.3,
     out: Folder = None,
     json: Json = False,
-    debug: Debug = False,
 ) -> None:
     """Run a saved model on other records.
 

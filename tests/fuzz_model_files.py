@@ -1,7 +1,7 @@
-"""Mutate model files and load and run what comes out; a program of its own, so that its memory can be limited.
+"""Mutate model files, then load, run, analyse and export what comes out.
 
-Prints a line of JSON for every mutation that ends in anything but a model or an `EmsidError`, or takes too long, and
-at last how many were tried.
+A program of its own, so that its memory can be limited. Prints a line of JSON for every mutation that ends in anything
+but a model or an `EmsidError` of one line, warns, or takes too long, and at last how many were tried.
 
 Usage: fuzz_model_files.py MUTATIONS SEED
 """
@@ -11,6 +11,7 @@ import random
 import resource
 import sys
 import tempfile
+import warnings
 from copy import deepcopy
 from pathlib import Path
 from time import perf_counter
@@ -18,14 +19,16 @@ from time import perf_counter
 import msgspec
 import numpy as np
 
+import emsid
 from emsid.errors import EmsidError
-from emsid.io import load
+from emsid.exports.registry import FORMATS
+from emsid.io import load, origin, save
 from emsid.io.model_file import _checksum, _Document
 from emsid.record import Record
 
 GOLDEN = Path(__file__).parent / "golden" / "models"
 MEMORY = 2**30
-SLOW, MOST_SECONDS = 2.0, 60.0
+SLOW, MOST_SECONDS = 10.0, 60.0
 NASTY = [
     *(0, 1, -1, 2, 7, 63, 300, 3_000, 10_000, 10**6, 10**9, 2**31, 2**63, -(2**63), 2**64, 10**30, 10**400),
     *(0.5, -0.5, 1e-300, 1e-12, 1e3, 1e50, 1e99, 1e300, -1e300, 1e308, -0.0),
@@ -34,6 +37,9 @@ NASTY = [
     *("y(t-1)*" * 40 + "y(t-1)", "max(u(t-1)-1e400, 0)", "abs(" * 200, "speed", "position", "motor", "dead-zone"),
     *([], [0], [1, [2, [3]]], {}, {"kind": "filter"}, {"a": {"b": {}}}, [1e308] * 3, [0.0] * 90, [1.0] * 3_000),
 ]  # fmt: skip
+
+
+NUMBERS = [0.0, 1.0, -1.0, 0.999999999, 1.0000001, 1e-99, 1e-12, -1e3, 1e6, 1e12, 1e30, -1e50, 1e99]
 
 
 def places(value, path=()):
@@ -53,6 +59,9 @@ def mutated(model, rng):
         for key in path[:-1]:
             parent = parent[key]
         kind, key = rng.choice(["replace"] * 6 + ["delete", "repeat", "scale"]), path[-1]
+        if isinstance(parent[key], float) and rng.random() < 0.7:
+            parent[key] = rng.choice([*NUMBERS, 10 * parent[key], -parent[key], 1e-6 * parent[key]])
+            continue
         if kind == "delete":
             del parent[key]
         elif kind == "repeat" and isinstance(parent[key], list):
@@ -66,23 +75,55 @@ def mutated(model, rng):
     return model
 
 
-def attempt(path, record):
-    """Load and run a model: what was raised that should not be, and how long it took."""
+def spoiled(content, rng):
+    """The bytes of a file with some changed, cut off, or with an entry that is there twice or of another version."""
+    kind = rng.randrange(4)
+    if kind == 0:
+        return content[: rng.randrange(len(content))]
+    if kind == 1:
+        changed = bytearray(content)
+        for _ in range(rng.randint(1, 5)):
+            changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
+        return bytes(changed)
+    if kind == 2:
+        return content.replace(b"{", b"{" + rng.choice([b'"model": 1,', b'"schema": 99,', b'"type": "arx",']), 1)
+    return content.replace(b'"model":', b'"model":' + rng.choice([b"[", b'{"a":']) * rng.choice([30, 100_000]), 1)
+
+
+def attempt(path, record, format):
+    """Load, run, analyse and export a model: what was raised or warned of that should not be, and how long it took."""
     begin, problem = perf_counter(), ""
     try:
+        origin(path)
         model = load(path)
-        model.equation()
-        model.simulate(record)
-    except EmsidError:
-        pass
+        works = [
+            lambda: str(model) + model.equation(),
+            lambda: save(model, path.with_name("again.json")),
+            lambda: model.simulate(record),
+            lambda: emsid.compare([model], record),
+            lambda: emsid.step(model, dt=record.dt),
+            lambda: emsid.bode(model, dt=record.dt),
+            lambda: emsid.poles(model),
+            lambda: emsid.export(model, format, path.with_name("exported"), dt=record.dt, force=True),
+        ]
+    except EmsidError as refused:
+        return "\n" in str(refused) and str(refused), perf_counter() - begin
     except BaseException as failure:
-        problem = f"{type(failure).__name__}: {failure}"[:200]
+        return f"{type(failure).__name__}: {failure}"[:200], perf_counter() - begin
+    for work in works:
+        try:
+            work()
+        except EmsidError as refused:
+            problem = problem or ("\n" in str(refused) and str(refused))
+        except BaseException as failure:
+            problem = f"{type(failure).__name__}: {failure}"[:200]
     return problem, perf_counter() - begin
 
 
 def main(mutations, seed):
     rng = random.Random(seed)
-    files = [json.loads(path.read_text()) for path in sorted(GOLDEN.glob("*-1.json"))]
+    warnings.simplefilter("error")
+    files = [json.loads(path.read_text()) for path in sorted(GOLDEN.glob("*-[0-9].json"))]
     u = np.repeat(np.random.default_rng(0).uniform(-6, 6, 20), 10)
     records = [
         Record(u, np.cumsum(u) * 0.01, 0.01, ("u",), ("y",), (unit,), (out,))
@@ -100,15 +141,17 @@ def main(mutations, seed):
         document = _Document("emsid model", rng.choice([1, 2]), whole["type"], mutated(whole["model"], rng), "")
         try:
             document.sha256 = _checksum(document)
-            path.write_bytes(msgspec.json.encode(document))
+            content = msgspec.json.encode(document)
+            path.write_bytes(spoiled(content, rng) if rng.random() < 0.15 else content)
         except (OverflowError, ValueError, TypeError):  # integers that msgspec cannot write
             data = json.dumps({"format": "emsid model", "schema": 2, "type": whole["type"], "model": document.model})
             path.write_text(data[:-1] + ', "sha256": ""}')
         tried += 1
         record = records[whole["type"] == "grey-box" and "axis" in json.dumps(whole["model"])]
-        problem, seconds = attempt(path, record)
+        format = rng.choice(list(FORMATS))
+        problem, seconds = attempt(path, record, format)
         if seconds > SLOW:  # the first run of a kernel compiles it
-            problem, seconds = attempt(path, record)
+            problem, seconds = attempt(path, record, format)
         if problem or seconds > SLOW:
             print(json.dumps({"problem": problem, "seconds": seconds, "file": path.read_text()[:3000]}))
     print(tried)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import run_linear
 from emsid.models.linear.system import LinearSystem
 from model_examples import ALL, DT, inputs
@@ -169,3 +170,12 @@ def test_a_process_is_recovered_with_its_time_constants(delay: float) -> None:
     time = np.maximum(DT * np.arange(200) - delay, 0.0)
     exact = 2.5 * (1 + (0.05 * np.exp(-time / 0.05) - 0.21 * np.exp(-time / 0.21)) / (0.21 - 0.05)) + 0.4
     np.testing.assert_allclose(emsid.simulate(truth, np.ones(200)).output[:, 0], exact, atol=1e-9)
+
+
+def test_the_response_of_a_process_needs_no_states_for_whole_samples_of_its_dead_time() -> None:
+    f = np.geomspace(0.1, 49, 50)
+    for delay in (0.0, 0.004, 0.03, 0.0999999999):
+        model = ProcessModel(2.0, (0.08, 0.03), 0.02, delay, 0.1, 0.01)
+        np.testing.assert_allclose(model.response(f), model.form.response(f), atol=1e-13)
+    late = ProcessModel(2.0, (0.08, 0.03), 0.02, 90.0, 0.1, 0.01)  # 9,000 states, of 650 MB
+    np.testing.assert_allclose(np.abs(late.response(f)), np.abs(replace(late, delay=0.0).response(f)))

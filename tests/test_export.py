@@ -15,6 +15,7 @@ from emsid.exports.verb import README, c_name
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import friction_curve
+from emsid.models.regression.narx import RegressionModel
 from emsid.plant import Friction, Motor
 from emsid.plant.gaussian_stribeck import GaussianStribeck
 
@@ -288,3 +289,17 @@ def test_every_filter_of_a_cascade_is_in_the_script(tmp_path: Path) -> None:
     exec(texts(tmp_path, cascade, "python-control")["cascade.py"], scope)
     gains = [float(np.squeeze(scope[f"cascade_{k}"].dcgain())) for k in (1, 2)]  # type: ignore[attr-defined]
     assert gains == pytest.approx([2.0, 3.75])
+
+
+def test_every_input_of_a_regression_is_in_its_linear_part_however_small(tmp_path: Path) -> None:
+    control = pytest.importorskip("control")
+    structure = emsid.Structure.parse("y(t-1)", "u1(t-1)", "u1(t-2)", "u2(t-3)")
+    model = RegressionModel(structure, np.array([0.9, 1e-16, 0.2, 0.3]), 0.01)
+    scope: dict[str, object] = {}
+    exec(texts(tmp_path, model, "python-control", name="both")["both.py"], scope)
+    for k, numerator in enumerate(([1e-16, 0.2, 0.0], [0.0, 0.0, 0.3])):
+        z = np.exp(0.5j)
+        wanted = sum(b * z ** -(j + 1) for j, b in enumerate(numerator))
+        found = control.evalfr(scope["both"][0, k], z)  # type: ignore[index]
+        np.testing.assert_allclose(found, wanted / (1 - 0.9 / z), rtol=1e-12)
+    assert 1e-16 in scope["both"].B[:, 0]  # type: ignore[attr-defined]

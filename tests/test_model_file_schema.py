@@ -5,13 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+import emsid
 from emsid.errors import FormatError
 from emsid.io import load, origin, read_options, save
-from emsid.io.model_file import READABLE, SCHEMA
+from emsid.io.model_file import READABLE, SCHEMA, _checksum, _Document
 from emsid.record import Record
+from model_examples import ALL
 
 GOLDEN = Path(__file__).parent / "golden" / "models"
 EXPECTED = json.loads((GOLDEN / "expected.json").read_text())
@@ -73,6 +76,46 @@ def test_tampered_files_end_in_a_model_or_in_one_of_our_errors() -> None:
     *failures, tried = subprocess.run(program, capture_output=True, text=True, check=True).stdout.splitlines()
     assert failures == []
     assert int(tried) > 200
+
+
+def altered(document: dict, path: Path, *keys: str | int, to: object) -> Path:  # type: ignore[type-arg]
+    """The file of a document with one entry replaced."""
+    inner = document
+    for key in keys[:-1]:
+        inner = inner[key]  # type: ignore[index]
+    inner[keys[-1]] = to  # type: ignore[index]
+    whole = msgspec.convert(document, _Document)
+    whole.sha256 = _checksum(whole)
+    path.write_bytes(msgspec.json.encode(whole))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "to", "message"),
+    [
+        ("wiener-hammerstein, polynomial", ("blocks", 1, "low"), -1e-120, "a static map polynomial whose curve is"),
+        ("wiener-hammerstein, monotone-spline", ("blocks", 1, "logarithms"), [1e3] * 3, "whose curve is not finite"),
+        ("rigid motor", ("signals",), [], "a plant of which nothing is measured"),
+        ("joint, friction by load", ("plant", "parameters", "sensor.ratio"), 1e-300, "impossible model"),
+    ],
+)
+def test_a_model_that_cannot_be_computed_with_is_refused_as_it_is_read(
+    name: str, keys: tuple[str | int, ...], to: object, message: str, tmp_path: Path
+) -> None:
+    save(ALL[name], tmp_path / "model.json")
+    document = json.loads((tmp_path / "model.json").read_text())
+    if name == "wiener-hammerstein, polynomial":
+        document["model"]["blocks"][1]["high"] = 1e-120
+    with pytest.raises(FormatError, match=message):
+        load(altered(document, tmp_path / "model.json", "model", *keys, to=to))
+
+
+def test_a_negative_variance_is_refused_as_it_is_read(tmp_path: Path) -> None:
+    data = record()
+    save(emsid.fit(emsid.arx(1, 1), data), tmp_path / "model.json", data)
+    document = json.loads((tmp_path / "model.json").read_text())
+    with pytest.raises(FormatError, match="the variance of an estimate is negative"):
+        load(altered(document, tmp_path / "model.json", "fit", "covariance", 0, to=[-1.0]))
 
 
 @pytest.mark.parametrize(

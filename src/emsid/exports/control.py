@@ -8,6 +8,7 @@ import numpy as np
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
+from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
 
 
@@ -28,7 +29,7 @@ def control(export: Export) -> tuple[Files, list[str]]:
     library = python_control()
     lines = [f"# Made by emsid: the linear part of {export.model.name}.", "import control"]
     for k, each in enumerate(every, start=1):
-        system = library.ss(each)
+        system = as_state_space(each)
         both = zip("ABCD", library.ssdata(system), strict=True)
         step = f", {system.dt!r}" if system.dt not in (None, 0) else ""
         name = export.name if len(every) == 1 else f"{export.name}_{k}"

@@ -18,6 +18,7 @@ from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
 from emsid.models.c_form import CForm
 from emsid.models.c_forms import c_form_of
+from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
 
 FUNCTIONS = {
@@ -182,7 +183,7 @@ def linear_parts(export: Export) -> list[tuple[Any, ...]]:
     except ModelError:
         return []
     every = made if isinstance(made, tuple | list) else [made]
-    systems = [library.ss(each) for each in every if hasattr(each, "dt")]
+    systems = [as_state_space(each) for each in every if hasattr(each, "dt")]
     return [(*map(np.asarray, library.ssdata(system)), float(system.dt or 0.0)) for system in systems]
 
 

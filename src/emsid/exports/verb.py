@@ -34,6 +34,7 @@ PROBE = 2_000
 """Samples of a free run with a constant input, which shows whether a model runs away."""
 
 
+@np.errstate(all="ignore")  # a model whose numbers overflow is refused below
 def export(
     model: Any,
     format: str,

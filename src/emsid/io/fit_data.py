@@ -110,6 +110,8 @@ def fit_of(model: Model, data: FitData, channels: ChannelNames | None) -> Fit[An
     covariance = np.full((size, size), np.nan)
     for k, row in enumerate(data.covariance):
         covariance[k, k + 1 - len(row) : k + 1] = covariance[k + 1 - len(row) : k + 1, k] = _read(row)
+    if (np.diag(covariance) < 0).any():
+        raise ModelError("the variance of an estimate is negative")
     findings = tuple(Finding(finding.code, finding.subject, finding.data) for finding in data.findings)
     return Fit(
         model,

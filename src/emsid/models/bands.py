@@ -92,10 +92,10 @@ def banded(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
     return Band(x, value, error, level)
 
 
+@np.errstate(all="ignore")  # a resonance without damping, an integrator at 0 Hz: infinite, as it should be
 def with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error; NaN where the curve is not finite."""
-    with np.errstate(all="ignore"):  # a resonance without damping, an integrator at 0 Hz: infinite, as it should be
-        here = np.asarray(curve(fit.model), dtype=float)
+    here = np.asarray(curve(fit.model), dtype=float)
     if not fit.has_bands or fit.method == "file":  # a model alone has no estimates
         return here, np.full_like(here, np.nan)
     known = np.isfinite(here)
@@ -140,8 +140,7 @@ def _change(fit: Fit[Any], curve: Curve, here: Array, move: Array) -> Array | No
 def _moved(fit: Fit[Any], curve: Curve, known: NDArray[np.bool_], theta: Array) -> Array | None:
     """The known part of the curve with another estimate; None where that cannot be run, or diverges."""
     try:
-        with np.errstate(all="ignore"):
-            found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)[known]
+        found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)[known]
     except (EmsidError, Infeasible, ValueError, ArithmeticError):
         return None
     return found if np.isfinite(found).all() else None

@@ -47,6 +47,7 @@ NUDGE = 1e-3
 # --- linear parts ----------------------------------------------------------------------------------------------------
 
 
+@np.errstate(all="ignore")  # of a model whose numbers overflow
 def linearize(model: Any, at: float = 0.0) -> LinearSystem:
     """The linear system that a model is, or near which it is for small changes about a constant input.
 
@@ -60,7 +61,13 @@ def linearize(model: Any, at: float = 0.0) -> LinearSystem:
         ModelError: for a model without a linear part, or that does not come to rest at this input.
     """
     subject = as_model(model)
-    return capabilities_of(subject).linear_part(subject, at)
+    try:
+        part = capabilities_of(subject).linear_part(subject, at)
+        if all(np.isfinite(matrix).all() for matrix in (part.a, part.b, part.c, part.d)):
+            return part
+    except ArithmeticError:
+        pass
+    raise ModelError(f"{subject.name} has no linear part with finite numbers; identify it again")
 
 
 def poles(model: Any, at: float = 0.0) -> Complex:

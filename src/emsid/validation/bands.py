@@ -76,6 +76,7 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
     return banded(fit, curve, time, level)
 
 
+@np.errstate(all="ignore")  # of a run that diverges
 def step_response_band(
     fit: Fit[Any],
     record: Record,
@@ -156,11 +157,10 @@ def frequency_response_band(
     top = 0.5 / dt
     f, kind = np.geomspace(top / 10**DECADES, top, FREQUENCIES), capabilities_of(fit.model)
 
-    def logarithm(model: Any) -> NDArray[np.complex128]:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.log(kind.frequency_response(model, f, dt, output, input, around)))
+    def logarithm(model: Any) -> Array:
+        return _log_parts(np.asarray(np.log(kind.frequency_response(model, f, dt, output, input, around))))
 
-    value, spread = with_error(fit, lambda model: _log_parts(logarithm(model)))
+    value, spread = with_error(fit, logarithm)
     to_db, to_degrees = 20 / np.log(10), 180 / np.pi
     return FrequencyResponse(
         Band(f, to_db * value[:, 0], to_db * spread[:, 0], level),

@@ -103,8 +103,15 @@ def block_from_data(data: dict[str, Any]) -> Block:
     """
     try:
         kind = data["kind"]
-        return Rational.from_data(data) if kind == Rational.kind else STATIC_MAPS[kind].from_data(data)
+        if kind == Rational.kind:
+            return Rational.from_data(data)
+        static = STATIC_MAPS[kind].from_data(data)
+        with np.errstate(all="ignore"):
+            pieces = static.pieces()
     except (KeyError, TypeError, ValueError) as problem:
         raise ModelError(
             f"not a block: {problem!r}; the kinds are {', '.join((Rational.kind, *STATIC_MAPS))}"
         ) from None
+    if pieces is not None and not np.isfinite(np.concatenate([pieces.coefficients.ravel(), pieces.origins])).all():
+        raise ModelError(f"a static map {kind} whose curve is not finite")
+    return static

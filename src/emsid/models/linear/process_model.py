@@ -26,7 +26,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
@@ -141,6 +141,12 @@ class ProcessModel(ThroughStateSpace):
             bm[past[0], 0] = 1.0
         none = np.zeros((size, 1))
         return StateSpaceModel(am, bm, cm, dm, none, np.array([self.offset]), self.dt, start=8 * n, name=self.name)
+
+    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """(F, 1, 1) the frequency response at frequencies (F,) in Hz; whole samples of its dead time need no states."""
+        f, whole = np.atleast_1d(np.asarray(frequency, dtype=float)), int(self.delay / self.dt)
+        short = replace(self, delay=max(self.delay - whole * self.dt, 0.0)).form.response(f)
+        return np.asarray(short * np.exp(-2j * np.pi * f * whole * self.dt)[:, None, None])
 
     def parameter_values(self) -> dict[str, float]:
         """gain, T1, T2, …, Tz, delay and offset."""

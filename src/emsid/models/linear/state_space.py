@@ -336,6 +336,21 @@ def observer_form(below: Array, above: Sequence[Array]) -> tuple[Array, Array]:
     return a, columns
 
 
+def as_state_space(system: Any) -> Any:
+    """A system of python-control in state space; its own conversion drops coefficients below 1e-14 with a warning.
+
+    Args:
+        system: in state space, or a transfer function of one output with a common denominator for all inputs.
+    """
+    library = python_control()
+    if not isinstance(system, library.TransferFunction):
+        return library.ss(system)
+    below = np.asarray(system.den[0][0], dtype=float)
+    above = [np.pad(each, (len(below) - len(each), 0)) / below[0] for each in system.num[0]]
+    a, b = observer_form(below / below[0], above)
+    return library.ss(a, b, np.eye(1, len(a)), [[each[0] for each in above]], system.dt)
+
+
 def coefficient_names(order: int, outputs: int, inputs: int, direct: bool, noise: bool) -> tuple[str, ...]:
     """The names of `StateSpaceModel.coefficients`."""
     names = [f"a{k + 1}" for k in range(order)]

@@ -181,7 +181,12 @@ class PlantModel(RunMethods):
         """The model described by `to_data`."""
         try:
             signals = tuple(Signal(value) for value in data["signals"])
-            return cls(plant_from_data(data["plant"]), signals)
+            if not signals:
+                raise ModelError("a plant of which nothing is measured")
+            model = cls(plant_from_data(data["plant"]), signals)
+            with np.errstate(all="ignore"):
+                model.plant.linearised(signals)  # raises where a number is so small that it cannot be divided by
+            return model
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(f"not a grey-box model: {problem!r}") from None
 

@@ -13,6 +13,7 @@ import emsid
 from emsid.errors import FormatError
 from emsid.io import load, origin, read_options, save
 from emsid.io.model_file import READABLE, SCHEMA, _checksum, _Document
+from emsid.io.motor_library import add_actuator
 from emsid.record import Record
 from model_examples import ALL
 
@@ -110,12 +111,25 @@ def test_a_model_that_cannot_be_computed_with_is_refused_as_it_is_read(
         load(altered(document, tmp_path / "model.json", "model", *keys, to=to))
 
 
+@pytest.mark.parametrize(("argument", "value"), [("units", {"u": 1e9}), ("input", 3), ("outputx", ["y"]), ("dt", [])])
+def test_arguments_of_another_type_are_refused_as_they_are_read(argument: str, value: object, tmp_path: Path) -> None:
+    save(ALL["arx"], tmp_path / "model.json", record(), {"input": ["voltage"], "output": ["speed"], "time": "t"})
+    document = json.loads((tmp_path / "model.json").read_text())
+    document["reading"][argument] = value
+    with pytest.raises(FormatError, match=r"no argument of read|Expected"):
+        read_options(altered(document, tmp_path / "model.json", "schema", to=SCHEMA))
+
+
 def test_a_negative_variance_is_refused_as_it_is_read(tmp_path: Path) -> None:
     data = record()
     save(emsid.fit(emsid.arx(1, 1), data), tmp_path / "model.json", data)
     document = json.loads((tmp_path / "model.json").read_text())
+    path = altered(document, tmp_path / "model.json", "fit", "covariance", 0, to=[-1.0])
     with pytest.raises(FormatError, match="the variance of an estimate is negative"):
-        load(altered(document, tmp_path / "model.json", "fit", "covariance", 0, to=[-1.0]))
+        load(path)
+    with pytest.raises(FormatError, match="the variance of an estimate is negative"):
+        add_actuator(tmp_path / "library", "a", path, [path], "emsid identify")
+    assert not (tmp_path / "library").exists()
 
 
 @pytest.mark.parametrize(

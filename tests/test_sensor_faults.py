@@ -6,6 +6,7 @@ sample apart from the program.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from emsid.first_look.data_advice import advice
 from emsid.first_look.faults import without_faults
 from emsid.identification.verdict import OF_SENSORS
 from emsid.record.holding_back import unseen_part
+from emsid.studio.data import Data
+from emsid.studio.session import Session
 
 N, DT = 1600, 0.01
 QUICK = "arx,output-error"
@@ -181,3 +184,48 @@ def test_an_input_that_moves_at_the_end_only_is_divided_where_it_moves():
     assert stop == N
     result = emsid.identify(late, models=QUICK)
     assert result.rows[0].fit_percent > 90
+
+
+# --- one set of observations at every door ----------------------------------------------------------------------------
+
+
+def frozen():
+    output = HEALTHY.output.copy()
+    output[600:1100] = output[600]
+    return replace(HEALTHY, output=output)
+
+
+def spiked():
+    output = HEALTHY.output.copy()
+    output[777] = 1e12
+    return replace(HEALTHY, output=output)
+
+
+DOORS = {
+    "value-stuck": frozen,
+    "outliers": spiked,
+    "output-is-input": lambda: record(staircase(), 3.0 * staircase()),
+    "output-clipped": clipped,
+}
+
+
+@pytest.mark.parametrize("code", DOORS)
+def test_description_identification_validation_and_studio_say_the_same(code, run, tmp_path):
+    path, model = tmp_path / "log.csv", tmp_path / "model.json"
+    emsid.io.write_record(DOORS[code](), path)
+    how = {"input": ["voltage"], "output": ["speed"], "time": "t"}
+    look = emsid.describe(path, **how)
+    result = emsid.identify(emsid.read(path, **how), models=QUICK)
+    emsid.save(emsid.fit(emsid.arx(1, 1), HEALTHY), model, HEALTHY, how)
+    status, out, _ = run("validate", model, path, "--json")
+    (validated,) = json.loads(out)["records"]
+    session = Session.at_folder(tmp_path / "session")
+    session.change(0, files=[session.add(path)], given={"log.csv": how})
+    shown = Data(session, str).described(session.step)
+    said = {each["code"] for each in validated["findings"]}
+    assert status == 0
+    for door in (codes(look.findings), codes(result.findings), said, {each["code"] for each in shown["findings"]}):
+        assert set(DOORS) & door == {code}
+    if code in {"value-stuck", "outliers"}:
+        assert validated["samples"] < N
+        assert validated["fit_percent"] > 90

@@ -22,7 +22,7 @@ emsid turns a record of input and output, such as the voltage and speed of a mot
 class Commands(typer.Typer):
     """Commands that all have ``--debug``, which its callback answers."""
 
-    def command(self, *args: Any, **options: Any) -> Callable[[Any], Any]:  # type: ignore[override]
+    def command(self, *args: Any, **options: Any) -> Callable[[Any], Any]:
         """Register a function as a command."""
 
         def registered(function: Callable[..., Any]) -> Callable[..., Any]:

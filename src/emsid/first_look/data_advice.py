@@ -62,7 +62,7 @@ def advice(record: Record, response: Response | None = None, tolerance: float = 
     """
     if not record.output.shape[1]:
         return Advice()
-    found = list(_useless(record))
+    found = list(useless(record))
     if len(record) < FEWEST_SAMPLES:
         found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
     if found:
@@ -72,7 +72,7 @@ def advice(record: Record, response: Response | None = None, tolerance: float = 
     return Advice(finding for check in CHECKS for finding in check(data))
 
 
-def _useless(record: Record) -> Iterable[Finding]:
+def useless(record: Record) -> Iterable[Finding]:
     """Channels that cannot be computed with, or never change: an output perhaps for friction."""
     units, u = units_of(record), record.input[:, 0]
     for name in record.input_names + record.output_names:
@@ -254,6 +254,7 @@ def straightness(data: Examined) -> Iterable[Finding]:
 CHECKS: tuple[Callable[[Examined], Iterable[Finding]], ...] = (
     excitation,
     duty,
+    command_row,
     answer,
     motion,
     hangs,
@@ -300,7 +301,7 @@ def response_of(record: Record, *, integrates: bool = False) -> Response | None:
     """
     if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
         return None
-    if any(each.code == "channel-out-of-scale" for each in _useless(record)):
+    if any(each.code == "channel-out-of-scale" for each in useless(record)):
         return None
     clean = without_outliers(record)
     found = response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
@@ -354,15 +355,7 @@ def questions(records: Sequence[Record], responses: Sequence[Response | None]) -
     """
     found: dict[str, Finding] = {}
     for record, answered in zip(records, responses, strict=True):
-        for finding in _useless(record) if record.output.shape[1] else ():
-            if finding.code in QUESTIONABLE:
-                found.setdefault(finding.code, finding)
-        if answered is None:
-            continue
-        data = Examined(record, answered, TOLERANCE)
-        moved = (command_row, answer, motion, resolution, outliers, sampling, drift)
-        checks = moved if np.ptp(record.input[:, 0]) else (motion, outliers)
-        for finding in (each for check in checks for each in check(data)):
+        for finding in advice(record, answered or Response(None, 0, 0.0)):
             if finding.code in QUESTIONABLE:
                 found.setdefault(finding.code, finding)
     odd = opposite_signs((r.name, answered) for r, answered in zip(records, responses, strict=True) if answered)

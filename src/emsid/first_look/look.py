@@ -23,7 +23,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
-from emsid.first_look.data_advice import TOLERANCE, advice, response_of
+from emsid.first_look.data_advice import TOLERANCE, advice, response_of, useless
 from emsid.first_look.dynamics import Response, acts_in_its_own_row
 from emsid.first_look.further import further_channels, per_change, sign_of_input
 from emsid.first_look.hanging import as_angle
@@ -264,11 +264,12 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         return _with_record(look, parsed, noticed, given)
     found = found or Response(None, 0, 0.0)
     known = {"shift", "direction"} & set(look.reading) or parsed.columns.clocks  # nothing else: rows move
-    if not known and _acts_in_its_own_row(look, found):
+    if not known and not any(useless(record)) and _acts_in_its_own_row(look, found):
         noticed.append(Finding("command-before-its-row", look.roles.input, {"output": look.roles.output}))
         look = replace(look, reading={**look.reading, "shift": {look.roles.input: -1}})
         return _with_record(look, parsed, noticed, given | {"shift"})
-    findings = [*record.findings, *noticed, *advice(record, found, look.tolerance)]
+    about = (each for each in advice(record, found, look.tolerance) if each.code != "command-before-its-row")
+    findings = [*record.findings, *noticed, *about]  # of the row, the columns of the file decide
     masked = () if "mask" in given else look.columns
     findings, further = mends(findings, masked, look.reading.get("mask", ""))
     return replace(look, mends=further, record=record, response=found, findings=tuple(findings))

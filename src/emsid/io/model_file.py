@@ -30,7 +30,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import msgspec
 from msgspec.structs import asdict
@@ -260,6 +260,7 @@ def _read(path: str | os.PathLike[str]) -> _Document:
         document = msgspec.json.decode(text, type=_Document)
         check_limits([document.model, document.origin and asdict(document.origin), document.reading], "the model file")
         check_limits(msgspec.to_builtins(document.fit), "the fit in the model file")
+        _check_reading(document.reading or {})
     except EmsidError as problem:
         raise FormatError(f"{path}: {problem}") from None
     except (msgspec.MsgspecError, RecursionError, ValueError) as problem:
@@ -272,6 +273,22 @@ def _read(path: str | os.PathLike[str]) -> _Document:
             "identify the model again"
         )
     return document
+
+
+def _check_reading(reading: Mapping[str, Any]) -> None:
+    """Refuse arguments that `emsid.io.read` does not have, and values of another type.
+
+    Raises:
+        ModelError: with the argument.
+        msgspec.ValidationError: with the type.
+    """
+    from emsid.io.reading import read
+
+    types = {name: kind for name, kind in get_type_hints(read).items() if name not in ("path", "rows", "return")}
+    for name, value in reading.items():
+        if name not in types:
+            raise ModelError(f"the file says that its record was read with {name!r:.80}, which is no argument of read")
+        msgspec.convert(value, types[name])
 
 
 def _channels(channels: tuple[tuple[str, str], ...]) -> list[dict[str, str]]:

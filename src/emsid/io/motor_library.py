@@ -27,7 +27,7 @@ import msgspec
 
 from emsid.errors import DataError, FormatError, listed
 from emsid.io.files import atomic_write, read_bytes
-from emsid.io.model_file import load_model
+from emsid.io.model_file import load
 
 FORMAT, SCHEMA = "emsid motor", 1
 ENDING = ".motor.json"
@@ -94,7 +94,7 @@ def add_actuator(
             f"{home / name}.json exists and is not of this library; give another name, or replace it",
             arguments=("force",),
         )
-    load_model(model)
+    load(model)
     content = read_bytes(model)
     known = tuple(
         Recorded(file, _sha256(read_bytes(record))) for file, record in zip(_named(records), records, strict=True)

@@ -68,6 +68,7 @@ def validate(
       emsid validate emsid-result/rigid-motor.json heavier.csv --free rotor_inertia
     """
     from emsid.estimation.borders import border, collected
+    from emsid.first_look.faults import without_faults
     from emsid.io import load_model, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
@@ -82,7 +83,7 @@ def validate(
         )
     if out is not None:
         check_folder(out, "validation.json", REPORT)
-    records = list(map(reader, files))
+    records = [without_faults(reader(file)) for file in files]  # as an identification leaves samples out
     freed = names(free, "--free")
 
     def assessed(record: "Record") -> _Run:
@@ -188,6 +189,7 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
     """
     from emsid.estimation.borders import joined
     from emsid.findings import Finding
+    from emsid.first_look.data_advice import questions, response_of
     from emsid.validation.lateness import lateness
     from emsid.validation.regions import worst_region
 
@@ -196,6 +198,7 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
         {
             "comparison with the data of the fit": lambda: [Finding("data-not-unseen", record.name)] * fitted,
             "findings about the record": lambda: record.findings,
+            "check of the data": lambda: questions([record], [response_of(record)]),
             "comparison of the channels": lambda: [] if source is None else source.differences(record),
             "check by region": lambda: filter(None, [worst_region(assessed)]),
             "check whether the record is late": lambda: lateness(record, assessed.simulation),

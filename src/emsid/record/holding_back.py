@@ -42,7 +42,7 @@ explains two thirds of the output, as few do that are of no use, would be no bet
 
 
 STARTS = 10
-"""Parts without a change of the input begin at each such share of their length, so that a response is little cut."""
+"""Without any change of the input, parts begin at each such share of their length, so that a response is little cut."""
 TINY = np.finfo(float).tiny
 CHANGES = 10
 """Changes are over this part of what is held back: long enough for a motion to stand out from noise, and short enough
@@ -98,8 +98,8 @@ def unseen_part(record: Record, fraction: float) -> tuple[int, int]:
     """The first sample of the part to hold back and the one after its last.
 
     It is the last part that shows enough and leaves enough. Where no part does, as after a long rest before the only
-    motion, it is the end from where this fraction of the changes of the inputs is left. Where no input changes, as
-    after a single step, it is the last part in which the output still responds, or the end.
+    motion, it is the end from where this fraction of the changes of the inputs is left. Where no input ever changes,
+    as after a single step, it is the last part in which the output still responds, or the end.
 
     Args:
         record: all data.
@@ -116,15 +116,11 @@ def _possible_parts(record: Record, fraction: float) -> Iterator[tuple[int, int]
     size = len(record) - first
     yield first, len(record)
     changed = np.flatnonzero(np.diff(record.input, axis=0).any(axis=1)) + 1
-
-    def earlier(step: int, changes: bool) -> Iterator[tuple[int, int]]:
-        every = ((k, k + size) for k in range(first, -1, -max(step, 1)))
-        return ((k, stop) for k, stop in every if np.any((changed > k) & (changed < stop)) == changes)
-
-    yield from earlier(size // 2, True)
+    step = size // 2 if len(changed) else size // STARTS
+    every = ((k, k + size) for k in range(first, -1, -max(step, 1)))
+    yield from ((k, stop) for k, stop in every if not len(changed) or np.any((changed > k) & (changed < stop)))
     if len(changed):
         yield int(changed[round((1 - fraction) * (len(changed) - 1))]), len(record)
-    yield from earlier(size // STARTS, False)
 
 
 def shares(record: Record, first: int, stop: int) -> Array:

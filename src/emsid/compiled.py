@@ -149,7 +149,8 @@ def _reached(function: Any) -> tuple[dict[Any, int], list[object]]:
             parts_of_it = [described(each, names) for each in value]
             return parts_of_it if isinstance(value, tuple) else sorted(map(repr, parts_of_it))
         if isinstance(value, EnumMeta):
-            return [(name, repr(member.value)) for name, member in value.__members__.items()]
+            members: Any = value.__members__.items()
+            return [(name, repr(member.value)) for name, member in members]
         if isinstance(value, type):
             return value.__qualname__, getattr(value, "_fields", None)
         plain = isinstance(value, int | float | complex | str | bytes | np.generic | None)
@@ -197,7 +198,7 @@ def by_content(function: Any) -> None:
     Args:
         function: of `numba.njit`, also of a user; another one has nothing to keep.
     """
-    cache = getattr(function, "_cache", None)
+    cache: Any = getattr(function, "_cache", None)
     if not hasattr(cache, "_cache_file") or "load_overload" in vars(cache):
         return
     load, save, file = cache.load_overload, cache.save_overload, cache._cache_file

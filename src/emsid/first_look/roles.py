@@ -154,7 +154,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         ),
         direction=how if how != AS_LEVELS else "",
         levels=how == AS_LEVELS,
-        tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(*map(named.get, pair)))),
+        tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(named[pair[0]], named[pair[1]]))),
     )
 
 

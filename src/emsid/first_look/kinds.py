@@ -18,7 +18,7 @@ from emsid.estimation.rounding import runs
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock
 from emsid.first_look.columns import Column
-from emsid.first_look.levels import FEW, FEWEST_SAMPLES, PART, SAME, UNSURE
+from emsid.first_look.levels import EXPLAINS, FEW, FEWEST_SAMPLES, PART, SAME, UNSURE
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.roles import Roles
 
@@ -202,6 +202,11 @@ def _has_other_motion(facts: _Facts) -> bool:
     return bool(facts.pulses) and any(column not in facts.pulses for column in others)
 
 
+def _is_explained(facts: _Facts) -> bool:
+    """Whether the response to a likely input leaves less than half of the pulses, as of a fast answer to a square."""
+    return any(y == pulses.name and left < EXPLAINS for pulses in facts.pulses[:1] for _, y, left in facts.roles.tried)
+
+
 _SHORT = "record-too-short"
 _STILL = frozenset({"channel-constant", "output-constant", "all-standstill", "output-noise-only"})
 _EVIDENCE: tuple[tuple[FileKind, str, float, Callable[[_Facts], float]], ...] = (
@@ -216,6 +221,7 @@ _EVIDENCE: tuple[tuple[FileKind, str, float, Callable[[_Facts], float]], ...] = 
     (FileKind.PULSES, "its pulses are alike", 3.0, lambda facts: bool(facts.pulses) and _steady(facts.pulses[0])),
     (FileKind.PULSES, "its name", 2.0, _pulse_like),
     (FileKind.PULSES, "another column is a motion", -4.0, _has_other_motion),
+    (FileKind.PULSES, "a simulated response to another column explains it", -8.0, _is_explained),
     (FileKind.STILL, "no channel changes", 9.0, lambda facts: not facts.moving or bool(_STILL & facts.codes)),
     (FileKind.SHORT, "few rows", 8.0, lambda facts: facts.rows < FEWEST_SAMPLES or _SHORT in facts.codes),
 )

@@ -8,13 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from emsid.first_look.levels import MOST
 from emsid.first_look.look import FirstLook
-from emsid.first_look.responses import SEEN, answers
 from emsid.first_look.together import Group, describe_files, groups
-from emsid.record import Record
 
 LISTED = 3
 """At most this many pairs are listed."""
@@ -27,8 +23,8 @@ class Hypothesis:
     Attributes:
         looks: at the files.
         reading: the arguments of `emsid.read` for them.
-        left: the share of the variance of the output that the best simple response to the input leaves; 1 where no
-            response is seen.
+        left: the share of the variance of the output that the best simple response to the input leaves; 1 where none
+            was fitted.
     """
 
     looks: tuple[FirstLook, ...]
@@ -44,8 +40,8 @@ def hypotheses(paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any]
         given: the other arguments of `emsid.read` that are known.
 
     Returns:
-        What `describe_files` proposes for every group of files, and where that is one, other pairs of its columns that
-        show a response; nothing where there is nothing to identify.
+        What `describe_files` proposes for every group of files, and where that is one, other likely pairs of its
+        columns; nothing where there is nothing to identify.
 
     Raises:
         FormatError: where a file cannot be read at all.
@@ -61,7 +57,7 @@ def hypotheses(paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any]
     if sure:
         return [_hypothesis(group)], True
     own = group.looks[0].roles
-    others = [pair for pair in (*own.others, *_responding(group.looks[0])) if pair != (own.input, own.output)]
+    others = [*own.others, *((u, y) for u, y, _ in own.tried[1:])]
     return [_hypothesis(group), *_of_pairs(paths, given, list(dict.fromkeys(others))[: LISTED - 1])], False
 
 
@@ -71,32 +67,9 @@ def _is_almost_certain(look: FirstLook) -> bool:
 
 
 def _hypothesis(group: Group) -> Hypothesis:
-    return Hypothesis(group.looks, group.reading, max(_left(look.record) for look in group.looks))
-
-
-def _left(record: Record | None) -> float:
-    """What the best simple response leaves of the first output; 1 where none is seen."""
-    if record is None:
-        return 1.0
-    table = np.column_stack([record.input[:, 0], record.output[:, 0]])
-    answer = answers(table, [0, *record.breaks]).get((0, 1))
-    return 1.0 if answer is None or answer.evidence < SEEN else answer.left
-
-
-def _responding(look: FirstLook) -> list[tuple[str, str]]:
-    """The pairs of columns of which the second answers the first, those with most evidence first."""
-    numbers = [
-        each
-        for each in look.columns
-        if each.kind == "numbers" and not each.constant and each.name != look.clock.column and each.rows == look.rows
-    ]
-    if len(numbers) < 2:
-        return []
-    table = np.column_stack([each.signal for each in numbers])
-    found = answers(table[np.isfinite(table).all(axis=1)])
-    seen = {pair: each.evidence for pair, each in found.items() if each.evidence >= SEEN}
-    first = [pair for pair in seen if seen[pair] >= seen.get(pair[::-1], 0.0)]
-    return [(numbers[u].name, numbers[y].name) for u, y in sorted(first, key=lambda pair: -seen[pair])]
+    return Hypothesis(
+        group.looks, group.reading, max(look.roles.tried[0][2] if look.roles.tried else 1.0 for look in group.looks)
+    )
 
 
 def _of_pairs(

@@ -109,7 +109,7 @@ class _Facts:
         moving: columns of numbers that change and may be channels.
         ordered: those that rise or fall in every row.
         pair: of a table of steady states, its input and its output; empty where no column is ordered.
-        pulses: columns that toggle between two levels, as the sensor of an encoder does.
+        pulses: columns that toggle between two levels, with noise, as the sensor of an encoder does.
     """
 
     def __init__(self, columns: Sequence[Column], clock: Clock, roles: Roles, codes: frozenset[str]) -> None:
@@ -123,7 +123,7 @@ class _Facts:
         )
         self.ordered = tuple(column for column in self.moving if _is_ordered(column.values))
         self.pair = self._pair() if 3 <= self.rows <= LONGEST else ()
-        self.pulses = tuple(column for column in self.moving if _toggles(column.values))
+        self.pulses = tuple(column for column in self.moving if column.distinct > 2 and _toggles(column.values))
 
     def _pair(self) -> tuple[Column, ...]:
         named = {column.name: column for column in self.moving}
@@ -153,8 +153,12 @@ def _roughness(x: Array, y: Array) -> float:
     x, y = x[known], y[known]
     if len(y) < 3 or not np.ptp(y):
         return 1.0
-    error = y[1:-1] - y[:-2] - (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
-    return float(np.mean(error**2) / np.var(y))
+    return float(np.mean(_off_line(x, y) ** 2) / np.var(y))
+
+
+def _off_line(x: Array, y: Array) -> Array:
+    """(N − 2,) the distances of y (N,) from a line over x (N,) from the row before to the row after."""
+    return np.asarray(y[1:-1] - y[:-2] - (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / (x[2:] - x[:-2]))
 
 
 def _lengths(x: Array) -> NDArray[np.intp]:
@@ -163,10 +167,10 @@ def _lengths(x: Array) -> NDArray[np.intp]:
 
 
 def _toggles(values: Array) -> bool:
-    """Whether a column (N,) is near one of two levels in most rows, with noise, and changes often between them."""
+    """Whether a column (N,) is near one of two levels in most rows, and changes often between them."""
     x = values[np.isfinite(values)]
     low, high = np.percentile(x, (10, 90)) if len(x) else (0.0, 0.0)
-    if not high > low or len(np.unique(x)) <= 2:
+    if not high > low:
         return False
     level = (x - low) / (high - low)
     near = np.abs(level - (level > 0.5)) < 0.25
@@ -246,7 +250,7 @@ def characteristic(u: Array, y: Array) -> dict[str, Any]:
     order = np.argsort(u[known])
     u, y = u[known][order], y[known][order]
     span = float(np.ptp(y))
-    error = y[1:-1] - y[:-2] - (y[2:] - y[:-2]) * (u[1:-1] - u[:-2]) / (u[2:] - u[:-2])
+    error = _off_line(u, y)
     noise = float(np.median(np.abs(error))) if len(error) else 0.0
     zero = int(np.argmin(np.abs(u)))
     rests = np.abs(y - y[zero]) <= max(FEW * noise, PART * SAME * span)

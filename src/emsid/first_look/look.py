@@ -66,7 +66,8 @@ USELESS = frozenset(
 
 
 _TIME = ColumnQuantity.TIME
-_MOTIONS = (ColumnQuantity.POSITION, ColumnQuantity.SPEED)
+_POSITION = ColumnQuantity.POSITION
+_MOTIONS = (_POSITION, ColumnQuantity.SPEED)
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     look = _with_hanging_angle(look, parsed, set(reading))
     noticed += _about_columns(look, set(reading))
     look = _with_record(look, parsed, noticed, set(reading))
-    return replace(look, kind=kind_of(table, clock, roles, look.useless))
+    return replace(look, kind=kind_of(table, clock, roles, look.useless) if look.useless else what)
 
 
 def _on_one_clock(raw: Columns, time: str) -> Columns:
@@ -335,12 +336,9 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
     """Arguments of `emsid.read` as guessed."""
     used = [columns[name] for name in (roles.input, roles.output) if name in columns]
     output = columns.get(roles.output)
-    position = output is not None and output.meaning.quantity is ColumnQuantity.POSITION
-    if roles.input in columns and columns[roles.input].meaning.quantity in (
-        ColumnQuantity.REFERENCE,
-        ColumnQuantity.POSITION,
-    ):
-        position = False  # a position that follows another one is no integral of it
+    kinds = [columns[name].meaning.quantity if name in columns else None for name in (roles.input, roles.output)]
+    # a position that follows a reference, or another position, is no integral of it
+    position = kinds[1] is _POSITION and kinds[0] not in (ColumnQuantity.REFERENCE, _POSITION)
     reading: dict[str, Any] = {
         "input": roles.input,
         "output": f"d({roles.output})" if position else roles.output,

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +106,7 @@ def same_motion(speed: Array, position: Array, starts: Sequence[int]) -> bool:
         starts: the first row of every run but the first.
     """
     run = np.searchsorted(starts, np.arange(len(speed)), "right")
-    middle = slice(max((len(speed) - MOST) // 2, 0), max((len(speed) - MOST) // 2, 0) + MOST)
-    run, speed, position = run[middle], speed[middle], position[middle]
+    run, speed, position = (_middle(x) for x in (run, speed, position))
     for width in (1, 2, 4, 8):  # more rows have less of the steps of an encoder
         if len(speed) <= width + FEWEST:
             break
@@ -118,6 +118,12 @@ def same_motion(speed: Array, position: Array, starts: Sequence[int]) -> bool:
         if max(shares) > SAME_MOTION:
             return int(np.argmax(shares)) >= LEADS - 1
     return False
+
+
+def _middle(x: NDArray[Any]) -> NDArray[Any]:
+    """At most `MOST` rows from the middle of a column (N,)."""
+    start = max((len(x) - MOST) // 2, 0)
+    return x[start : start + MOST]
 
 
 def _correlation(a: Array, b: Array) -> float:
@@ -284,10 +290,12 @@ def _is_periodic(x: Array) -> bool:
 def share_of_controller(u: Array, r: Array, y: Array) -> float:
     """The share of what a reference r (N,) alone leaves of u (N,) that its error r − y, with sum and change, explains.
 
-    It is 0 where y acts on u as r does. Rows in which u is at one of its limits are left out.
+    It is 0 where y acts on u as r does. Rows with a missing value (NaN), or with u at one of its limits, are left out.
     """
-    middle = slice(max((len(u) - MOST) // 2, 0), max((len(u) - MOST) // 2, 0) + MOST)
-    u, r, y = u[middle], r[middle], y[middle]
+    x = np.column_stack([_middle(each) for each in (u, r, y)])
+    u, r, y = x[np.isfinite(x).all(axis=1)].T
+    if len(u) < FEWEST:
+        return 0.0
     error, free, best = r - y, (u > u.min()) & (u < u.max()), 0.0
     terms = (np.ones(len(u)), r, np.gradient(r), y, np.cumsum(error), np.gradient(error))
     scaled = np.column_stack([each / max(float(np.abs(each).max()), 1e-300) for each in terms])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.rounding import runs
 from emsid.first_look.columns import Code, Column
-from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME, SAMPLES
+from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.responses import SEEN, Answer, answers, same_motion, share_of_controller
 from emsid.io.selection import signs_of
@@ -237,6 +237,11 @@ class _Facts:
             self.compare((u, y))
         return self._answers[u.name, y.name]
 
+    def _seen(self, u: str, y: str) -> Answer | None:
+        """How one of the columns that were compared answers another one, where a response is seen."""
+        answer = self._answers.get((u, y))
+        return answer if answer is not None and answer.evidence >= SEEN else None
+
     def compare(self, columns: Sequence[Column]) -> None:
         """Find how columns of one length answer each other, all at once: the responses to a column serve all others.
 
@@ -270,18 +275,18 @@ class _Facts:
 
     def explained(self, u: Column, y: Column) -> float:
         """The evidence that the first column drives the second one, as a share of what is enough."""
-        answer = self.answer(u, y)
-        return 0.0 if answer is None or answer.evidence < SEEN else min(answer.evidence / ENOUGH, 1.0)
+        answer = self._seen(u.name, y.name)
+        return 0.0 if answer is None else min(answer.evidence / ENOUGH, 1.0)
 
     def static(self, u: Column, y: Column) -> bool:
         """Whether the second column follows the first one at once, as two measurements of one quantity do."""
-        answer = self.answer(u, y)
-        return answer is not None and answer.evidence >= SEEN and answer.static
+        answer = self._seen(u.name, y.name)
+        return answer is not None and answer.static
 
     def opposes(self, u: Column, y: Column) -> bool:
         """Whether the second column answers the first one with the other sign, as few drives do."""
-        answer = self.answer(u, y)
-        return answer is not None and answer.evidence >= SEEN and answer.sign < 0 and not answer.ambiguous
+        answer = self._seen(u.name, y.name)
+        return answer is not None and answer.sign < 0 and not answer.ambiguous
 
     def first(self, u: Column, y: Column) -> float:
         """How much better the second column answers the first one than the other way round, and how much later."""
@@ -303,18 +308,14 @@ class _Facts:
     def controlled(self, u: Column) -> float:
         """The share of u that a controller explains which makes an output follow a third column; 0 below a half."""
         if u.name not in self._controlled:
-            start = max((len(u.values) - SAMPLES) // 2, 0)
-            part = slice(start, start + SAMPLES)
             found = [0.0]
-            for (r, y), answer in self._answers.items():
-                drives, back = self._answers.get((u.name, y)), self._answers.get((y, u.name))
-                if r == u.name or answer is None or drives is None or min(answer.evidence, drives.evidence) < SEEN:
+            for r, y in self._answers:
+                follows, drives, back = self._seen(r, y), self._seen(u.name, y), self._answers.get((y, u.name))
+                if r == u.name or follows is None or drives is None:
                     continue
-                if back is not None and back.evidence > drives.evidence:
-                    continue
-                if FOLLOWS[0] < answer.gain < FOLLOWS[1] and not answer.integrates:
-                    x = np.column_stack([self.signals[name][part] for name in (u.name, r, y)])
-                    found.append(share_of_controller(*x[np.isfinite(x).all(axis=1)].T))
+                better = back is None or back.evidence <= drives.evidence
+                if better and FOLLOWS[0] < follows.gain < FOLLOWS[1] and not follows.integrates:
+                    found.append(share_of_controller(*(self.signals[name] for name in (u.name, r, y))))
             self._controlled[u.name] = max(found) if max(found) > EXPLAINS else 0.0
         return self._controlled[u.name]
 

@@ -83,13 +83,12 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     breaks = np.union1d(breaks, resets).astype(int)
     follows = selection.follows & ~np.isin(np.arange(1, len(seconds)), resets)
     rows = np.arange(1, len(seconds))[follows]  # rows whose time step is used
-    part = "{0.start}:{0.stop}".format(running_rows(seconds)).replace("None", "")
-    hint = f"; it increases in the rows {part}: take only these with rows" if part != ":" else ""
     try:
         axis = time_axis(
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
         )
     except DataError as problem:
+        hint = _running(seconds)
         raise DataError(
             f"time column {clock.time!r}: {problem}{hint}", arguments=("rows",) if hint else problem.arguments
         ) from None
@@ -106,7 +105,7 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     record = replace(record, findings=(*record.findings, *about_time(axis, record.name, clock.dt, clock.resample)))
     if clock.resample:
         return replace(_resampled(record, seconds, breaks, axis, clock.dt), time_axis=axis)
-    _check_axis(axis, clock, hint)
+    _check_axis(axis, clock, seconds)
     starts = seconds[[0, *breaks]]
     return replace(
         record,
@@ -117,19 +116,26 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
     )
 
 
-def _check_axis(axis: TimeAxis, clock: SampleTime, hint: str) -> None:
+def _running(seconds: Array) -> str:
+    """What to say about rows before or after the times (N,); empty where there are none."""
+    part = "{0.start}:{0.stop}".format(running_rows(seconds)).replace("None", "")
+    return f"; it increases in the rows {part}: take only these with rows" if part != ":" else ""
+
+
+def _check_axis(axis: TimeAxis, clock: SampleTime, seconds: Array) -> None:
     """Refuse an irregular time column, and one that contradicts a given sample time.
 
     Args:
         axis: of the time column.
         clock: as given.
-        hint: what to say about rows before or after the times, if there are any.
+        seconds: (N,) the times.
 
     Raises:
         DataError: with what may be given in its place.
     """
     column = f"time column {clock.time!r}"
     if not axis.regular:
+        hint = _running(seconds)
         raise DataError(
             f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
             f"dt in its place to take the samples as equidistant{hint}",

@@ -111,6 +111,22 @@ def test_a_command_of_two_levels_is_no_encoder(write: Write, seed: int) -> None:
         assert look.kind.kind is FileKind.DYNAMIC, look.kind.evidence
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_two_levels_beside_a_motor_are_no_encoder(write: Write, seed: int) -> None:
+    """A counter whose last place toggles lies beside two wheels and their commands, all without names or a clock."""
+    rng = np.random.default_rng(seed)
+    columns = {"c5": np.cumsum(rng.random(400) < 0.97) % 2 * 4.0 + rng.choice([30.0, 31.0, 30.5], 400)}
+    for wheel in (1, 2):
+        u = np.repeat(rng.uniform(-60, 60, 40), 10)
+        y = np.zeros(400)
+        for k in range(1, 400):
+            y[k] = 0.6 * y[k - 1] + 0.2 * u[k - 1]
+        columns |= {f"c{wheel}": np.round(y + rng.normal(0, 0.5, 400)), f"c{wheel + 2}": np.round(u)}
+    look = describe(write(columns))
+    assert look.kind.kind is FileKind.DYNAMIC, look.kind.evidence
+    assert (look.roles.input, look.roles.output) in {("c3", "c1"), ("c4", "c2")}
+
+
 def test_a_moving_joint_without_a_clock_is_no_table(write: Write) -> None:
     """Its position never repeats, and torque and speed are no functions of it."""
     rng = np.random.default_rng(0)

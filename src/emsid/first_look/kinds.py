@@ -18,7 +18,7 @@ from emsid.estimation.rounding import runs
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock
 from emsid.first_look.columns import Column
-from emsid.first_look.levels import EXPLAINS, FEW, FEWEST_SAMPLES, PART, SAME, UNSURE
+from emsid.first_look.levels import FEW, FEWEST_SAMPLES, PART, SAME, UNSURE
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.roles import Roles
 
@@ -202,13 +202,10 @@ def _pulse_like(facts: _Facts) -> float:
 
 
 def _has_other_motion(facts: _Facts) -> bool:
-    others = [column for column in facts.moving if column.meaning.quantity in _MOTIONS]
-    return bool(facts.pulses) and any(column not in facts.pulses for column in others)
-
-
-def _is_explained(facts: _Facts) -> bool:
-    """Whether the response to a likely input leaves less than half of the pulses, as of a fast answer to a square."""
-    return any(y == pulses.name and left < EXPLAINS for pulses in facts.pulses[:1] for _, y, left in facts.roles.tried)
+    """Whether a column that does not toggle is named as a motion, or answers another column."""
+    others = (column for column in facts.moving if column not in facts.pulses)
+    explained = facts.roles.explained
+    return bool(facts.pulses) and any(c.name in explained or c.meaning.quantity in _MOTIONS for c in others)
 
 
 _SHORT = "record-too-short"
@@ -224,8 +221,13 @@ _EVIDENCE: tuple[tuple[FileKind, str, float, Callable[[_Facts], float]], ...] = 
     (FileKind.PULSES, "a column toggles between two levels", 3.0, lambda facts: bool(facts.pulses)),
     (FileKind.PULSES, "its pulses are alike", 3.0, lambda facts: bool(facts.pulses) and _steady(facts.pulses[0])),
     (FileKind.PULSES, "its name", 2.0, _pulse_like),
-    (FileKind.PULSES, "another column is a motion", -4.0, _has_other_motion),
-    (FileKind.PULSES, "a simulated response to another column explains it", -8.0, _is_explained),
+    (FileKind.PULSES, "another column is a motion or answers one", -4.0, _has_other_motion),
+    (
+        FileKind.PULSES,
+        "a response to another column explains it, as a fast answer to a square wave",
+        -8.0,
+        lambda facts: any(column.name in facts.roles.explained for column in facts.pulses[:1]),
+    ),
     (FileKind.STILL, "no channel changes", 9.0, lambda facts: not facts.moving or bool(_STILL & facts.codes)),
     (FileKind.SHORT, "few rows", 8.0, lambda facts: facts.rows < FEWEST_SAMPLES or _SHORT in facts.codes),
 )

@@ -94,6 +94,7 @@ class Roles:
         levels: whether values far from the others are levels of the input, which the output follows.
         tried: the likeliest pairs, this one first, each with the share of the second column's variance that the best
             simple response to the first one leaves; they are ordered by all of the evidence.
+        explained: the columns of which the response to some other column leaves less than half.
     """
 
     input: str = ""
@@ -105,6 +106,7 @@ class Roles:
     direction: str = ""
     levels: bool = False
     tried: tuple[tuple[str, str, float], ...] = ()
+    explained: frozenset[str] = frozenset()
 
 
 def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: str = "") -> Roles:
@@ -154,6 +156,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         ),
         direction=how if how != AS_LEVELS else "",
         levels=how == AS_LEVELS,
+        explained=frozenset(b for a, b in scores if (seen := facts.seen(a, b)) and seen.left < EXPLAINS),
         tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(named[pair[0]], named[pair[1]]))),
     )
 
@@ -237,7 +240,7 @@ class _Facts:
             self.compare((u, y))
         return self._answers[u.name, y.name]
 
-    def _seen(self, u: str, y: str) -> Answer | None:
+    def seen(self, u: str, y: str) -> Answer | None:
         """How one of the columns that were compared answers another one, where a response is seen."""
         answer = self._answers.get((u, y))
         return answer if answer is not None and answer.evidence >= SEEN else None
@@ -275,17 +278,17 @@ class _Facts:
 
     def explained(self, u: Column, y: Column) -> float:
         """The evidence that the first column drives the second one, as a share of what is enough."""
-        answer = self._seen(u.name, y.name)
+        answer = self.seen(u.name, y.name)
         return 0.0 if answer is None else min(answer.evidence / ENOUGH, 1.0)
 
     def static(self, u: Column, y: Column) -> bool:
         """Whether the second column follows the first one at once, as two measurements of one quantity do."""
-        answer = self._seen(u.name, y.name)
+        answer = self.seen(u.name, y.name)
         return answer is not None and answer.static
 
     def opposes(self, u: Column, y: Column) -> bool:
         """Whether the second column answers the first one with the other sign, as few drives do."""
-        answer = self._seen(u.name, y.name)
+        answer = self.seen(u.name, y.name)
         return answer is not None and answer.sign < 0 and not answer.ambiguous
 
     def first(self, u: Column, y: Column) -> float:
@@ -310,7 +313,7 @@ class _Facts:
         if u.name not in self._controlled:
             found = [0.0]
             for r, y in self._answers:
-                follows, drives, back = self._seen(r, y), self._seen(u.name, y), self._answers.get((y, u.name))
+                follows, drives, back = self.seen(r, y), self.seen(u.name, y), self._answers.get((y, u.name))
                 if r == u.name or follows is None or drives is None:
                     continue
                 better = back is None or back.evidence <= drives.evidence

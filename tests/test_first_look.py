@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import emsid
 from emsid.errors import DataError
@@ -118,6 +119,24 @@ def test_several_experiments_side_by_side(write: Write) -> None:
     look = describe(write({"z1": Y, "u1": U, "z2": -Y, "u2": -U}))
     assert data(look, "several-experiments") == {"chosen": ["u1", "z1"], "pairs": [["u2", "z2"]]}
     assert "several-experiments" not in codes(describe(write({"u1": U, "z1": Y})))
+
+
+@pytest.mark.parametrize("sides", [("left", "right"), ("front", "rear")])
+def test_every_system_of_a_file_has_a_command(write: Write, run: Run, sides: tuple[str, str]) -> None:
+    """Wheels of a robot are told apart by the first word of their columns; a gyroscope beside them is of neither."""
+    other = np.random.default_rng(4).permutation(U.reshape(-1, 10)).ravel()
+    columns = {"time": T, "gyro_z": 0.01 * Y}
+    for side, u in zip(sides, (U, other), strict=True):
+        columns |= {f"{side}_pwm": np.round(10 * u), f"{side}_speed": signal.lfilter([0.0, 0.5], [1.0, -0.9], u)}
+    path = write(columns)
+    look = describe(path)
+    assert (look.roles.input, look.roles.output) == (f"{sides[0]}_pwm", f"{sides[0]}_speed")
+    assert data(look, "several-experiments")["pairs"] == [[f"{sides[1]}_pwm", f"{sides[1]}_speed"]]
+    status, shown, _ = run("describe", str(path))
+    assert status == 0
+    last = shown.splitlines()[-2:]
+    for line, side in zip(last, sides, strict=True):
+        assert f"--input {side}_pwm --output {side}_speed" in line
 
 
 def test_columns_of_one_sheet_belong_together(write: Write) -> None:

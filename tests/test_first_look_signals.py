@@ -39,6 +39,15 @@ def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
     assert {"no-response", "position-differentiated"} & codes(unrelated) == {"no-response"}
 
 
+@pytest.mark.parametrize("names", [("left_pwm", "left_ticks"), ("cmd_deg", "act_deg")])
+def test_a_column_that_is_no_integral_is_taken_as_it_is(write: Write, names: tuple[str, str]) -> None:
+    """Counts since the row before, and an angle that a servo sets, are named as positions."""
+    u = np.repeat(np.random.default_rng(3).uniform(-20, 20, 50), 16)
+    y = signal.lfilter([0.0, 0.2], [1.0, -0.8], u)
+    for values, output in ((y, names[1]), (np.cumsum(y), f"d({names[1]})")):
+        assert describe(write({"t": T, names[0]: u, names[1]: values})).reading["output"] == output
+
+
 @pytest.mark.parametrize("seed", [0, 5, 6, 15])
 def test_a_magnitude_is_no_position(seed: int) -> None:
     """The change of a pulley's absolute speed answers a binary input by chance, and the speed itself does not."""

@@ -58,7 +58,7 @@ def hypotheses(paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any]
         return [_hypothesis(group)], True
     own = group.looks[0].roles
     others = [*own.others, *((u, y) for u, y, _ in own.tried[1:])]
-    return [_hypothesis(group), *_of_pairs(paths, given, list(dict.fromkeys(others))[: LISTED - 1])], False
+    return [_hypothesis(group), *of_pairs(paths, given, list(dict.fromkeys(others))[: LISTED - 1])], False
 
 
 def _is_almost_certain(look: FirstLook) -> bool:
@@ -72,10 +72,16 @@ def _hypothesis(group: Group) -> Hypothesis:
     )
 
 
-def _of_pairs(
+def of_pairs(
     paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any], pairs: Sequence[tuple[str, str]]
 ) -> list[Hypothesis]:
-    """The hypotheses for named pairs of columns."""
+    """The hypotheses for named pairs of columns.
+
+    Args:
+        paths: the files.
+        given: the other arguments of `emsid.read` that are known.
+        pairs: names of an input and an output each.
+    """
     found = []
     for u, y in pairs:
         divided = groups(describe_files(paths, **given, input=u, output=y)[0])

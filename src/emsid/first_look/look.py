@@ -31,6 +31,7 @@ from emsid.first_look.kinds import FileKind, Kind, kind_of
 from emsid.first_look.levels import JUMP, MOST, SAME, UNSURE
 from emsid.first_look.masks import mask_of, masked_outliers, mends
 from emsid.first_look.names import ColumnQuantity, Meaning
+from emsid.first_look.responses import SEEN
 from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
@@ -65,6 +66,9 @@ USELESS = frozenset(
 """Findings with which there is nothing to identify."""
 
 
+NO_INTEGRAL = -2 * SEEN
+"""In nats: with less, a column is no position, whatever its name says. Of six recorded positions none is below −3; the
+angle of a servo and counts since the row before are below −19."""
 _TIME = ColumnQuantity.TIME
 _POSITION = ColumnQuantity.POSITION
 _MOTIONS = (_POSITION, ColumnQuantity.SPEED)
@@ -337,8 +341,9 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
     used = [columns[name] for name in (roles.input, roles.output) if name in columns]
     output = columns.get(roles.output)
     kinds = [columns[name].meaning.quantity if name in columns else None for name in (roles.input, roles.output)]
-    # a position that follows a reference, or another position, is no integral of it
-    position = kinds[1] is _POSITION and kinds[0] not in (ColumnQuantity.REFERENCE, _POSITION)
+    # a position that follows a reference, or another position, is no integral of it; nor are counts since the last row
+    follows = kinds[0] in (ColumnQuantity.REFERENCE, _POSITION) or roles.integral < NO_INTEGRAL
+    position = kinds[1] is _POSITION and not follows
     reading: dict[str, Any] = {
         "input": roles.input,
         "output": f"d({roles.output})" if position else roles.output,

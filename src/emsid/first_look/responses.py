@@ -57,7 +57,7 @@ class Answer:
         evidence: that the other one drives it, in nats.
         left: share of its variance that the best response leaves.
         ahead: the same evidence, in nats, for the best response ahead of time over the best later one.
-        integrates: whether it is an integral of the response, as a position is.
+        integral: the evidence, in nats, that it is an integral of the response, as a position is.
         static: whether it follows without lag or delay.
         delay: the shortest delay in rows of the responses that are as good.
         gain: of that response.
@@ -68,12 +68,17 @@ class Answer:
     evidence: float
     left: float
     ahead: float
-    integrates: bool
+    integral: float
     static: bool
     delay: int
     gain: float
     ambiguous: bool
     periodic: bool
+
+    @property
+    def integrates(self) -> bool:
+        """Whether it is rather an integral of the response than a response."""
+        return self.integral > 0
 
     @property
     def sign(self) -> int:
@@ -261,6 +266,7 @@ def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -
         periodic = _is_periodic(y_all[:, u])
         for y in (each for each in moving if each != u):
             best = float(left[causal, y].min())
+            without, within = (left[causal & (kinds["integrates"] == each), y].min() for each in (False, True))
             equal = causal & (left[:, y] <= best * (1 + (WITHIN_PERIODIC if periodic else WITHIN)) + ROUGH)
             # an input acts after its row, unless its own row is clearly better
             soonest = min(delay[equal].tolist(), key=lambda d: {0: 1.5, 1: 0.5}.get(d, d))
@@ -269,7 +275,7 @@ def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -
                 evidence=BLOCKS / 2 * log(max(float(line[y]), best) / best),
                 left=best,
                 ahead=BLOCKS / 2 * log(best / float(left[:, y].min())),
-                integrates=bool(kinds["integrates"][k]),
+                integral=BLOCKS / 2 * log(float(without / within)),
                 static=bool(kinds["tau"][k] == 0 == delay[k]),
                 delay=int(delay[k]) * scale,
                 gain=float(gain[k, y]),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from emsid.estimation.rounding import runs
 from emsid.first_look.columns import Code, Column
 from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME
-from emsid.first_look.names import ColumnQuantity
+from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.responses import SEEN, Answer, answers, same_motion, share_of_controller
 from emsid.io.selection import signs_of
 
@@ -95,6 +95,7 @@ class Roles:
         tried: the likeliest pairs, this one first, each with the share of the second column's variance that the best
             simple response to the first one leaves; they are ordered by all of the evidence.
         explained: the columns of which the response to some other column leaves less than half.
+        integral: the evidence, in nats, that the output is an integral of the response to the input.
     """
 
     input: str = ""
@@ -107,6 +108,7 @@ class Roles:
     levels: bool = False
     tried: tuple[tuple[str, str, float], ...] = ()
     explained: frozenset[str] = frozenset()
+    integral: float = 0.0
 
 
 def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: str = "") -> Roles:
@@ -156,6 +158,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         ),
         direction=how if how != AS_LEVELS else "",
         levels=how == AS_LEVELS,
+        integral=0.0 if (of_pair := facts.seen(u, y)) is None else of_pair.integral,
         explained=frozenset(b for a, b in scores if (seen := facts.seen(a, b)) and seen.left < EXPLAINS),
         tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(named[pair[0]], named[pair[1]]))),
     )
@@ -184,7 +187,7 @@ class _Facts:
     Attributes:
         experiments: of each column: the number at the end of its name, or the sheet or group before its last dot. A
             group counts where another one, or none, has a column of the same name; without a group it is ``"."`` then.
-            Words at the end of names, such as those of axes, count too where other names have the same ones.
+            Words at either end of names, such as those of axes, count too where other names have the same ones.
         order: the place of each column in the file.
         signals: the numbers of each column.
         read_as: for each pair, the reading of the first column that the second one answers best: the column with its
@@ -203,10 +206,10 @@ class _Facts:
             group, _, name = column.name.rpartition(".")
             groups.setdefault(name, []).append(group)
         self.experiments: dict[str, str] = {}
-        endings = _shared_endings([column.name for column in columns])
+        words = _shared_words([column.name for column in columns])
         for column in columns:
             group, _, name = column.name.rpartition(".")
-            number = column.meaning.number or endings.get(column.name, "")
+            number = column.meaning.number or words.get(column.name, "")
             self.experiments[column.name] = (group or ".") if len(groups[name]) > 1 else number
         self.most: dict[tuple[ColumnQuantity, str, int], float] = {}
         self._spreads: dict[str, float] = {}
@@ -336,21 +339,27 @@ class _Facts:
         return column.meaning.quantity, column.meaning.unit, len(column.values)
 
 
-def _shared_endings(names: Sequence[str]) -> dict[str, str]:
-    """The last words of names behind ``_`` by name, where another beginning has the same two last words or more.
+def _shared_words(names: Sequence[str]) -> dict[str, str]:
+    """The first or the last word of names, apart by ``_``, that tells their system and no quantity.
 
-    >>> _shared_endings(["ref_x", "ref_y", "pos_x", "pos_y", "speed_rpm"])
+    Two or more of these words are before, or behind, two or more other ones.
+
+    >>> _shared_words(["ref_x", "ref_y", "pos_x", "pos_y", "speed_rpm"])
     {'ref_x': 'x', 'ref_y': 'y', 'pos_x': 'x', 'pos_y': 'y'}
+    >>> _shared_words(["left_pwm", "right_pwm", "left_ticks", "right_ticks", "time"])
+    {'left_pwm': 'left', 'right_pwm': 'right', 'left_ticks': 'left', 'right_ticks': 'right'}
     """
-    parts = {name: name.rpartition("_")[::2] for name in names if "_" in name}
-    endings: dict[str, set[str]] = {}
-    for begins, ends in parts.values():
-        endings.setdefault(begins, set()).add(ends)
     found = {}
-    for name, (begins, ends) in parts.items():
-        others = [other & endings[begins] for first, other in endings.items() if first != begins]
-        if any(ends in shared and len(shared) > 1 for shared in others):
-            found[name] = ends
+    for first in (True, False):
+        cut = {name: name.partition("_") if first else name.rpartition("_")[::-1] for name in names if "_" in name}
+        words: dict[str, set[str]] = {}
+        for word, _, rest in cut.values():
+            if len(word) == 1 or meaning(word).confidence < NAMED:  # letters are axes
+                words.setdefault(rest, set()).add(word)
+        for name, (word, _, rest) in cut.items():
+            others = [other & words.get(rest, set()) for another, other in words.items() if another != rest]
+            if any(word in shared and len(shared) > 1 for shared in others):
+                found[name] = word
     return found
 
 

@@ -17,10 +17,13 @@ from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.first_look import FirstLook, Group
+    from emsid.first_look.hypotheses import Hypothesis
     from emsid.record import Record
 
 COLUMNS = 30
 """At most this many columns of a file are printed; the page and the JSON document have all."""
+SYSTEMS = 11
+"""At most this many commands for further systems in a file, as for the joints of a robot; each takes another look."""
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
 
@@ -45,8 +48,8 @@ def describe(
 ) -> None:
     """Look at files: columns, input, output, time, quality.
 
-    No option is needed: the likely input, output, time and units are found. The last line is a command for
-    `emsid identify`.
+    No option is needed: the likely input, output, time and units are found. The last lines are commands for
+    `emsid identify`, one for each system.
 
     \b
     Examples:
@@ -55,15 +58,19 @@ def describe(
       emsid describe --input x.csv:1 --output y.csv:1
     """
     from emsid.first_look import describe_files, groups, without_findings_of_all
+    from emsid.first_look.hypotheses import of_pairs
     from emsid.report.views.conventions import in_words
     from emsid.report.views.first_look import of_all_files
     from emsid.wording import sentence
 
     if out is not None:
         check_folder(out, REPORT)
-    looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
+    paths = files or reader.files([])
+    looks, together = describe_files(paths, tolerance=tolerance, **reader.given)
     divided = groups(looks)
-    commands = [command_line(words) for words in proposals(divided)]
+    systems = list(dict.fromkeys(pair for group in divided[:1] for look in group.looks for pair in look.roles.others))
+    others = of_pairs(paths, reader.given, systems[:SYSTEMS] if len(divided) == 1 else [])
+    commands = [command_line(words) for words in proposals([*divided, *others])]
     if json:
         documents = [as_document(look) for look in looks]
         found = [finding.to_data() for finding in together]
@@ -124,8 +131,8 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
     ]
 
 
-def proposals(divided: "Sequence[Group]") -> list[list[str]]:
-    """The words of the commands to run next, one for each group of files."""
+def proposals(divided: "Sequence[Group | Hypothesis]") -> list[list[str]]:
+    """The words of the commands to run next, one for each group of files, or for each system in them."""
     return [identify_words(group) for group in divided]
 
 

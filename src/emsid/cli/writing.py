@@ -95,7 +95,7 @@ def write(
         reading: arguments with which that record was read.
     """
     from emsid.io import atomic_write, save
-    from emsid.io.files import write_several
+    from emsid.io.files import together, write_several
 
     def save_document(name: str) -> None:
         atomic_write(folder / name, as_json(documents[name]))
@@ -103,10 +103,11 @@ def write(
     def save_one(fit: Any) -> None:
         save(fit, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
 
-    problem = attempted(
-        lambda: write_several(save_one, fits),
-        *(partial(save_document, name) for name in documents),  # after the model files, which it names
-    )
+    with together():
+        problem = attempted(
+            lambda: write_several(save_one, fits),
+            *(partial(save_document, name) for name in documents),  # after the model files, which it names
+        )
     if problem is not None:
         raise problem
 

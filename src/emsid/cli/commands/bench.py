@@ -235,12 +235,14 @@ def _driven(
 def _write(record: Any, out: Path, force: bool) -> list[str]:
     """Write every stretch of a record to a file; one that exists is replaced with ``force`` only."""
     from emsid.io import write_record
+    from emsid.io.files import together
 
     segments = record.segments
     paths = [out] if len(segments) == 1 else [out.with_stem(f"{out.stem}-{k + 1}") for k in range(len(segments))]
-    for path, segment in zip(paths, segments, strict=True):
-        check_file(path, force)
-        write_record(segment, path)
+    with together():
+        for path, segment in zip(paths, segments, strict=True):
+            check_file(path, force)
+            write_record(segment, path)
     return [str(path) for path in paths]
 
 

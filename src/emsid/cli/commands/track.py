@@ -306,6 +306,7 @@ def _written(
     """
     from emsid.estimation.borders import tried
     from emsid.io import atomic_write, save, write_record
+    from emsid.io.files import together
     from emsid.io.state_file import save_state
 
     if log is not None:
@@ -330,7 +331,15 @@ def _written(
     works["track.json"] = lambda: atomic_write(out / "track.json", as_json(session.to_data()))
     works["state.json"] = lambda: save_state(tracking.state, fit.model.structure, out / "state.json")
     works[f"{fit.model.name}.json"] = lambda: save(fit, out / f"{fit.model.name}.json", record)
-    problems = {name: attempted(work) for name, work in works.items()}
+    problems = dict[str, EmsidError | None]()
+
+    def write_all() -> None:
+        with together():
+            problems.update((name, attempted(work)) for name, work in works.items())
+
+    full = attempted(write_all)
+    if full is not None:
+        return [] if log is None else ["log.txt"], full
     files = [name for name, problem in problems.items() if problem is None]
     problem = next(filter(None, problems.values()), None)
     return [*files, *([] if log is None else ["log.txt"])], problem

@@ -1,7 +1,13 @@
 """Fleets: sources and their batches, the engine, resuming, large least-squares problems, and scikit-learn."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -472,3 +478,27 @@ def test_tables_are_divided_without_what_an_earlier_run_left(tmp_path: Path) -> 
     table.write_parquet(tmp_path / "all.parquet")
     parts, _ = divided(found_files(tmp_path / "all.parquet"), "id", tmp_path / "parts")
     assert {part.keys["motor"] for part in parts} == {"a", "b"}
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_fleet_that_is_ended_leaves_no_worker_and_no_word_of_one(tmp_path: Path, sent: signal.Signals) -> None:
+    simulated_fleet(tmp_path / "in", 60, 400, worn=1, loaded=0, poisoned=0)
+    words = ("-u", "voltage", "-y", "speed", "--time", "t", "--models", "arx", "--workers", "2", "--out", "out")
+    command = [sys.executable, "-m", "emsid", "fleet", "in", *words]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    journal, end = tmp_path / "out" / "rows.jsonl", time.monotonic() + 60
+    while time.monotonic() < end and not (journal.exists() and journal.read_text()):
+        time.sleep(0.05)
+    process.send_signal(sent)
+    said = process.communicate(timeout=30)[1]
+    assert process.returncode == (130 if sent == signal.SIGINT else 143)
+    assert all(line.startswith("emsid: ") for line in said.splitlines()), said
+    assert sent == signal.SIGTERM or "the finished rows are kept, and the same command goes on from there" in said
+    assert all(line.startswith("{") and line.endswith("}") for line in journal.read_text().splitlines())
+    end = time.monotonic() + 10  # the process that counts semaphores ends last
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end:
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+    assert time.monotonic() < end
+    assert not list((tmp_path / "out").rglob("*.tmp"))

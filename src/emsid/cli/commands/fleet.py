@@ -106,6 +106,7 @@ def fleet(
                 **reader.given,
             )
     INTERRUPTION.pressed = False
+    INTERRUPTION.words = "interrupted; the finished rows are kept, and the same command goes on from there"
     with INTERRUPTION.put_off(), reader_may_leave():
         if json:
             say_json(as_json(result.to_data()))

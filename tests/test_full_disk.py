@@ -1,12 +1,14 @@
-"""A full disk: one line that names the file, exit status 2, nothing half-written, and older results as they were."""
+"""A full disk, Ctrl-C and SIGTERM in the middle of writing: one line, nothing half-written, older results as they were."""
 
 from __future__ import annotations
 
 import errno
 import os
+import signal
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from threading import main_thread
 
 import pytest
 
@@ -23,21 +25,33 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 class Disk:
-    """Becomes full at a file that is forced to disk; counts them."""
+    """Becomes full, or sees a signal, at a file that is forced to disk or renamed; counts them."""
 
     def __init__(self) -> None:
-        self.written, self.full_at = 0, 0
+        self.written, self.full_at, self.renamed, self.stop_at, self.sent = 0, 0, 0, (0, 0), signal.SIGINT
 
     def fsync(self, number: int) -> None:
         self.written += 1
         if self.written == self.full_at:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if self.written == self.stop_at[0]:
+            signal.pthread_kill(main_thread().ident, self.sent)  # files may be written by other threads
+
+    def replace(self, source: Path, target: Path) -> None:
+        REPLACE(source, target)
+        self.renamed += 1
+        if self.renamed == self.stop_at[1]:
+            os.kill(os.getpid(), self.sent)
+
+
+REPLACE = os.replace
 
 
 @pytest.fixture
 def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     made = Disk()
     monkeypatch.setattr(os, "fsync", made.fsync)
+    monkeypatch.setattr(os, "replace", made.replace)
     return made
 
 
@@ -114,6 +128,29 @@ def test_a_full_disk_leaves_the_older_files_of_a_verb_as_they_were(
     for full_at in sorted({2, files} - {files + 1}):
         refused(full_at)
         assert tree(out) == before
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("verb", ["c99", "compensate", "motors", "demo", "simulate motor", "describe"])
+def test_a_signal_while_a_verb_writes_leaves_all_files_or_none(
+    run: Run, models: Path, tmp_path: Path, disk: Disk, verb: str, sent: signal.Signals
+) -> None:
+    out = tmp_path / "out"
+    words = [word.replace("MODELS", str(models)).replace("OUT", str(out)) for word in ONE_SET[verb]]
+    disk.sent, expected = sent, 130 if sent == signal.SIGINT else 143
+    disk.stop_at = (1, 0)
+    status, _, err = run(*words)
+    whole = "emsid: interrupted after everything was written\n"  # a page is short
+    said = {"demo": "emsid: interrupted; nothing is written\n", "describe": whole}
+    line = said.get(verb, "emsid: interrupted; there is no result\n")
+    assert (status, err) == (expected, line if sent == signal.SIGINT else "")
+    assert out.exists() is (err == whole)
+    disk.renamed, disk.stop_at = 0, (0, 1)
+    assert run(*words)[0] == expected
+    names = set(tree(out))
+    disk.stop_at = (0, 0)
+    assert run(*words)[0] == 0
+    assert set(tree(out)) == names
 
 
 @pytest.mark.parametrize("verb", ["identify", "validate", "track", "fleet", "study"])

@@ -204,6 +204,8 @@ def draw(
         return False
     with INTERRUPTION.put_off():
         write_files(files, folder)
+    if INTERRUPTION.pressed and not (interrupted or INTERRUPTION.late):
+        INTERRUPTION.words = "interrupted after everything was written"
     for each in noted:
         warn(sentence(each, option))
     return True

@@ -213,12 +213,20 @@ class _Files:
                 earlier.unlink()
 
     def finish(self) -> None:
-        """Give all files their names."""
+        """Give all files their names, also where Ctrl-C or SIGTERM comes meanwhile."""
         if self.problem is not None:
             raise self.problem
+        try:
+            self._rename()
+        except (KeyboardInterrupt, SystemExit):
+            self._rename()
+            raise
+
+    def _rename(self) -> None:
         for path, temporary in list(self._written.items()):
             with self._reported(path):
-                os.replace(temporary, path)
+                if temporary.exists():  # else an interrupted call has renamed it
+                    os.replace(temporary, path)
             del self._written[path]
 
     def discard(self) -> None:

@@ -156,7 +156,10 @@ def track(
         say_where(out, drawn, *files)
     if problem is not None:
         raise problem
-    INTERRUPTION.end(not drawn)
+    stopped = session.reason == "stopped" and "log.txt" not in files  # a source that is logged has no other end
+    if stopped and drawn:
+        INTERRUPTION.words = "tracking was interrupted; the results so far are written"
+    INTERRUPTION.end(stopped or not drawn)
 
 
 def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, model: Path | None) -> "Session":

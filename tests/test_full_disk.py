@@ -1,4 +1,4 @@
-"""A full disk, Ctrl-C and SIGTERM in the middle of writing: one line, nothing half-written, older results as they were."""
+"""A full disk, Ctrl-C and SIGTERM while files are written: one line, nothing half-written, older results stay."""
 
 from __future__ import annotations
 

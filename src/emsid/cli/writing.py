@@ -1,7 +1,7 @@
 """Writing of results, model files and the report into a folder, and the messages about them."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from emsid.cli.interruption import INTERRUPTION, print_notice
 from emsid.cli.options import option
 from emsid.cli.terminal import say, warn, working
-from emsid.errors import DataError, EmsidError
+from emsid.errors import DataError, EmsidError, some
 from emsid.wording import sentence
 
 if TYPE_CHECKING:
@@ -176,8 +176,8 @@ def draw(
     pdf: bool = False,
     *,
     interrupted: bool = False,
-) -> bool:
-    """Draw the report with its figures, with PDF on request, and write it; false if Ctrl-C was pressed meanwhile.
+) -> tuple[str, ...]:
+    """Draw the report with its figures, with PDF on request, and write it; no files if Ctrl-C was pressed meanwhile.
 
     Args:
         folder: where to.
@@ -201,20 +201,28 @@ def draw(
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise
-        return False
+        return ()
     with INTERRUPTION.put_off():
         write_files(files, folder)
     if INTERRUPTION.pressed and not (interrupted or INTERRUPTION.late):
         INTERRUPTION.words = "interrupted after everything was written"
     for each in noted:
         warn(sentence(each, option))
-    return True
+    return tuple(files)
 
 
-def say_where(folder: Path, drawn: bool, *names: str, possible: Iterable[str] = ()) -> None:
-    """Print where the files are, and which files there are from an earlier run."""
-    report = ("report.html", "figures/") if drawn else ()
+def say_where(folder: Path, drawn: Sequence[str], *names: str, possible: Iterable[str] = ()) -> None:
+    """Print where the files are, and which files there are from an earlier run.
+
+    Args:
+        folder: of the results.
+        drawn: the files of the report.
+        names: the other files.
+        possible: files that an earlier run may have left.
+    """
+    report = (REPORT, "figures/") if drawn else ()
     say(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
-    old = [name for name in ("report.html", *possible) if name not in (*report, *names) and (folder / name).exists()]
+    figures = sorted(path.relative_to(folder).as_posix() for path in folder.glob("figures/*"))
+    old = [name for name in (REPORT, *possible, *figures) if name not in (*drawn, *names) and (folder / name).exists()]
     if old:
-        say(f"from an earlier run, not from this one: {', '.join(old)}")
+        say(f"from an earlier run, not from this one: {some(old)}")

@@ -213,12 +213,14 @@ class _Files:
                 earlier.unlink()
 
     def finish(self) -> None:
-        """Give all files their names, also where Ctrl-C or SIGTERM comes meanwhile."""
+        """Give all files their names, also where the program is interrupted meanwhile."""
         if self.problem is not None:
             raise self.problem
         try:
             self._rename()
-        except (KeyboardInterrupt, SystemExit):
+        except Exception:
+            raise
+        except BaseException:  # by a signal
             self._rename()
             raise
 

@@ -151,7 +151,7 @@ def track(
         raise DataError(f"reconnect of {reconnect:g} s; give a time, or 0", arguments=("reconnect",))
     received = partial(_received, baud=baud, away=reconnect, patience=patience)
     files, problem = _followed(session, settings, reading, begun, received, out, json)
-    drawn = session.tracking is not None and _drawn(session, out, pdf)  # else stopped before the first sample
+    drawn = () if session.tracking is None else _drawn(session, out, pdf)  # None: stopped before the first sample
     if not json and session.tracking is not None:
         say_where(out, drawn, *files)
     if problem is not None:
@@ -257,8 +257,8 @@ def _compile(session: "Session", settings: "Settings", inputs: int) -> None:
         control.check()
 
 
-def _drawn(session: "Session", out: Path, pdf: bool) -> bool:
-    """Draw the report; false if Ctrl-C was pressed meanwhile."""
+def _drawn(session: "Session", out: Path, pdf: bool) -> tuple[str, ...]:
+    """Draw the report: its files; none if Ctrl-C was pressed meanwhile."""
     from emsid.report.tracking_page import tracking_report
 
     INTERRUPTION.words = "drawing the report was interrupted; everything else is written"

@@ -61,7 +61,7 @@ def export(
         dt = source.dt
     options = {**pairs(option, "--option", "NAME=VALUE"), **({"single": True} if single else {})}
     permitted = names(assume, "--assume") if assume else ()
-    known = unseen_beside(model, as_model(loaded).name)
+    known = unseen_beside(model, loaded)
     written = run(loaded, to, out, name=name, dt=dt, force=force, unseen=known, assume=permitted, **options)
     if json:
         say_json(as_json({"schema": 1, "format": to, "files": [str(path) for path in written]}))

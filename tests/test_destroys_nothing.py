@@ -106,7 +106,7 @@ def test_what_an_earlier_run_has_left_is_said(run: Run, model: Path, tmp_path: P
     status, said, _ = run(*words)
     assert (status, said.splitlines()[-1]) == (
         0,
-        "from an earlier run, not from this one: figures/0.pdf, figures/free-run-of-a-motor.svg",
+        "from an earlier run, not from this one: 2 in figures/",
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from emsid.cli.interruption import INTERRUPTION, print_notice
 from emsid.cli.options import option
 from emsid.cli.terminal import say, warn, working
-from emsid.errors import DataError, EmsidError, some
+from emsid.errors import DataError, EmsidError
 from emsid.wording import sentence
 
 if TYPE_CHECKING:
@@ -222,7 +222,8 @@ def say_where(folder: Path, drawn: Sequence[str], *names: str, possible: Iterabl
     """
     report = (REPORT, "figures/") if drawn else ()
     say(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
-    figures = sorted(path.relative_to(folder).as_posix() for path in folder.glob("figures/*"))
-    old = [name for name in (REPORT, *possible, *figures) if name not in (*drawn, *names) and (folder / name).exists()]
-    if old:
-        say(f"from an earlier run, not from this one: {some(old)}")
+    old = [name for name in (REPORT, *possible) if name not in (*drawn, *names) and (folder / name).exists()]
+    figures = sum(path.relative_to(folder).as_posix() not in drawn for path in folder.glob("figures/*"))
+    if old or figures:
+        old += [f"{figures} in figures/"] if figures else []
+        say(f"from an earlier run, not from this one: {', '.join(old)}")

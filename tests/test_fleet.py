@@ -17,6 +17,7 @@ import polars as pl
 import pytest
 
 import emsid
+from emsid.compiled import own_code
 from emsid.errors import DataError
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control
@@ -28,6 +29,8 @@ from emsid.fleets.simulated import simulated_fleet
 from emsid.fleets.sources import batches, divided, found_files, seconds
 from emsid.fleets.spread import changes, outliers
 from emsid.fleets.work import FleetRow, Job, Value, rows_of
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.plant.motor import Parameter
 from engine_tasks import ending, squares
 
 ARX = emsid.arx(na=1, nb=1)
@@ -459,6 +462,38 @@ def test_another_version_of_the_program_fits_again(
     assert (
         emsid.fleet(tmp_path / "a.csv", ARX, threads, out=tmp_path / "out", **READING).rows[0].job != first.rows[0].job
     )
+
+
+def test_rows_of_a_plant_whose_code_has_changed_are_not_used_again(tmp_path: Path, threads: Executor) -> None:
+    frame(60, 0.9, np.random.default_rng(8)).write_csv(tmp_path / "a.csv")
+
+    def tank(code: str) -> OwnPlant:
+        """Its functions as if a file with this code had been loaded."""
+        scope: dict[str, object] = {"__name__": "mine"}
+        exec(f"def inflow(u): return {code}\ndef rate(x, u, p): return [-p[0] * x[0] + inflow(u)]", scope)
+        exec("def level(x, u, p): return x[:1]", scope)
+        row = Parameter("a", "a", "1/s", "rate")
+        return OwnPlant(scope["rate"], scope["level"], (row,), (2.0,), 1, name="tank")
+
+    def job(code: str) -> tuple[str, int]:
+        found = emsid.fleet(tmp_path / "a.csv", tank(code), threads, out=tmp_path / "out", **READING)
+        return found.rows[0].job, len((tmp_path / "out" / "rows.jsonl").read_text().splitlines())
+
+    first, again, changed = job("u[0]"), job("u[0]"), job("2 * u[0]")
+    assert first == again
+    assert (changed[0] != first[0], changed[1]) == (True, 2)
+
+
+def test_the_code_of_a_class_of_the_users_own_is_told_apart_from_that_of_another() -> None:
+    def law(text: str) -> object:
+        scope: dict[str, object] = {"__name__": "mine"}
+        exec(f"class Law:\n    level = staticmethod(lambda speed: {text})\n    def rate(self): return 1.0", scope)
+        return scope["Law"]()  # type: ignore[operator]
+
+    same, other = (list(own_code({"of": [law(text)]})) for text in ("speed", "speed**2"))
+    assert same == list(own_code({"of": [law("speed")]}))
+    assert (len(same), same[1:] == other[1:], same == other) == (2, True, False)
+    assert list(own_code((ARX, emsid.MotorPlant(emsid.Motor()), {"knots": 3, "weights": np.ones(3)}))) == []
 
 
 def test_files_of_one_name_are_different_motors(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
@@ -22,6 +23,7 @@ from typing import Any
 
 import msgspec
 
+from emsid.compiled import own_code
 from emsid.errors import DataError, EmsidError, FormatError, some
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
@@ -198,7 +200,9 @@ def fleet(
         todo, failed = _found(source, motor, period, reading.get("time"), folder)
         subject, how = _structure(what, todo, reference, options or Options(), reading, control)
         version = sys.modules["emsid"].__version__
-        name = digest(repr((version, subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
+        code = list(own_code((subject, how)))
+        key = repr((version, subject, sorted(how.items()), sorted(reading.items()), unseen, code))
+        name = digest(re.sub(" at 0x[0-9a-f]+", "", key).encode())  # functions count by their code, not their place
         job = Job(subject, how, reading, unseen, name)
         journal = Journal(folder / JOURNAL, name, {batch.key: batch for batch in todo})
         rows = {(row.motor, row.period): row for row in journal.rows}

@@ -168,10 +168,11 @@ def pressed_at(monkeypatch):
     return arrange
 
 
-def test_ctrl_c_in_demo_says_which_files_are_complete(run, tmp_path, pressed_at):
+def test_ctrl_c_in_demo_leaves_nothing(run, tmp_path, pressed_at):
     pressed_at("emsid.io.write_record")
     status, out, err = run("demo", tmp_path / "new")
-    assert (status, out, err) == (130, "", "emsid: interrupted; only the files named above are complete\n")
+    assert (status, out, err) == (130, "", "emsid: interrupted; nothing is written\n")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("place", ["emsid.io.read", "emsid.identification.options.least_squares"])

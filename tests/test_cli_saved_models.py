@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import emsid
-from command_line import IDENTIFY, table
+from command_line import FIRST_ORDER, IDENTIFY, table
 from conftest import try_few_refinements
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_heard", "figures_undrawn")
@@ -288,3 +288,19 @@ def test_a_saved_model_is_simulated_on_columns_of_other_names(result, run, tmp_p
     np.testing.assert_array_equal(simulated.output, emsid.simulate(emsid.load(result / "arx.json"), voltage).output)
     status, _, err = run("simulate", "--time", "t", "--out", out, "--force")
     assert (status, "--time: only for the file with the inputs" in err) == (2, True)
+
+
+def test_an_export_knows_the_error_of_this_fit_and_not_that_of_another_one(run, tmp_path):
+    log, other = table(tmp_path / "log.csv"), table(tmp_path / "other.csv", seed=5)
+    words = (*IDENTIFY, *FIRST_ORDER, "--models", "arx", "--out")
+    for file, folder in ((log, "a"), (other, "b")):
+        assert run("identify", file, *words, tmp_path / folder)[0] == 0
+
+    def said(model):
+        assert run("export", tmp_path / "a" / model, "--to", "c99", "--out", tmp_path / "c", "--force")[0] == 0
+        return (tmp_path / "c" / "README.md").read_text()
+
+    assert "Fit of the free run on unseen data" in said("arx.json")
+    assert "Fit of the free run on unseen data" in said("best.json")
+    (tmp_path / "a" / "arx.json").write_bytes((tmp_path / "b" / "arx.json").read_bytes())
+    assert "Fit on unseen data: not known" in said("arx.json")

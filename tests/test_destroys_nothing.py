@@ -97,6 +97,19 @@ def test_a_later_run_replaces_the_results_of_an_earlier_one(run: Run, model: Pat
             assert run(*words, "--out", tmp_path / str(k))[0] == 0
 
 
+def test_what_an_earlier_run_has_left_is_said(run: Run, model: Path, tmp_path: Path) -> None:
+    log, out = table(tmp_path / "log.csv"), tmp_path / "out"
+    words = ("validate", model, log, "--out", out)
+    assert "from an earlier run" not in run(*words)[1] + run(*words)[1]
+    for name in ("free-run-of-a-motor.svg", "0.pdf"):
+        (out / "figures" / name).write_bytes(b"")
+    status, said, _ = run(*words)
+    assert (status, said.splitlines()[-1]) == (
+        0,
+        "from an earlier run, not from this one: 2 in figures/",
+    )
+
+
 def test_a_tracking_does_not_replace_its_source(run: Run, tmp_path: Path) -> None:
     (tmp_path / "record.csv").write_bytes(lines(600))
     (tmp_path / "track.json").write_text('{\n  "schema": 1}')  # a folder of results

@@ -1,7 +1,13 @@
 """Fleets: sources and their batches, the engine, resuming, large least-squares problems, and scikit-learn."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +17,7 @@ import polars as pl
 import pytest
 
 import emsid
+from emsid.compiled import own_code
 from emsid.errors import DataError
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control
@@ -22,6 +29,8 @@ from emsid.fleets.simulated import simulated_fleet
 from emsid.fleets.sources import batches, divided, found_files, seconds
 from emsid.fleets.spread import changes, outliers
 from emsid.fleets.work import FleetRow, Job, Value, rows_of
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.plant.motor import Parameter
 from engine_tasks import ending, squares
 
 ARX = emsid.arx(na=1, nb=1)
@@ -455,6 +464,38 @@ def test_another_version_of_the_program_fits_again(
     )
 
 
+def test_rows_of_a_plant_whose_code_has_changed_are_not_used_again(tmp_path: Path, threads: Executor) -> None:
+    frame(60, 0.9, np.random.default_rng(8)).write_csv(tmp_path / "a.csv")
+
+    def tank(code: str) -> OwnPlant:
+        """Its functions as if a file with this code had been loaded."""
+        scope: dict[str, object] = {"__name__": "mine"}
+        exec(f"def inflow(u): return {code}\ndef rate(x, u, p): return [-p[0] * x[0] + inflow(u)]", scope)
+        exec("def level(x, u, p): return x[:1]", scope)
+        row = Parameter("a", "a", "1/s", "rate")
+        return OwnPlant(scope["rate"], scope["level"], (row,), (2.0,), 1, name="tank")
+
+    def job(code: str) -> tuple[str, int]:
+        found = emsid.fleet(tmp_path / "a.csv", tank(code), threads, out=tmp_path / "out", **READING)
+        return found.rows[0].job, len((tmp_path / "out" / "rows.jsonl").read_text().splitlines())
+
+    first, again, changed = job("u[0]"), job("u[0]"), job("2 * u[0]")
+    assert first == again
+    assert (changed[0] != first[0], changed[1]) == (True, 2)
+
+
+def test_the_code_of_a_class_of_the_users_own_is_told_apart_from_that_of_another() -> None:
+    def law(text: str) -> object:
+        scope: dict[str, object] = {"__name__": "mine"}
+        exec(f"class Law:\n    level = staticmethod(lambda speed: {text})\n    def rate(self): return 1.0", scope)
+        return scope["Law"]()  # type: ignore[operator]
+
+    same, other = (list(own_code({"of": [law(text)]})) for text in ("speed", "speed**2"))
+    assert same == list(own_code({"of": [law("speed")]}))
+    assert (len(same), same[1:] == other[1:], same == other) == (2, True, False)
+    assert list(own_code((ARX, emsid.MotorPlant(emsid.Motor()), {"knots": 3, "weights": np.ones(3)}))) == []
+
+
 def test_files_of_one_name_are_different_motors(tmp_path: Path) -> None:
     for name in ("M1/log.csv", "M2/log.csv", "x/M1/run.csv", "y/M1/run.csv", "only.csv", "e/f.csv", "e/f.parquet"):
         path = tmp_path / "in" / name
@@ -472,3 +513,27 @@ def test_tables_are_divided_without_what_an_earlier_run_left(tmp_path: Path) -> 
     table.write_parquet(tmp_path / "all.parquet")
     parts, _ = divided(found_files(tmp_path / "all.parquet"), "id", tmp_path / "parts")
     assert {part.keys["motor"] for part in parts} == {"a", "b"}
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_fleet_that_is_ended_leaves_no_worker_and_no_word_of_one(tmp_path: Path, sent: signal.Signals) -> None:
+    simulated_fleet(tmp_path / "in", 60, 400, worn=1, loaded=0, poisoned=0)
+    words = ("-u", "voltage", "-y", "speed", "--time", "t", "--models", "arx", "--workers", "2", "--out", "out")
+    command = [sys.executable, "-m", "emsid", "fleet", "in", *words]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    journal, end = tmp_path / "out" / "rows.jsonl", time.monotonic() + 60
+    while time.monotonic() < end and not (journal.exists() and journal.read_text()):
+        time.sleep(0.05)
+    process.send_signal(sent)
+    said = process.communicate(timeout=30)[1]
+    assert process.returncode == (130 if sent == signal.SIGINT else 143)
+    assert all(line.startswith("emsid: ") for line in said.splitlines()), said
+    assert sent == signal.SIGTERM or "the finished rows are kept, and the same command goes on from there" in said
+    assert all(line.startswith("{") and line.endswith("}") for line in journal.read_text().splitlines())
+    end = time.monotonic() + 10  # the process that counts semaphores ends last
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end:
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+    assert time.monotonic() < end
+    assert not list((tmp_path / "out").rglob("*.tmp"))

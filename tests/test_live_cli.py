@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -19,9 +20,11 @@ from emsid import save as save_model
 from emsid.cli.structures import structure_of
 from emsid.estimation import Directional
 from emsid.findings import Finding
+from emsid.io import read
 from emsid.live.board import Board
 from emsid.live.recorded import read_log
 from emsid.live.server import Server
+from emsid.live.session import pieces
 from emsid.live.tracking import Tracker
 from emsid.wording import sentence
 from live_sessions import DT, PLAIN, SentBoard, lines, served, url
@@ -118,6 +121,42 @@ def test_bench_run_drives_a_server_and_writes_a_record(tmp_path: Path, run: obje
         status, _, err = run("bench", "run", *wrong, "--out", tmp_path / "none.csv")
         assert (status, err.count("\n")) == (2, 1)
         assert message in err
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_bench_run_writes_what_it_recorded_and_says_so(tmp_path: Path, sent: signal.Signals) -> None:
+    with served(pace=1.0) as server:
+        words = ("bench", "run", "--source", url(server), "--limit", "4V", "--duration", "60", "--json")
+        command = [sys.executable, "-m", "emsid", *words, "--out", str(tmp_path / "record.csv")]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            log, end = tmp_path / "record.log.txt", time.monotonic() + 60
+            while time.monotonic() < end and not (log.exists() and log.stat().st_size > 2000):
+                time.sleep(0.05)
+            process.send_signal(sent)
+            out, err = process.communicate(timeout=60)
+        assert server.voltage == 0.0
+    said = "emsid: stopping the motor\nemsid: the run was interrupted; what was recorded until then is written\n"
+    assert (process.returncode, err) == (130, said)
+    assert (json.loads(out)["reason"], json.loads(out)["at_zero"]) == ("interrupted", True)
+    assert len(read(tmp_path / "record.csv", input="voltage", output="speed", time="t")) > 50
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+def test_tracking_a_file_that_is_interrupted_is_not_done(
+    tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "log.csv").write_bytes(lines(4000, step=3500, dt=0.01))
+
+    def pressed(record: Record) -> object:
+        monkeypatch.setattr("emsid.live.session.pieces", pieces)
+        os.kill(os.getpid(), signal.SIGINT)
+        return pieces(record)
+
+    monkeypatch.setattr("emsid.live.session.pieces", pressed)
+    status, _, err = run("track", tmp_path / "log.csv", "--out", tmp_path / "out")
+    assert (status, err.splitlines()[-1]) == (130, "emsid: tracking was interrupted; the results so far are written")
+    assert json.loads((tmp_path / "out" / "track.json").read_text())["reason"] == "stopped"
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 def test_bench_run_waits_for_a_server_that_starts_later(tmp_path: Path, run: object) -> None:

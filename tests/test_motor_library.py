@@ -127,6 +127,9 @@ def test_a_check_that_compares_nothing_fails(identified, run) -> None:
     status, _, err = run("motors", home, "--check", f"bare={identified / 'axis.json'}", "--record", log)
     assert status == 2
     assert "nothing to compare" in err
+    assert run("motors", home, "--add", f"axis={identified / 'axis.json'}", "--record", log, "--command", "c")[0] == 0
+    status, _, err = run("motors", home, "--check", f"axis={home}/../library/axis.json", "--record", log)
+    assert (status, "the model of axis itself, so there is nothing to compare" in err) == (2, True)
 
 
 def test_records_of_one_name_are_told_apart_by_their_folders_and_can_be_checked(identified, run) -> None:

@@ -201,18 +201,37 @@ def spiked():
     return replace(HEALTHY, output=output)
 
 
+def impossible():
+    volts = HEALTHY.input.copy()
+    volts[500] = 1e9
+    return replace(HEALTHY, input=volts)
+
+
+def with_an_impulse():
+    """An answered impulse of the input, which is far from all other samples of both, and an outlier."""
+    volts = staircase()
+    volts[400] = 3000.0
+    output = speed(volts)[:, None]
+    output[900] = -1e6
+    return record(volts, output)
+
+
 DOORS = {
-    "value-stuck": frozen,
-    "outliers": spiked,
-    "output-is-input": lambda: record(staircase(), 3.0 * staircase()),
-    "output-clipped": clipped,
+    "frozen output": ("value-stuck", frozen),
+    "outlier": ("outliers", spiked),
+    "impossible command": ("outliers", impossible),
+    "outlier and an impulse": ("outliers", with_an_impulse),
+    "one signal twice": ("output-is-input", lambda: record(staircase(), 3.0 * staircase())),
+    "clipped output": ("output-clipped", clipped),
 }
+CODES = {code for code, _ in DOORS.values()}
 
 
-@pytest.mark.parametrize("code", DOORS)
-def test_description_identification_validation_and_studio_say_the_same(code, run, tmp_path):
+@pytest.mark.parametrize("case", DOORS)
+def test_description_identification_validation_fleet_and_studio_say_the_same(case, run, tmp_path):
     path, model = tmp_path / "log.csv", tmp_path / "model.json"
-    emsid.io.write_record(DOORS[code](), path)
+    code, make = DOORS[case]
+    emsid.io.write_record(make(), path)
     how = {"input": ["voltage"], "output": ["speed"], "time": "t"}
     look = emsid.describe(path, **how)
     result = emsid.identify(emsid.read(path, **how), models=QUICK)
@@ -225,7 +244,13 @@ def test_description_identification_validation_and_studio_say_the_same(code, run
     said = {each["code"] for each in validated["findings"]}
     assert status == 0
     for door in (codes(look.findings), codes(result.findings), said, {each["code"] for each in shown["findings"]}):
-        assert set(DOORS) & door == {code}
+        assert CODES & door == {code}
+    used = without_faults(emsid.read(path, **how))
+    proposed = emsid.read(path, **{**look.reading, **look.mends})
+    assert len(used) == len(proposed)
+    assert len(used) < N or code not in {"value-stuck", "outliers"}
+    (row,) = emsid.fleet([path], emsid.arx(1, 1), unseen=0, **how).rows
+    assert abs(row.estimates["a1"].value) == pytest.approx(abs(emsid.fit(emsid.arx(1, 1), used)["a1"].value))
     if code in {"value-stuck", "outliers"}:
         assert validated["samples"] < N
         assert validated["fit_percent"] > 90

@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from enum import EnumMeta
 from functools import cache
 from hashlib import blake2s
@@ -124,6 +125,25 @@ def digest_of(function: Any) -> str:
     found, (reached, values) = blake2s(digest_size=8), _reached(function)
     found.update(repr((len(reached), values)).encode())
     return found.hexdigest()
+
+
+def own_code(value: Any) -> Iterator[str]:
+    """Digests of all code of a user within a value, such as a model: functions, and methods of classes.
+
+    They are found in fields of dataclasses, tuples, lists and dictionaries; code of this package and of libraries is
+    left out.
+    """
+    if _kernel(value) or isinstance(value, FunctionType):
+        yield digest_of(value)
+        return
+    for each in type(value).__mro__:
+        if not (each.__module__.startswith("emsid.") or _of_library(each.__module__)):
+            methods = (getattr(method, "__func__", method) for method in vars(each).values())
+            yield from (digest_of(method) for method in methods if isinstance(method, FunctionType))
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, tuple | list) else ()
+    named = [getattr(value, field.name) for field in fields(value)] if is_dataclass(value) else []
+    for part in (*parts, *named):
+        yield from own_code(part)
 
 
 def _reached(function: Any) -> tuple[dict[Any, int], list[object]]:

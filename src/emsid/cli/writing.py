@@ -1,7 +1,7 @@
 """Writing of results, model files and the report into a folder, and the messages about them."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -95,7 +95,7 @@ def write(
         reading: arguments with which that record was read.
     """
     from emsid.io import atomic_write, save
-    from emsid.io.files import write_several
+    from emsid.io.files import together, write_several
 
     def save_document(name: str) -> None:
         atomic_write(folder / name, as_json(documents[name]))
@@ -103,10 +103,11 @@ def write(
     def save_one(fit: Any) -> None:
         save(fit, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
 
-    problem = attempted(
-        lambda: write_several(save_one, fits),
-        *(partial(save_document, name) for name in documents),  # after the model files, which it names
-    )
+    with together():
+        problem = attempted(
+            lambda: write_several(save_one, fits),
+            *(partial(save_document, name) for name in documents),  # after the model files, which it names
+        )
     if problem is not None:
         raise problem
 
@@ -175,8 +176,8 @@ def draw(
     pdf: bool = False,
     *,
     interrupted: bool = False,
-) -> bool:
-    """Draw the report with its figures, with PDF on request, and write it; false if Ctrl-C was pressed meanwhile.
+) -> tuple[str, ...]:
+    """Draw the report with its figures, with PDF on request, and write it; no files if Ctrl-C was pressed meanwhile.
 
     Args:
         folder: where to.
@@ -200,18 +201,29 @@ def draw(
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise
-        return False
+        return ()
     with INTERRUPTION.put_off():
         write_files(files, folder)
+    if INTERRUPTION.pressed and not (interrupted or INTERRUPTION.late):
+        INTERRUPTION.words = "interrupted after everything was written"
     for each in noted:
         warn(sentence(each, option))
-    return True
+    return tuple(files)
 
 
-def say_where(folder: Path, drawn: bool, *names: str, possible: Iterable[str] = ()) -> None:
-    """Print where the files are, and which files there are from an earlier run."""
-    report = ("report.html", "figures/") if drawn else ()
+def say_where(folder: Path, drawn: Sequence[str], *names: str, possible: Iterable[str] = ()) -> None:
+    """Print where the files are, and which files there are from an earlier run.
+
+    Args:
+        folder: of the results.
+        drawn: the files of the report.
+        names: the other files.
+        possible: files that an earlier run may have left.
+    """
+    report = (REPORT, "figures/") if drawn else ()
     say(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
-    old = [name for name in ("report.html", *possible) if name not in (*report, *names) and (folder / name).exists()]
-    if old:
+    old = [name for name in (REPORT, *possible) if name not in (*drawn, *names) and (folder / name).exists()]
+    figures = sum(path.relative_to(folder).as_posix() not in drawn for path in folder.glob("figures/*"))
+    if old or figures:
+        old += [f"{figures} in figures/"] if figures else []
         say(f"from an earlier run, not from this one: {', '.join(old)}")

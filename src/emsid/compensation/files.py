@@ -13,7 +13,7 @@ from emsid.errors import FormatError
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import sentences
 from emsid.exports.verb import c_name, export
-from emsid.io.files import atomic_write, write_several
+from emsid.io.files import atomic_write, together, write_several
 from emsid.models.verbs import as_model
 
 README = "COMPENSATION.md"
@@ -61,7 +61,8 @@ def write(
     there = [file for file in files if (folder / file).exists()]
     if there and not force:
         raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
-    written = export(model, "c99", folder, name=called, dt=dt, force=force, single=single)
     paths = [folder / file for file in files]
-    write_several(atomic_write, paths, files.values())
+    with together():
+        written = export(model, "c99", folder, name=called, dt=dt, force=force, single=single)
+        write_several(atomic_write, paths, files.values())
     return [*written, *paths]

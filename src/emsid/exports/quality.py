@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from emsid.errors import FormatError
+from emsid.estimation.fit import Fit
 from emsid.io.files import read_bytes
 from emsid.record import Record
 
@@ -28,19 +29,22 @@ def quality(model: Any, unseen: Record | Mapping[str, float] | None) -> str:
     return f"Fit of the free run on unseen data: {percent:.4g} %, RMSE {rmse:.4g}, {samples:.0f} samples."
 
 
-def unseen_beside(path: Path, name: str) -> dict[str, float] | None:
+def unseen_beside(path: Path, loaded: Any) -> dict[str, float] | None:
     """The fit of a model on unseen data, of the result that lies beside its file; None where there is none.
 
     Args:
         path: the file of the model.
-        name: of the model.
+        loaded: its content; a result of another fit of the same model, such as of a later run, says nothing about it.
     """
     beside = path.parent / "result.json"
-    if not beside.is_file():
+    if not beside.is_file() or not isinstance(loaded, Fit):
         return None
     try:
-        rows = json.loads(read_bytes(beside))["rows"]
-        found = next(row for row in rows if (row["model"], row["data"]) == (name, "unseen"))
+        result, name = json.loads(read_bytes(beside)), loaded.model.name
+        fit = next(each for each in result["fits"] if each["model"] == name)
+        if (fit["samples"], fit["noise_variance"]) != (loaded.samples, loaded.noise_variance):
+            return None
+        found = next(row for row in result["rows"] if (row["model"], row["data"]) == (name, "unseen"))
         return {each: float(found[each]) for each in QUALITY}
     except (
         FormatError,

@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 from emsid.findings import Finding
 from emsid.first_look.columns import stretches_without_change
 from emsid.first_look.examined import is_position
-from emsid.first_look.levels import FEW, FEWEST_SAMPLES
-from emsid.first_look.outliers import about_outliers, outliers_of
+from emsid.first_look.levels import FEWEST_SAMPLES
+from emsid.first_look.outliers import about_outliers, impossible_commands, outliers_of_answer
 from emsid.first_look.stuck_output import is_stuck
 from emsid.record import Record
-
-IMPOSSIBLE = 1e3
-"""A sample of an input is no command if it is that many times the range of all others away from its neighbours; a
-single sample that is nearer may be an impulse."""
 
 
 def without_faults(record: Record) -> Record:
@@ -44,16 +40,11 @@ def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
     """Samples (N,) that are no measurements, and what they are, channel by channel."""
     u, place = record.input[:, 0], np.arange(len(record))
     for name, x in zip(record.input_names, record.input.T, strict=True):
-        found, away = outliers_of(x)
-        impossible = away > IMPOSSIBLE * np.ptp(np.delete(x, found))
-        if impossible.any():
-            found, away = found[impossible], away[impossible]
+        found, away = impossible_commands(x)
+        if len(found):
             yield np.isin(place, found), about_outliers(name, found, away, masked=True)
-    impulses, _ = outliers_of(u)
     for name, y in zip(record.output_names, record.output.T, strict=True):
-        found, away = outliers_of(y)
-        answers = np.isin(found[:, None] - np.arange(FEW), impulses).any(axis=1)
-        found, away = found[~answers], away[~answers]
+        found, away = outliers_of_answer(y, u)
         if len(found):
             yield np.isin(place, found), about_outliers(name, found, away, masked=True)
         for each in stretches_without_change(y, np.unique(np.delete(y, found))):

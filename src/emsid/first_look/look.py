@@ -388,6 +388,8 @@ def _about_columns(look: FirstLook, given: set[str]) -> list[Finding]:
         )
     for column in used:
         findings += _about_column(column, look, given)
+    if "mask" not in given:
+        findings += masked_outliers(used, next((each for each in used if each.name == roles.output), None))
     return findings + _about_references(look)
 
 
@@ -424,8 +426,6 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
         findings.append(Finding("isolated-values", name, {"codes": codes, "low": column.low, "high": column.high}))
     if column.period and "wrap" not in given:
         findings.append(Finding("position-wraps", name, {"period": column.period}))
-    if name == look.roles.output and "mask" not in given:
-        findings += masked_outliers(column)
     if column.gaps:
         findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
     stuck = next((each for each in column.stuck if _is_stuck(look, column, each)), None)

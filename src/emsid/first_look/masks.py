@@ -20,7 +20,13 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.levels import PART
 from emsid.first_look.measurement import CLIPPED
-from emsid.first_look.outliers import about_outliers, limit_of_ordinary, outliers_of
+from emsid.first_look.outliers import (
+    about_outliers,
+    impossible_commands,
+    limit_of_ordinary,
+    outliers_of,
+    outliers_of_answer,
+)
 
 STUCK, STOP = "value-stuck", "joint-at-stop"
 LEFT_OUT = (STUCK, STOP)
@@ -28,7 +34,7 @@ LEFT_OUT = (STUCK, STOP)
 
 
 def mask_of(columns: Sequence[Column], output: Column | None) -> str | None:
-    """The condition that leaves out codes, missing values where there are many, and outliers of the output.
+    """The condition that leaves out codes, missing values where there are many, and outliers.
 
     Args:
         columns: that are used.
@@ -47,18 +53,29 @@ def mask_of(columns: Sequence[Column], output: Column | None) -> str | None:
         else:
             values = ", ".join(f"{code.value:g}" for code in column.codes)
             conditions.append(f"{name} IN ({values})")
-    if output is not None:
-        conditions += [finding.data["mask"] for finding in masked_outliers(output)]
+    conditions += [finding.data["mask"] for finding in masked_outliers(columns, output)]
     return " OR ".join(conditions) or None
 
 
-def masked_outliers(output: Column) -> Iterable[Finding]:
-    """A finding on the outliers of an output if a limit leaves out these and nothing else."""
-    limit = None if output.period or output.kind != "numbers" else limit_of_ordinary(output.signal)
-    if limit is not None:
-        found, away = outliers_of(output.signal)
-        mask = f"abs({in_expression(output)}) > {limit:g}"
-        yield about_outliers(output.name, found, away, mask=mask)
+def masked_outliers(columns: Sequence[Column], output: Column | None) -> Iterable[Finding]:
+    """A finding on the outliers of each channel if a limit leaves out these and nothing else.
+
+    Args:
+        columns: that are used; all but the output are inputs.
+        output: one of them.
+    """
+    for column in columns:
+        y = column.signal
+        inputs = [other.signal for other in columns if other is not output and len(other.signal) == len(y)]
+        if column.period or column.kind != "numbers":
+            continue
+        if column is output:
+            found, away = outliers_of_answer(y, inputs[0]) if inputs else outliers_of(y)
+        else:
+            found, away = impossible_commands(y)
+        limit = limit_of_ordinary(y, found)
+        if limit is not None:
+            yield about_outliers(column.name, found, away, mask=f"abs({in_expression(column)}) > {limit:g}")
 
 
 def in_expression(column: Column) -> str:

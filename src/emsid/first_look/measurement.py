@@ -19,7 +19,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of
 from emsid.first_look.levels import FEW, LAGS, MOST, PART, SAME
-from emsid.first_look.outliers import about_outliers, outliers_of
+from emsid.first_look.outliers import about_outliers, outliers_of_answer
 from emsid.first_look.stops import stops
 from emsid.selection.improvement import DIFFERENT
 
@@ -82,7 +82,7 @@ def _is_cut(y: Array, there: NDArray[np.bool_]) -> bool:
 
 def outliers(data: Examined) -> Iterable[Finding]:
     """Single samples far from both neighbours."""
-    found, away = outliers_of(data.measured.output[:, 0])
+    found, away = outliers_of_answer(data.measured.output[:, 0], data.measured.input[:, 0])
     if len(found):
         yield about_outliers(data.output, found, away)
 

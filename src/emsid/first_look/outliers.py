@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
-from emsid.first_look.levels import JUMP, SAME
+from emsid.first_look.levels import FEW, JUMP, SAME
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+IMPOSSIBLE = 1e3
+"""A sample of an input is no command if it is that many times the range of all others away from its neighbours; a
+single sample that is nearer may be an impulse."""
 
 
 def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
@@ -29,6 +33,21 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
     found = np.flatnonzero((away > JUMP * usual) & (away > 3 * spread) & (middle != y[1:-1]))
     found = found if len(found) < SAME * len(y) else found[:0]
     return found + 1, away[found]
+
+
+def impossible_commands(u: Array) -> tuple[NDArray[np.intp], Array]:
+    """The outliers of an input u (N,) that are no commands, as `outliers_of` gives them."""
+    found, away = outliers_of(u)
+    ordinary = np.delete(u, found)
+    impossible = away > IMPOSSIBLE * (np.nanmax(ordinary) - np.nanmin(ordinary)) if len(found) else np.zeros(0, bool)
+    return found[impossible], away[impossible]
+
+
+def outliers_of_answer(y: Array, u: Array) -> tuple[NDArray[np.intp], Array]:
+    """The outliers of an output y (N,) that answer no impulse of its input u (N,), as `outliers_of` gives them."""
+    found, away = outliers_of(y)
+    answers = np.isin(found[:, None] - np.arange(FEW), outliers_of(u)[0]).any(axis=1)
+    return found[~answers], away[~answers]
 
 
 def about_outliers(name: str, found: NDArray[np.intp], away: Array, **more: object) -> Finding:
@@ -54,9 +73,8 @@ def without_outliers(record: Record) -> Record:
     return replace(record, output=output)
 
 
-def limit_of_ordinary(y: Array) -> float | None:
-    """A short number between the largest ordinary sample of y (N,) and its outliers; None where there is none."""
-    found, _ = outliers_of(y)
+def limit_of_ordinary(y: Array, found: NDArray[np.intp]) -> float | None:
+    """A short number between the largest ordinary sample of y (N,) and its outliers (M,); None where there is none."""
     if not len(found):
         return None
     size = np.abs(y)

@@ -153,13 +153,16 @@ class Engine(Generic[Task, Result]):
         return ()
 
     def _leave(self) -> None:
-        """Leave everything that is under way, and the pool."""
+        """Leave everything that is under way, and the pool, whose processes end with what they are doing."""
         finished = not self._under_way
         for future in self._under_way:
             future.cancel()
         self._under_way.clear()
         if self._pool is not None:
-            self._pool.shutdown(wait=finished, cancel_futures=True)
+            processes = [] if finished else list((self._pool._processes or {}).values())
+            for process in processes:  # which write nothing
+                process.terminate()
+            self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
 

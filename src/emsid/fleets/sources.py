@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from glob import glob
 from itertools import product
@@ -21,6 +22,7 @@ from urllib.parse import unquote
 
 from emsid.errors import DataError, FormatError, some
 from emsid.io import READERS
+from emsid.io.files import not_written
 
 if TYPE_CHECKING:
     import polars as pl
@@ -281,6 +283,7 @@ def divided(files: Sequence[Found], motor: str, folder: Path) -> tuple[list[Foun
 
     Raises:
         FormatError: for files that are no tables.
+        NotWritten: where the new files cannot be written, such as on a full disk.
         DataError: where no table has the column.
     """
     import polars as pl
@@ -301,6 +304,10 @@ def divided(files: Sequence[Found], motor: str, folder: Path) -> tuple[list[Foun
                 pl.PartitionBy(part, key=motor), mkdir=True, engine="streaming"
             )
         except (pl.exceptions.PolarsError, OSError) as problem:
+            with suppress(pl.exceptions.PolarsError, OSError):
+                table.select(pl.all().null_count()).collect(engine="streaming")  # it can be read, so not written
+                rmtree(folder, ignore_errors=True)
+                raise not_written(folder, problem) from None
             failed[str(file.path)] = f"this table cannot be read ({' '.join(str(problem).split())[:120]})"
     if len(failed) == len(files):
         path, reason = next(iter(failed.items()))

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
+from errno import ENOSPC
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +23,7 @@ from typing import Any
 
 import msgspec
 
+from emsid.compiled import own_code
 from emsid.errors import DataError, EmsidError, FormatError, some
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
@@ -32,10 +35,11 @@ from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of, source_
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
+from emsid.io.files import not_written, together
 from emsid.models.refitting import specification
 from emsid.record.frames import frame as made_frame
 
-JOURNAL, RESULT, PARTS = "rows.jsonl", "fleet.parquet", ".parts"
+JOURNAL, RESULT, SUMMARY, PARTS = "rows.jsonl", "fleet.parquet", "fleet.json", ".parts"
 FRAME = ".frame.parquet"
 """The files in the folder of results, and the folder of the divided tables, which is removed at the end."""
 
@@ -196,7 +200,9 @@ def fleet(
         todo, failed = _found(source, motor, period, reading.get("time"), folder)
         subject, how = _structure(what, todo, reference, options or Options(), reading, control)
         version = sys.modules["emsid"].__version__
-        name = digest(repr((version, subject, sorted(how.items()), sorted(reading.items()), unseen)).encode())
+        code = list(own_code((subject, how)))
+        key = repr((version, subject, sorted(how.items()), sorted(reading.items()), unseen, code))
+        name = digest(re.sub(" at 0x[0-9a-f]+", "", key).encode())  # functions count by their code, not their place
         job = Job(subject, how, reading, unseen, name)
         journal = Journal(folder / JOURNAL, name, {batch.key: batch for batch in todo})
         rows = {(row.motor, row.period): row for row in journal.rows}
@@ -212,7 +218,7 @@ def fleet(
         dropped = [Finding("rows-dropped", data={"dropped": journal.dropped})] if journal.dropped else []
         result = replace(result, findings=(*findings_of(result, len(todo)), *dropped))
         if out is not None:
-            write_table(result, folder / RESULT)
+            _write(result, folder)
             if not stopped:
                 _remove(folder / PARTS)
                 (folder / FRAME).unlink(missing_ok=True)
@@ -363,27 +369,40 @@ class Journal:
 
     def __enter__(self) -> Journal:
         atomic_write(self.path, "".join(self._lines))
-        self._file = open(self.path, "a", encoding="utf-8")
+        self._file = open(self.path, "ab", buffering=0)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def add(self, row: FleetRow) -> None:
-        """Append a row; it is on disk when this returns."""
-        self._file.write(_line(row))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Append a row; it is on disk when this returns.
+
+        Raises:
+            NotWritten: where it cannot be written, such as on a full disk; the rows before it stay.
+        """
+        line, end = _line(row), os.fstat(self._file.fileno()).st_size
+        try:
+            if self._file.write(line) < len(line):
+                raise OSError(ENOSPC, os.strerror(ENOSPC))
+            os.fsync(self._file.fileno())
+        except BaseException as problem:
+            self._file.truncate(end)
+            if isinstance(problem, OSError):
+                raise not_written(self.path, problem) from None
+            raise
 
 
-def _line(row: FleetRow) -> str:
-    return json.dumps(asdict(row), ensure_ascii=False) + "\n"
+def _line(row: FleetRow) -> bytes:
+    return (json.dumps(asdict(row), ensure_ascii=False) + "\n").encode()
 
 
-def write_table(result: Fleet, path: Path) -> None:
-    """Write the rows as Parquet, atomically."""
+def _write(result: Fleet, folder: Path) -> None:
+    """Write the rows as Parquet, and the summary, both or neither."""
     from io import BytesIO
 
     content = BytesIO()
     result.to_frame().write_parquet(content)
-    atomic_write(path, content.getvalue())
+    with together():
+        atomic_write(folder / RESULT, content.getvalue())
+        atomic_write(folder / SUMMARY, msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2) + b"\n")

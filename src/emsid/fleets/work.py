@@ -22,6 +22,7 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.threads import one_blas_thread
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.first_look.faults import without_faults
 from emsid.fleets.sources import BINARY, Batch, scan, scanned, time_number
 from emsid.identification.verdict import model_verdicts
 from emsid.io import read
@@ -125,13 +126,13 @@ def row_of(job: Job, batch: Batch) -> FleetRow:
         )
 
     try:
-        record = record_of(job.reading, batch)
+        record = without_faults(record_of(job.reading, batch))
         found, row = fitted(job, record)
     except EmsidError as problem:
         return failed(str(problem))
     except Exception as problem:  # of a library that meets a damaged file
         return failed(f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}")
-    codes = tuple(dict.fromkeys(finding.code for finding in found.findings))
+    codes = tuple(dict.fromkeys(finding.code for finding in (*record.findings, *found.findings)))
     return FleetRow(
         batch.motor,
         batch.period,

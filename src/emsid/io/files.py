@@ -7,10 +7,12 @@ import json
 import os
 import stat
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar, copy_context
 from difflib import get_close_matches
+from errno import EISDIR
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
@@ -43,6 +45,15 @@ signals have noise, and become 3 to 20 times smaller."""
 AT_ONCE = 8
 """So many files are written at the same time."""
 _OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
+
+
+class NotWritten(FormatError):
+    """A file cannot be written, such as on a full disk."""
+
+
+def not_written(path: Path, problem: Exception) -> NotWritten:
+    """The error about a file that cannot be written."""
+    return NotWritten(f"{path}: cannot be written ({_reason(problem)}); choose another place or free this one")
 
 
 def check_target(path: str | os.PathLike[str]) -> None:
@@ -157,38 +168,112 @@ def first_bytes(path: str | os.PathLike[str]) -> bytes | None:
 def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a file atomically: at every moment it is complete, with the old or the new content.
 
-    The content is written to a temporary file in the same folder, forced to disk and renamed. After an error or Ctrl-C
-    the old file remains and the temporary file is deleted. Missing parent folders are created.
+    The content is written to a temporary file in the same folder, forced to disk and renamed; within `together` it is
+    renamed at the end of that. After an error or Ctrl-C the old file remains, and the temporary file and folders that
+    were made for it are deleted.
 
     Args:
         path: the file.
         content: text is written as UTF-8.
 
     Raises:
-        FormatError: where the folder cannot be made or written to, ``path`` is itself a folder, or a file that the
-            command has read (`emsid.replacing`).
+        NotWritten: where the folder cannot be made or written to, or ``path`` is itself a folder.
+        FormatError: for a file that the command has read (`emsid.replacing`).
     """
-    check_target(path)
-    path = Path(path)
-    data = content.encode() if isinstance(content, str) else content
-    temporary = path.with_name(f".{path.name}.{token_hex(4)}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
+    with together() as files:
+        files.add(Path(path), content.encode() if isinstance(content, str) else content)
+
+
+class _Files:
+    """Files that are written completely before the first of them gets its name."""
+
+    def __init__(self) -> None:
+        self._written: dict[Path, Path] = {}  # temporary files by the names that they will get
+        self._folders: list[Path] = []  # that were made for them
+        self.problem: NotWritten | None = None
+
+    def add(self, path: Path, content: bytes) -> None:
+        """Write a temporary file; after a failure none of the files gets its name."""
+        check_target(path)
+        temporary = path.with_name(f".{path.name}.{token_hex(4)}.tmp")
+        with self._reported(path):
+            missing = [each for each in path.parents if not each.exists()]
+            self._folders += missing
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.is_dir():
+                raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+            earlier = self._written.get(path)
+            self._written[path] = temporary
             with open(temporary, "xb") as file:
-                file.write(data)
+                file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
                 note_result(os.fstat(file.fileno()))
-            os.replace(temporary, path)
-        except BaseException:
-            with suppress(OSError):
-                temporary.unlink()
+            if earlier is not None:
+                earlier.unlink()
+
+    def finish(self) -> None:
+        """Give all files their names, also where the program is interrupted meanwhile."""
+        if self.problem is not None:
+            raise self.problem
+        try:
+            self._rename()
+        except Exception:
             raise
-    except (OSError, ValueError) as problem:
-        raise FormatError(
-            f"{path}: cannot be written ({_reason(problem)}); choose another place or free this one"
-        ) from None
+        except BaseException:  # by a signal
+            self._rename()
+            raise
+
+    def _rename(self) -> None:
+        for path, temporary in list(self._written.items()):
+            with self._reported(path):
+                if temporary.exists():  # else an interrupted call has renamed it
+                    os.replace(temporary, path)
+            del self._written[path]
+
+    def discard(self) -> None:
+        """Delete what has not got its name."""
+        for path in self._written.values():
+            with suppress(OSError, ValueError):  # ValueError: a name with a null character
+                path.unlink()
+        for folder in sorted(self._folders, key=lambda each: -len(each.parts)):
+            with suppress(OSError):  # another program has written into it
+                folder.rmdir()
+
+    @contextmanager
+    def _reported(self, path: Path) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, ValueError) as problem:
+            self.problem = not_written(path, problem)
+            raise self.problem from None
+
+
+_TOGETHER: ContextVar[_Files | None] = ContextVar("together", default=None)
+
+
+@contextmanager
+def together() -> Iterator[_Files]:
+    """Within this context, `atomic_write` prepares files, which get their names at its end; after a failure none does.
+
+    A failure is any exception that leaves the context, and a file that could not be written within it, even if that
+    exception was caught. Contexts within each other are one.
+
+    Raises:
+        NotWritten: where a file could not be written.
+    """
+    outer = _TOGETHER.get()
+    if outer is not None:
+        yield outer
+        return
+    files = _Files()
+    token = _TOGETHER.set(files)
+    try:
+        yield files
+        files.finish()
+    finally:
+        _TOGETHER.reset(token)
+        files.discard()
 
 
 def write_several(write: Callable[..., object], *arguments: Iterable[Any]) -> None:
@@ -199,12 +284,12 @@ def write_several(write: Callable[..., object], *arguments: Iterable[Any]) -> No
         arguments: as for `map`.
 
     Raises:
-        FormatError: where a file cannot be written, after all others.
+        FormatError: where a file cannot be written; then none is.
     """
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        written = [pool.submit(write, *each) for each in zip(*arguments, strict=False)]
-    for each in written:
-        each.result()
+    with together(), ThreadPoolExecutor(AT_ONCE) as pool:
+        written = [pool.submit(copy_context().run, write, *each) for each in zip(*arguments, strict=False)]
+        for each in written:
+            each.result()
 
 
 def _reason(problem: Exception) -> str:

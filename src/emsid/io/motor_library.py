@@ -26,7 +26,7 @@ from pathlib import Path
 import msgspec
 
 from emsid.errors import DataError, FormatError, listed
-from emsid.io.files import atomic_write, read_bytes
+from emsid.io.files import atomic_write, read_bytes, together
 from emsid.io.model_file import load
 
 FORMAT, SCHEMA = "emsid motor", 1
@@ -100,9 +100,9 @@ def add_actuator(
         Recorded(file, _sha256(read_bytes(record))) for file, record in zip(_named(records), records, strict=True)
     )
     entry = Actuator(FORMAT, SCHEMA, _sha256(content), known, command)
-    home.mkdir(parents=True, exist_ok=True)
-    atomic_write(home / f"{name}.json", content)
-    atomic_write(home / f"{name}{ENDING}", msgspec.json.format(msgspec.json.encode(entry), indent=2) + b"\n")
+    with together():
+        atomic_write(home / f"{name}.json", content)
+        atomic_write(home / f"{name}{ENDING}", msgspec.json.format(msgspec.json.encode(entry), indent=2) + b"\n")
 
 
 def _named(records: Sequence[str | os.PathLike[str]]) -> list[str]:

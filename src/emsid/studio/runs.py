@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from emsid.errors import FormatError
 from emsid.io import atomic_write
 from emsid.studio.session import Session
 
@@ -33,13 +34,18 @@ class Runs:
         self.session, self.announce = session, announce
         self._processes: dict[str, subprocess.Popen[str] | None] = {}
         self._progress: dict[str, dict[str, Any]] = {}
+        self._problems: dict[str, str] = {}
         self._waiting: list[str] = []
         self._lock = RLock()
 
     def begin(self, task: Mapping[str, Any]) -> str:
         """Start an identification, or put it into the queue; the number of the run."""
         folder = self.session.new_run()
-        atomic_write(folder / "task.json", msgspec.json.encode(task))
+        try:
+            atomic_write(folder / "task.json", msgspec.json.encode(task))
+        except FormatError:
+            folder.rmdir()
+            raise
         with self._lock:
             self._waiting.append(folder.name)
         self._next()
@@ -105,6 +111,8 @@ class Runs:
                     known = self._progress.setdefault(number, {})
                     if message["kind"] == "progress":
                         known["progress"] = message
+                    elif message["kind"] == "failed":
+                        self._problems[number] = message["message"]
                 self.announce({"kind": "run", "run": self.state(number)})
         with self._lock:
             del self._processes[number]
@@ -128,6 +136,8 @@ class Runs:
             found["state"] = "done"
         elif (folder / "problem.json").exists():
             found |= {"state": "failed", **msgspec.json.decode((folder / "problem.json").read_bytes())}
+        elif number in self._problems:  # which could not be written
+            found |= {"state": "failed", "message": self._problems[number]}
         else:
             found |= {"state": "ended", "message": "it ended before its result was complete; the models found are kept"}
         return found

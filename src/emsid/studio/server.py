@@ -25,6 +25,7 @@ from starlette.routing import Route
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import LOG, InternalError
 from emsid.findings import plain
+from emsid.io.files import NotWritten
 from emsid.studio import uplot
 from emsid.studio.exports import exported, formats
 from emsid.studio.guard import LARGE, Guard, TooLarge
@@ -104,6 +105,8 @@ def made_on(request: Request) -> str | None:
 def refusal(problem: Exception) -> Response:
     """The answer in one line where a request could not be done."""
     LOG.debug("%s", problem, exc_info=problem)
+    if isinstance(problem, NotWritten):
+        return PlainTextResponse(str(problem), 507)
     if isinstance(problem, EmsidError):
         return PlainTextResponse(str(problem), 409 if isinstance(problem, Conflict) else 400)
     if isinstance(problem, OSError):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
+from io import BytesIO
 from logging import StreamHandler
 from pathlib import Path
 from threading import Event, Thread
@@ -28,6 +29,7 @@ from emsid.exports.assumptions import assumed, sentences
 from emsid.findings import Finding, plain
 from emsid.identification import Identification
 from emsid.io import atomic_write, save
+from emsid.io.files import NotWritten, together
 from emsid.report.document import Report, Section, Table
 from emsid.report.identification_page import report
 from emsid.report.numbers import number
@@ -50,7 +52,9 @@ def main() -> None:
     LOG.addHandler(StreamHandler())  # tracebacks are in the log of the run
 
     def failed(problem: Exception) -> None:
-        atomic_write(run / "problem.json", msgspec.json.encode({"message": str(problem)}))
+        say(kind="failed", message=str(problem))
+        with suppress(NotWritten):
+            atomic_write(run / "problem.json", msgspec.json.encode({"message": str(problem)}))
 
     try:
         with border("run", report=failed):
@@ -113,11 +117,12 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
     """Write models, result, free runs, what the page shows, and the report, in this order."""
     reading = task["reading"]
     say(kind="progress", doing="writing", done=0, total=None)
-    for fit in result.fits:
-        save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)
-    if result.is_usable:
-        save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
-    atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
+    with together():
+        for fit in result.fits:
+            save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)
+        if result.is_usable:
+            save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
+        atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
     with collected() as noted:
         with border("free runs"):
             write_runs(result, run)
@@ -136,9 +141,9 @@ def write_runs(result: Identification, run: Path) -> None:
         signals: dict[str, Any] = {
             f"model {assessment.row.model}": assessment.simulation.output for assessment in comparison.assessments
         }
-        with (run / f".{part}.part").open("wb") as file:
-            np.savez(file, time=record.time, dt=record.dt, input=record.input, measured=record.output, **signals)
-        (run / f".{part}.part").replace(run / f"{part}.npz")
+        content = BytesIO()
+        np.savez(content, time=record.time, dt=record.dt, input=record.input, measured=record.output, **signals)
+        atomic_write(run / f"{part}.npz", content.getvalue())
 
 
 def as_shown(result: Identification, content: Report) -> dict[str, Any]:

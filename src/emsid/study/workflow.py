@@ -27,6 +27,7 @@ from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
+from emsid.first_look.faults import without_faults
 from emsid.models.regression.narx import Structure
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
@@ -209,7 +210,7 @@ def _records(settings: Settings, given: tuple[Record, Record] | None) -> dict[st
         (measure(settings, bench, IDENTIFICATION, rng), measure(settings, bench, UNSEEN, rng))
         for bench in (Bench(), settings.bench)
     )
-    measured = given or measured
+    measured = measured if given is None else (without_faults(given[0]), without_faults(given[1]))
     check_same_channels(*measured)
     if np.array_equal(measured[0].input, measured[1].input):
         raise DataError(

@@ -145,12 +145,15 @@ def run(
     voltages = _made(excitation, duration, size, seed) if signal is None else _in_file(signal, limit)
     result, record = _driven(source, voltages, limits, header, baud, patience, out)
     files: list[str] = []
-    unwritten = attempted(lambda: files.extend(_write(record, out, force)))
+    with INTERRUPTION.put_off():
+        unwritten = attempted(lambda: files.extend(_write(record, out, force)))
     _say(result, source, files, record, json)
     if unwritten is not None:
         raise unwritten
     if result.at_zero is not True or result.reason not in ("done", "interrupted"):
         raise typer.Exit(1)
+    INTERRUPTION.words = "the run was interrupted; what was recorded until then is written"
+    INTERRUPTION.end(result.reason == "interrupted")
 
 
 def _made(excitation: str, duration: float, amplitude: float, seed: int) -> "Callable[[float], Any]":
@@ -219,8 +222,9 @@ def _driven(
     opened = awaited(again, patience, warn)
     log = Log(out.with_suffix(".log.txt"))
     receiver = Receiver(opened, log, again)
+    stopping = INTERRUPTION.asked("stopping the motor", by_sigterm=True)
     try:
-        with progress_bar() as progress, INTERRUPTION.asked("stopping the motor"), INTERRUPTION.put_off():
+        with progress_bar() as progress, stopping, INTERRUPTION.put_off():
             control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
             result = drive(receiver, LineParser(header), signal, limits, control, patience=patience)
     finally:
@@ -235,12 +239,14 @@ def _driven(
 def _write(record: Any, out: Path, force: bool) -> list[str]:
     """Write every stretch of a record to a file; one that exists is replaced with ``force`` only."""
     from emsid.io import write_record
+    from emsid.io.files import together
 
     segments = record.segments
     paths = [out] if len(segments) == 1 else [out.with_stem(f"{out.stem}-{k + 1}") for k in range(len(segments))]
-    for path, segment in zip(paths, segments, strict=True):
-        check_file(path, force)
-        write_record(segment, path)
+    with together():
+        for path, segment in zip(paths, segments, strict=True):
+            check_file(path, force)
+            write_record(segment, path)
     return [str(path) for path in paths]
 
 

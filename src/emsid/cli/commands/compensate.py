@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, quantity, sample_time
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
@@ -80,8 +79,7 @@ def compensate(
     if isinstance(found, Compensation):
         trial = try_out(loaded, found, setting(found, limit=limit, delay=delay, amplitude=amplitude))
         more["compensation.svg"] = svg(compensation_figure(trial, *_units(source)))
-    with INTERRUPTION.put_off():
-        written = write(loaded, found, out, name=name, dt=dt, single=single, force=force, more=more)
+    written = write(loaded, found, out, name=name, dt=dt, single=single, force=force, more=more)
     if json:
         document: dict[str, Any] = {"schema": 1, "files": [str(path) for path in written]}
         say_json(as_json(document | ({} if trial is None else {"trial": trial.to_data()})))

@@ -66,18 +66,21 @@ def demo(
       emsid demo motors --fleet 40
     """
     from emsid.io import atomic_write, write_record
+    from emsid.io.files import together
     from emsid.study.demonstration import EXAMPLES
 
     check_folder(folder, PAGE, *(f"{example.name}.csv" for example in EXAMPLES), given="")
     if fleet:
         _fleet(folder, fleet, seed)
         return
-    INTERRUPTION.words = "interrupted; only the files named above are complete"
-    for example in EXAMPLES:
-        record = example.record()
-        write_record(record, folder / f"{example.name}.csv")
+    INTERRUPTION.words = "interrupted; nothing is written"
+    with together():
+        records = {example: example.record() for example in EXAMPLES}
+        for example, record in records.items():
+            write_record(record, folder / f"{example.name}.csv")
+        atomic_write(folder / PAGE, commands_page().encode())
+    for example, record in records.items():
         say(f"{folder / example.name}.csv: {example.title}, {len(record):,} samples")
-    atomic_write(folder / PAGE, commands_page().encode())
     say(f"{folder / PAGE}: commands to try, from within the folder; the first is")
     enter = "" if folder == Path() else f"{command_line(['cd', file_word(str(folder))])} && "
     say(f"  {enter}emsid {COMMANDS[EXAMPLES[0].name][0][0]}")
@@ -86,9 +89,10 @@ def demo(
 def _fleet(folder: Path, motors: int, seed: int) -> None:
     """Write a fleet, and what is wrong in it."""
     from emsid.fleets.simulated import LOAD, WEAR, simulated_fleet
+    from emsid.io.files import together
 
     faults = {"worn": max(motors // 50, 1), "loaded": int(motors >= 8), "poisoned": min(3, motors // 10)}
-    with working("only the files so far are complete") as control:
+    with working("ending; nothing is written") as control, together():
         made = simulated_fleet(folder, motors, **faults, seed=seed, control=control)
     say(f"{folder}: {motors:,} motors")
     say(f"- worn bearings, Coulomb friction times {WEAR:g}: {', '.join(made.worn)}")

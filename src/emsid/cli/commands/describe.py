@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, option
 from emsid.cli.reading import identify_words, reads_records
 from emsid.cli.shell import command_line
@@ -95,6 +96,7 @@ def describe(
     if out is not None:
         from emsid.report.views.first_look import report
 
+        INTERRUPTION.words = "drawing the page was interrupted; everything else is printed"
         drawn = draw(out, lambda: report(looks, together, divided, commands, option))
         if not json:
             say_where(out, drawn)

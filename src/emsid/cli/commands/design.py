@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, names, option, quantity, sample_time
 from emsid.cli.terminal import Align, plain_table, say, say_json, show
 from emsid.cli.writing import as_json, check_file
@@ -74,8 +73,7 @@ def design(
         loaded, limit=limit, duration=duration, dt=dt, limit_slew=limit_slew, limit_speed=limit_speed,
         limit_travel=limit_travel, wanted=names(wanted, "--for"), criterion=criterion, noise=noise, seed=seed,
     )  # fmt: skip
-    with INTERRUPTION.put_off():
-        write_record(found.record, out)
+    write_record(found.record, out)
     if json:
         say_json(as_json({"schema": 1, "file": str(out), "samples": len(found.record), **found.to_data()}))
         return

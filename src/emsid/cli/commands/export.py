@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, names, pairs, sample_time
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
@@ -62,9 +61,8 @@ def export(
         dt = source.dt
     options = {**pairs(option, "--option", "NAME=VALUE"), **({"single": True} if single else {})}
     permitted = names(assume, "--assume") if assume else ()
-    known = unseen_beside(model, as_model(loaded).name)
-    with INTERRUPTION.put_off():
-        written = run(loaded, to, out, name=name, dt=dt, force=force, unseen=known, assume=permitted, **options)
+    known = unseen_beside(model, loaded)
+    written = run(loaded, to, out, name=name, dt=dt, force=force, unseen=known, assume=permitted, **options)
     if json:
         say_json(as_json({"schema": 1, "format": to, "files": [str(path) for path in written]}))
         return

@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Pdf, names, option, physical_values
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import reader_may_leave, say, say_json, working
-from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 
 if TYPE_CHECKING:
     from emsid.fleets import Fleet
@@ -83,10 +83,10 @@ def fleet(
     from emsid.fleets import fleet as run
     from emsid.fleets.engine import connected
     from emsid.fleets.page import fleet_report
-    from emsid.fleets.verb import JOURNAL, RESULT
+    from emsid.fleets.verb import JOURNAL, RESULT, SUMMARY
     from emsid.identification.options import Options
 
-    check_folder(out, JOURNAL, RESULT, "fleet.json", REPORT)
+    check_folder(out, JOURNAL, RESULT, SUMMARY, REPORT)
     fixed = physical_values(fix, [each.plant for each in physical_first(names(models, "--models"))])
     with ExitStack() as stack:
         executor = stack.enter_context(connected(scheduler)) if scheduler else None
@@ -106,18 +106,16 @@ def fleet(
                 **reader.given,
             )
     INTERRUPTION.pressed = False
-    content = result.to_data()
-    with INTERRUPTION.put_off():
-        write(out, {"fleet.json": content})
-        with reader_may_leave():
-            if json:
-                say_json(as_json(content))
-            else:
-                _print(result)
+    INTERRUPTION.words = "interrupted; the finished rows are kept, and the same command goes on from there"
+    with INTERRUPTION.put_off(), reader_may_leave():
+        if json:
+            say_json(as_json(result.to_data()))
+        else:
+            _print(result)
     drawn = draw(out, lambda: fleet_report(result, ", ".join(source)), pdf, interrupted=result.interrupted)
     if not json:
         with reader_may_leave():
-            say_where(out, drawn, "fleet.parquet", "fleet.json")
+            say_where(out, drawn, RESULT, SUMMARY)
     INTERRUPTION.end(result.interrupted or not drawn)
 
 

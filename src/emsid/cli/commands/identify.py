@@ -291,11 +291,21 @@ def _run(
     from emsid.estimation.threads import one_blas_thread
     from emsid.identification import candidates
     from emsid.io import save
+    from emsid.io.files import together
     from emsid.report.identification_page import report
 
     def save_best(result: "Identification") -> None:
         if result.is_usable:
             save(result.recommended_fit, out / BEST, result.fitted_by_recommended, reader.remembered)
+
+    def write_all(result: "Identification", data: Any) -> None:
+        with together():  # a defect in one costs that one only; a full disk leaves the older files
+            problem = attempted(
+                lambda: write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered),
+                lambda: save_best(result),
+            )
+        if problem is not None:
+            raise problem
 
     with one_blas_thread():  # also of what follows from the models: beside other programs, threads wait for each other
         with working() as control:
@@ -305,10 +315,7 @@ def _run(
             )
         result, data = completed(result)
         with kept(result, "identification") as result:
-            unwritten = attempted(
-                lambda: write(out, {"result.json": data}, result.fits, result.data_of, reader.remembered),
-                lambda: save_best(result),
-            )
+            unwritten = attempted(lambda: write_all(result, data))
             unshown = None
             with reader_may_leave():
                 if json:

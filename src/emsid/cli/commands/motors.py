@@ -109,6 +109,8 @@ def _check(library: Path, name: str, model: Path, records: list[Path]) -> None:
     for entry in check_records(library, name, records):
         say(f"{entry.file}: the record of {name}")
     published, again = _values(library, name), _values_of(model)
+    if model.samefile(model_of(library, name)):
+        raise DataError(f"{model} is the model of {name} itself, so there is nothing to compare; name one found again")
     if not published:
         raise DataError(f"{name} has no estimated parameters, so there is nothing to compare")
     differing = []

@@ -151,12 +151,15 @@ def track(
         raise DataError(f"reconnect of {reconnect:g} s; give a time, or 0", arguments=("reconnect",))
     received = partial(_received, baud=baud, away=reconnect, patience=patience)
     files, problem = _followed(session, settings, reading, begun, received, out, json)
-    drawn = session.tracking is not None and _drawn(session, out, pdf)  # else stopped before the first sample
+    drawn = () if session.tracking is None else _drawn(session, out, pdf)  # None: stopped before the first sample
     if not json and session.tracking is not None:
         say_where(out, drawn, *files)
     if problem is not None:
         raise problem
-    INTERRUPTION.end(not drawn)
+    stopped = session.reason == "stopped" and "log.txt" not in files  # a source that is logged has no other end
+    if stopped and drawn:
+        INTERRUPTION.words = "tracking was interrupted; the results so far are written"
+    INTERRUPTION.end(stopped or not drawn)
 
 
 def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, model: Path | None) -> "Session":
@@ -254,8 +257,8 @@ def _compile(session: "Session", settings: "Settings", inputs: int) -> None:
         control.check()
 
 
-def _drawn(session: "Session", out: Path, pdf: bool) -> bool:
-    """Draw the report; false if Ctrl-C was pressed meanwhile."""
+def _drawn(session: "Session", out: Path, pdf: bool) -> tuple[str, ...]:
+    """Draw the report: its files; none if Ctrl-C was pressed meanwhile."""
     from emsid.report.tracking_page import tracking_report
 
     INTERRUPTION.words = "drawing the report was interrupted; everything else is written"
@@ -306,6 +309,7 @@ def _written(
     """
     from emsid.estimation.borders import tried
     from emsid.io import atomic_write, save, write_record
+    from emsid.io.files import together
     from emsid.io.state_file import save_state
 
     if log is not None:
@@ -330,7 +334,15 @@ def _written(
     works["track.json"] = lambda: atomic_write(out / "track.json", as_json(session.to_data()))
     works["state.json"] = lambda: save_state(tracking.state, fit.model.structure, out / "state.json")
     works[f"{fit.model.name}.json"] = lambda: save(fit, out / f"{fit.model.name}.json", record)
-    problems = {name: attempted(work) for name, work in works.items()}
+    problems = dict[str, EmsidError | None]()
+
+    def write_all() -> None:
+        with together():
+            problems.update((name, attempted(work)) for name, work in works.items())
+
+    full = attempted(write_all)
+    if full is not None:
+        return [] if log is None else ["log.txt"], full
     files = [name for name, problem in problems.items() if problem is None]
     problem = next(filter(None, problems.values()), None)
     return [*files, *([] if log is None else ["log.txt"])], problem

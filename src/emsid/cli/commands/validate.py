@@ -107,7 +107,8 @@ def validate(
         say(*(f"- {sentence(finding, option)}" for finding in noted))
         say(EXPLAINED if free else WITHOUT_METHOD_EXPLAINED)
     if out is not None:
-        unwritten = attempted(lambda: write(out, {"validation.json": result}))
+        with INTERRUPTION.put_off():
+            unwritten = attempted(lambda: write(out, {"validation.json": result}))
         INTERRUPTION.words = "validation was interrupted; the errors are above and written"
         drawn = draw(out, lambda: _report(model, runs, noted))
         if unwritten is not None:

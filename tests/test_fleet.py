@@ -12,11 +12,11 @@ import pytest
 
 import emsid
 from emsid.errors import DataError
+from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control
 from emsid.fleets import least_squares_over, merged
 from emsid.fleets.engine import Engine, connected
-from emsid.fleets.merged import gauss_newton_information
 from emsid.fleets.page import fleet_report
 from emsid.fleets.simulated import simulated_fleet
 from emsid.fleets.sources import batches, divided, found_files, seconds
@@ -360,7 +360,7 @@ def test_parts_may_be_short_or_constant(tmp_path: Path, threads: Executor) -> No
 def test_a_gauss_newton_step_is_merged_as_a_tree() -> None:
     rng = np.random.default_rng(12)
     jacobian, residual = rng.standard_normal((999, 6)), rng.standard_normal(999)
-    parts = [gauss_newton_information(residual[k::7], jacobian[k::7]) for k in range(7)]
+    parts = [Information.from_rows(jacobian[k::7], -residual[k::7]) for k in range(7)]
     step = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
     assert merged(parts).solve().estimate == pytest.approx(step, rel=1e-11)
     with pytest.raises(emsid.ModelError):

@@ -23,11 +23,11 @@ from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
 from emsid.models.regression.search import cross_validation
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
-from emsid.models.regression.sensitivities import derivative_reference
 from emsid.models.regression.structures import friction_narx, input_knots, polynomial_narx
 from emsid.models.regression.transforms import Transform, slope, transformed
 from emsid.selection.improvement import StretchErrors
 from independent.cases import motor
+from independent.regressions import derivative_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def test_the_derivative_of_a_free_run_is_its_definition() -> None:
     residual, derivative = FreeRunError(BILINEAR, [record], 3).linearised(TRUTH)[0]
     run = record.output[:, 0].copy()
     run[3:] += residual
-    expected = derivative_reference(BILINEAR.regressors, TRUTH, run, record.input.T, 3)
+    expected = derivative_of(BILINEAR.regressors, TRUTH, run, record.input.T, 3)
     np.testing.assert_allclose(derivative.T, expected[:, 3:], rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(run, RegressionModel(BILINEAR, TRUTH, 0.1).simulate(record, 3).output[:, 0], rtol=1e-12)
 

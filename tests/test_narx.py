@@ -24,9 +24,8 @@ from emsid import (
     wiener_hammerstein_regression,
 )
 from emsid.models.free_run import RUNAWAY
-from emsid.models.regression.narx import free_run_reference
-from emsid.models.regression.structures import regression_reference
 from emsid.models.regression.transforms import Transform
+from independent.regressions import free_run_of
 
 Array = NDArray[np.float64]
 
@@ -70,17 +69,10 @@ def test_free_run_is_the_definition(structure: Structure, transient: int | None)
     model, record = model_of(structure), measured(structure)
     start = max(structure.memory, transient or 0)
     run = model.simulate(record, transient)
-    np.testing.assert_allclose(run.output[:, 0], free_run_reference(model, record, start), rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(run.output[:, 0], free_run_of(model, record, start), rtol=1e-12, atol=1e-14)
     np.testing.assert_array_equal(run.output[:start], record.output[:start])
     np.testing.assert_array_equal(run.counted, np.arange(80) >= start)
     assert run.diverged_at is None
-
-
-def test_reference_is_the_definition_row_by_row(structure: Structure) -> None:
-    model, record = model_of(structure), measured(structure, 30)
-    run = free_run_reference(model, record, structure.memory)
-    phi = regression_reference(structure, run, record.input)
-    np.testing.assert_allclose(phi @ model.parameters, run[structure.memory :], rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize(("na", "nb", "nk"), [(0, 3, 1), (1, 1, 1), (4, 4, 1), (2, 3, 0), (3, 1, 5)])
@@ -147,7 +139,7 @@ def test_prediction_is_a_short_free_run_from_measured_outputs(
     expected = record.output[:, 0].copy()
     for t in range(start, len(record)):
         first = max(t - horizon + 1, structure.memory)
-        expected[t] = free_run_reference(model, record[: t + 1], first)[t]
+        expected[t] = free_run_of(model, record[: t + 1], first)[t]
     found = model.predict(record, horizon, transient).output[:, 0]
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 

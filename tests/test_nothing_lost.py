@@ -19,7 +19,7 @@ from emsid.models.blocks.static_maps import DeadZone, Saturation
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 
-pytestmark = pytest.mark.usefixtures("ctrl_c_heard")
+pytestmark = pytest.mark.usefixtures("ctrl_c_heard", "figures_undrawn")
 
 DEFECT = "an error inside the program (RuntimeError: of the test)"
 
@@ -243,13 +243,14 @@ def test_debug_prints_the_traceback_of_a_study(run, tmp_path, monkeypatch) -> No
     assert 'raise RuntimeError("of the test")' in err
 
 
-@pytest.fixture
-def saved(run, tmp_path):
+@pytest.fixture(scope="module")
+def saved(command, tmp_path_factory):
     """The file of a model, and two other records."""
-    log = table(tmp_path / "log.csv", samples=300)
-    assert run("identify", log, *IDENTIFY, *FIRST_ORDER, "--models", "arx", "--out", tmp_path / "model")[0] == 0
-    records = [table(tmp_path / f"{seed}.csv", samples=300, seed=seed) for seed in (1, 2)]
-    return tmp_path / "model" / "arx.json", records
+    folder = tmp_path_factory.mktemp("saved")
+    log = table(folder / "log.csv", samples=300)
+    assert command("identify", log, *IDENTIFY, *FIRST_ORDER, "--models", "arx", "--out", folder / "model") == 0
+    records = [table(folder / f"{seed}.csv", samples=300, seed=seed) for seed in (1, 2)]
+    return folder / "model" / "arx.json", records
 
 
 VALIDATION_PARTS = {

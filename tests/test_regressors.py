@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from emsid import ModelError, Record, Structure, arx, friction_narx, wiener_hammerstein_regression
 from emsid.models.regression.kernels import fill
 from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, parse_regressor
-from emsid.models.regression.structures import regression_reference
 from emsid.models.regression.transforms import Transform
+from independent.regressions import regression_of
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def test_the_kernel_equals_the_definition(structure: Structure, seed: int) -> No
     rng = np.random.default_rng(seed)
     u, y = rng.uniform(-2, 2, (30, 3)), rng.uniform(-2, 2, 30)
     phi, target = structure.regression(Record(u, y, 0.1))
-    np.testing.assert_allclose(phi, regression_reference(structure, y, u), rtol=1e-12, atol=1e-300)
+    np.testing.assert_allclose(phi, regression_of(structure, y, u), rtol=1e-12, atol=1e-300)
     np.testing.assert_array_equal(target, y[structure.memory :])
 
 
@@ -76,7 +76,7 @@ def test_blocks_cut_the_regression_anywhere(monkeypatch: pytest.MonkeyPatch, blo
     record = Record(rng.uniform(-1, 1, 50), rng.uniform(-1, 1, 50), 0.1, breaks=(20, 21))
     phi, y = structure.regression(record)
     pieces = [(record.input[a:b], record.output[a:b, 0]) for a, b in ((0, 20), (21, 50))]  # one sample is too short
-    np.testing.assert_allclose(phi, np.vstack([regression_reference(structure, y, u) for u, y in pieces]), rtol=1e-14)
+    np.testing.assert_allclose(phi, np.vstack([regression_of(structure, y, u) for u, y in pieces]), rtol=1e-14)
     np.testing.assert_array_equal(y, np.concatenate([y[2:] for _, y in pieces]))
     rows = [stop - start for segment, start, stop in structure.chunks(record, 11)]
     assert (sum(rows), max(rows)) == (len(y), 11)

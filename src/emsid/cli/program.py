@@ -4,10 +4,12 @@ import os
 import signal
 import sys
 import warnings
+from functools import cache, partial
 from io import StringIO, TextIOWrapper
 from typing import NoReturn
 
 import typer
+from typer.main import get_command
 
 from emsid.cli import commands
 from emsid.cli.app import FIRST_STEPS, app
@@ -20,6 +22,7 @@ from emsid.errors import EmsidError
 from emsid.replacing import sources_kept
 
 USER_ERROR = 2
+_command = cache(partial(get_command, app))  # with all its options: made at the first call
 
 __all__ = ["commands", "main"]
 
@@ -46,7 +49,7 @@ def _main() -> None:
     try:
         try:
             if len(sys.argv) > 1 or "_EMSID_COMPLETE" in os.environ:  # how a shell asks for completions
-                status = app(sys.argv[1:], prog_name="emsid", standalone_mode=False)
+                status = _command()(sys.argv[1:], prog_name="emsid", standalone_mode=False)
             else:
                 status = 0
                 say(FIRST_STEPS)

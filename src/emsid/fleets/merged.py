@@ -159,13 +159,3 @@ def merged(informations: Sequence[Information]) -> Information:
         pairs = [level[k : k + 2] for k in range(0, len(level), 2)]
         level = [pair[0].merge(pair[1]) if len(pair) == 2 else pair[0] for pair in pairs]
     return level[0]
-
-
-def gauss_newton_information(residual: np.ndarray, jacobian: np.ndarray) -> Information:
-    """The information of one part about a Gauss–Newton step: that of [J −r].
-
-    Args:
-        residual: (N,) r.
-        jacobian: (N, p) J = ∂r/∂θ.
-    """
-    return Information.from_rows(jacobian, -residual)

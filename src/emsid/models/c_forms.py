@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from numpy.typing import ArrayLike
-
 from emsid.errors import ModelError
 from emsid.models.c_form import CForm
 from emsid.models.kinds import capabilities_of
@@ -13,18 +11,17 @@ from emsid.models.starting import start
 from emsid.models.stepping import PlainStepper
 
 
-def c_form_of(model: Any, level: ArrayLike = 0.0, dt: float | None = None) -> CForm:
-    """The form in C of a model in steady state.
+def c_form_of(model: Any, dt: float | None = None) -> CForm:
+    """The form in C of a model at rest with an input of zero.
 
     Args:
         model: a model or a fit.
-        level: the constant input of the past, one number or (nu,).
         dt: sample time in s, for a model that has none of its own.
 
     Raises:
         ModelError: for a model that has no form in C, with the reason.
     """
-    stepper = start(model, level, dt)
+    stepper = start(model, 0.0, dt)
     if isinstance(stepper, PlainStepper):
         raise ModelError(f"{stepper.model.name} has functions in Python or backlash, which have no form in C")
     return capabilities_of(stepper.model).c_form(stepper)

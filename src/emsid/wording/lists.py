@@ -15,7 +15,7 @@ NOT_SHOWN = "not shown by these data"
 """Of a quantity whose threshold, direction or speed the record never approaches."""
 
 
-def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") -> str:
+def shortened(texts: Sequence[str], between: str = ", ") -> str:
     """Join texts; of a long list, give the first few and the number of the others.
 
     >>> shortened(["a", "b"]), shortened(list("abcdefg"))
@@ -23,7 +23,7 @@ def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") ->
     """
     if len(texts) <= LISTED + 1:  # "and 1 more" would be no shorter
         return between.join(texts)
-    return f"{between.join(texts[:LISTED])}{last}{len(texts) - LISTED} more"
+    return f"{between.join(texts[:LISTED])} and {len(texts) - LISTED} more"
 
 
 __all__ = ["listed", "shortened"]

@@ -442,15 +442,5 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
     start: int = 0
 
 
-def free_run_reference(model: RegressionModel, record: Record, start: int) -> Array:
-    """The free run by its definition, one regression row at a time: a slow reference for `RegressionModel.run`."""
-    y = record.output[:, 0].copy()
-    for t in range(start, len(record)):
-        row = np.empty((len(model.structure) + 1, 1))
-        fill(row, model.structure.tables, read_only(y), read_only(record.input.T), t, 1)
-        y[t] = row[:-1, 0] @ model.parameters
-    return y
-
-
 Narx = RegressionModel
 """The name of this class inside the package."""

@@ -171,29 +171,3 @@ def _power(x: float, power: int, code: int, parameter: float) -> float:
 def largest_output_lag(regressors: Sequence[Regressor]) -> int:
     """The number of past outputs that a run starts from."""
     return max((f.lag for r in regressors for f in r.factors if f.channel == 0), default=0)
-
-
-def derivative_reference(regressors: Sequence[Regressor], theta: Array, y: Array, u: Array, start: int) -> Array:
-    """∂ŷ/∂θ (n, N) by its definition, for regressors of outputs without transforms: slow and simple.
-
-    Args:
-        regressors: of the structure.
-        theta: (n,).
-        y: (N,) the free run itself, with the measured start.
-        u: (nu, N).
-        start: the first sample of the free run.
-    """
-    signals = [y, *u]
-    derivative = np.zeros((len(regressors), len(y)))
-    for t in range(start, len(y)):
-        for j, regressor in enumerate(regressors):
-            sign = -1.0 if regressor.negative else 1.0
-            values = [signals[f.channel][t - f.lag] for f in regressor.factors]
-            powers = [v**f.power for v, f in zip(values, regressor.factors, strict=True)]
-            derivative[j, t] += sign * float(np.prod(powers))
-            for k, f in enumerate(regressor.factors):
-                if f.channel == 0:
-                    others = float(np.prod(powers[:k] + powers[k + 1 :]))
-                    inner = theta[j] * sign * others * f.power * values[k] ** (f.power - 1)
-                    derivative[:, t] += inner * derivative[:, t - f.lag]
-    return derivative

@@ -5,7 +5,7 @@ ARX, the paper's Wiener–Hammerstein regression, and regressions with friction 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from itertools import combinations_with_replacement
 from math import comb
@@ -259,18 +259,3 @@ def _check_size(name: str, regressors: int, most: int = LARGEST_COUNT, **counts:
         many = f"{regressors:,}" if regressors < 1e9 else "more than 10^9"
         made_by = ", ".join(f"{what} = {count}" for what, count in counts.items())
         raise ModelError(f"{name}: {made_by} make {many} regressors, and {most:,} are the most; lower some of them")
-
-
-def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:
-    """Φ by its definition, sample by sample: a slow and simple reference for `fill`."""
-    signals = [np.asarray(list(y)), *np.asarray(u, dtype=float).T]
-    rows = []
-    for t in range(structure.memory, len(signals[0])):
-        row = []
-        for regressor in structure.regressors:
-            value = -1.0 if regressor.negative else 1.0
-            for f in regressor.factors:
-                value *= f.transform.definition(signals[f.channel][t - f.lag], f.parameter) ** f.power
-            row.append(value)
-        rows.append(row)
-    return np.array(rows)

@@ -31,9 +31,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from scipy.special import fdtrc
 
+from emsid.estimation.linear.information import Information
+from emsid.estimation.nonlinear.steps import bounded_step
 from emsid.estimation.uncertainty.coloured_residuals import colour, effective_samples
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.selection.improvement import schwarz_gain
@@ -137,15 +138,9 @@ def _step(effect: Array, wanted: Array, lower: Array | float, upper: Array | flo
     low, high = (np.broadcast_to(each, effect.shape[1]).astype(float) for each in (lower, upper))
     if np.isinf(low).all() and np.isinf(high).all():
         return np.asarray(np.linalg.lstsq(effect, wanted, rcond=None)[0])
-    sizes = np.linalg.norm(effect, axis=0)
-    sizes[sizes == 0] = 1.0
-    open_ = high > low
-    found = np.zeros(effect.shape[1])
+    open_, found = high > low, np.zeros(effect.shape[1])
     if open_.any():
-        scaled = lsq_linear(
-            effect[:, open_] / sizes[open_], wanted, (low[open_] * sizes[open_], high[open_] * sizes[open_])
-        )
-        found[open_] = scaled.x / sizes[open_]
+        found[open_] = bounded_step(Information.from_rows(effect[:, open_], wanted), low[open_], high[open_])
     return found
 
 

@@ -143,7 +143,7 @@ def _around(band: Computed, channel: int, t: Array, samples: NDArray[np.intp]) -
     return (Band(t, np.where(known, low, np.nan), high, label, Ink.RED),) if known.any() else ()
 
 
-def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
+def ranking(comparison: Comparison) -> Figure:
     """Models by free-run error, the best at the top, with the one-step error as a point, for every output.
 
     An axis is logarithmic where the errors differ by more than a factor of twenty.
@@ -154,7 +154,7 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
     data = "the data used in the fit" if rows[0].data == "identification" else "unseen data"
     relative = "; with several outputs, by the mean of MSE divided by variance" * several
     return Figure(
-        name,
+        "ranking",
         f"Errors on {record.name}, {data}. Models are ranked by the free run{relative}.{_ahead(rows)}",
         tuple(_ranking_plot(comparison, channel) for channel in channels(record)),
     )

@@ -45,7 +45,6 @@ def larger_cascades(
     topology: Topology,
     orders: Orders,
     records: Sequence[Record],
-    correlated: bool = True,
 ) -> list[Cascade]:
     """The cascade with one pole and zero more in a filter, for every filter whose error shows that one is missing.
 
@@ -56,7 +55,6 @@ def larger_cascades(
         topology: of the cascade.
         orders: that are given, of the filters before and after the map; the others may rise.
         records: to which it is fitted.
-        correlated: as in `search`.
     """
     filters = [k for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
     there = (topology.first, topology.second)
@@ -65,7 +63,7 @@ def larger_cascades(
     room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - len(model.parameters)
     if not open_ or room < 2:
         return []
-    minimum, problem = search(model, records, max_iterations=0, covariances=False, correlated=correlated)
+    minimum, problem = search(model, records, max_iterations=0, covariances=False)
     model = problem.model(minimum.estimate)
     poles = np.exp(-1 / TIME_CONSTANTS)
     larger = []

@@ -68,21 +68,18 @@ class Trial(NamedTuple):
         return len(self.fit.estimate)
 
 
-def select_by_free_run(
-    start: Fit[Narx], dictionary: Structure, validation: CrossValidation, most: int = MOST_TERMS
-) -> Trial:
+def select_by_free_run(start: Fit[Narx], dictionary: Structure, validation: CrossValidation) -> Trial:
     """The simplest structure whose free run on unseen data is as good as the best that was found.
 
     Args:
         start: a model to begin with, such as an output-error model; its terms can be removed too.
         dictionary: terms that can be added.
         validation: the data.
-        most: the largest number of terms.
 
     Raises:
         Stopped: if the control of the validation ends the search.
     """
-    trials = grow(Trial(start, validation.refitted(start)), dictionary, validation, most)
+    trials = grow(Trial(start, validation.refitted(start)), dictionary, validation)
     trials += prune(simplest(trials), validation)
     return simplest(trials)
 
@@ -105,11 +102,11 @@ def _fits_as_well(simpler: Trial, best: Trial) -> bool:
     return simpler.fit.noise_variance <= WORSE * best.fit.noise_variance
 
 
-def grow(first: Trial, dictionary: Structure, validation: CrossValidation, most: int) -> list[Trial]:
+def grow(first: Trial, dictionary: Structure, validation: CrossValidation) -> list[Trial]:
     """The trials with one term more at a time."""
     trials, best, failures = [first], first.errors, 0
-    while failures < PATIENCE and trials[-1].terms < most:
-        validation.control.doing(f"adding term {trials[-1].terms + 1}", trials[-1].terms, most)
+    while failures < PATIENCE and trials[-1].terms < MOST_TERMS:
+        validation.control.doing(f"adding term {trials[-1].terms + 1}", trials[-1].terms, MOST_TERMS)
         structure, start = next_term(trials[-1].fit, dictionary, validation)
         if structure is None:
             break

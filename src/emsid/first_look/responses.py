@@ -146,7 +146,7 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _excerpt(table: Array, starts: Sequence[int]) -> tuple[Array, NDArray[np.intp], bool]:
-    """At most `MOST` rows where most columns change most; the first rows of its runs, and whether it begins with one."""
+    """At most `MOST` rows where most columns change most, the first rows of its runs, and whether one is the first."""
     if len(table) <= MOST:
         return table, np.asarray(starts, dtype=np.intp), True
     windows = np.arange(0, len(table) - MOST + 1, max(MOST // 2, (len(table) - MOST) // WINDOWS))

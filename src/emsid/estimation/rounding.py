@@ -33,4 +33,4 @@ def quantisation(levels: Array) -> float | None:
 def runs(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The first place and the length of every run of equal values (N,)."""
     starts = np.concatenate([[0], 1 + np.flatnonzero(values[1:] != values[:-1])]).astype(np.intp)
-    return starts, np.diff([*starts, len(values)]).astype(np.intp)
+    return starts, np.diff(starts, append=len(values)).astype(np.intp)

@@ -154,7 +154,7 @@ def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, floa
 def _by_squares(record: Record, delay: int, order: int) -> list[tuple[Array, Array, float]]:
     """(a, b, constant) of a model of this order by least squares; none from too few samples."""
     first, width = order + delay - 1, 2 * order + 1
-    pieces = [piece for piece in record.segments if len(piece) > first]
+    pieces = [piece for piece in middle(record, SAMPLES).segments if len(piece) > first]
     table = np.ones((width + 1, sum(len(piece) - first for piece in pieces)))  # its columns are the equations
     if table.shape[1] < 10 * order:
         return []

@@ -30,6 +30,8 @@ NEAR_ZERO = 10
 """Median steps within which a clock without a name begins."""
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
+FORWARD = 0.75
+"""A column without a name increases in at least this share of its rows, also where it begins again or overflows."""
 FEWEST = 10
 """A column of fewer steps is no clock unless its name says so."""
 STATED, SUREST = 2.0, 0.98
@@ -141,13 +143,15 @@ def _evidence(column: Column, columns: Sequence[Column], place: int, stated: Clo
     if column.kind == "text" or column.constant or column.rows < 3 or column.missing > 0.02 * column.rows:
         return {}
     said = column.meaning.quantity if column.kind == "numbers" else ColumnQuantity.TIME
+    unnamed = said is not ColumnQuantity.TIME
+    if unnamed and np.mean(np.diff(column.values[np.isfinite(column.values)]) > 0) < FORWARD:
+        return {}
     rows = running_rows(column.values)
     values = counted_on(column.values[rows])
     steps = np.diff(values[np.isfinite(values)])
     resets = clock_resets(values)
     back = np.count_nonzero(steps <= 0) - len(resets)
     forward = steps[steps > 0]
-    unnamed = said is not ColumnQuantity.TIME
     if not len(forward) or (column.kind == "numbers" and len(forward) < len(steps) / 2):
         return {}
     if unnamed and (len(steps) < FEWEST or back > 0.02 * len(steps)):

@@ -315,7 +315,7 @@ def _as_simulated(found: Response, record: Record) -> Response:
     delay nor sign alone: of the delays that explain the output as well, the shortest one is taken.
     """
     table = np.column_stack([record.input[:, 0], record.output[:, 0]])
-    answer = answers(table, [0, *record.breaks]).get((0, 1))
+    answer = answers(table, [0, *record.breaks], [0]).get((0, 1))
     if answer is None or answer.evidence < SEEN:
         return found
     sign = 0 if answer.ambiguous else answer.sign

@@ -23,7 +23,8 @@ def outliers_of(y: Array) -> tuple[NDArray[np.intp], Array]:
 
     A sample is one if it is far away both for the steps of y and for its range. NaN is none.
     """
-    middle = np.median(np.stack([y[:-2], y[1:-1], y[2:]]), axis=0)
+    low, high = np.minimum(y[:-2], y[2:]), np.maximum(y[:-2], y[2:])
+    middle = np.clip(y[1:-1], low, high)
     away = np.abs(y[1:-1] - middle)
     steps = np.abs(np.diff(y))
     if not np.isfinite(steps).any():

@@ -13,7 +13,7 @@ A slow system is seen in means over several rows, a fast one in the rows themsel
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from typing import Any
@@ -27,8 +27,10 @@ Array = NDArray[np.float64]
 
 MOST, FEWEST = 2000, 24
 """Rows of an excerpt: twenty time constants of a hundred. With fewer than the second, no response is fitted."""
-SCALES = (1, 8, 64, 512)
-"""Rows to average; the time constants span a factor of 300, so that none falls between."""
+AVERAGED, COARSEST = 8, 512
+"""Rows to average for the next scale, up to so many; the time constants span a factor of 300: none falls between."""
+WINDOWS = 50
+"""The excerpt is one of about so many, evenly spaced."""
 TIME_CONSTANTS = (0, 0.5, 1, 1.8, 3, 5.6, 10, 18, 30, 56, 100, 180, 300)
 """In rows, four a decade: one between two of them loses less than 1 % of the variance."""
 DELAYS, AHEAD = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32), (-1, -2, -4, -8, -16)
@@ -86,32 +88,41 @@ class Answer:
         return int(np.sign(self.gain))
 
 
-def answers(table: Array, starts: Sequence[int] = (0,)) -> Mapping[tuple[int, int], Answer]:
+def answers(
+    table: Array, starts: Sequence[int] = (0,), inputs: Collection[int] | None = None
+) -> Mapping[tuple[int, int], Answer]:
     """For pairs (u, y) of the columns of a table (N, k), how y answers u.
 
     Args:
         table: numbers without gaps, a row for each sample.
         starts: the first row of every run.
+        inputs: the columns u; by default all of them.
     """
     found: dict[tuple[int, int], Answer] = {}
-    for scale in SCALES:
-        if table.shape[1] > 1 and len(table) >= (MOST // 4 * scale if scale > 1 else FEWEST):
-            for pair, answer in _at_scale(*_excerpt(table, starts, scale), scale).items():
-                # a coarser scale has to be clearly better
-                if pair not in found or answer.evidence > found[pair].evidence + log(1 + scale) / 2:
-                    found[pair] = answer
+    scale = 1
+    while len(table) >= (MOST // 4 if scale > 1 else FEWEST) and scale <= COARSEST and table.shape[1] > 1:
+        for pair, answer in _at_scale(*_excerpt(table, starts), scale, inputs).items():
+            # a coarser scale has to be clearly better
+            if pair not in found or answer.evidence > found[pair].evidence + log(1 + scale) / 2:
+                found[pair] = answer
+        rows = len(table) // AVERAGED
+        table = table[: rows * AVERAGED].reshape(rows, AVERAGED, -1).mean(axis=1)
+        starts = sorted({start // AVERAGED for start in starts if start < rows * AVERAGED})
+        scale *= AVERAGED
     return found
 
 
-def same_motion(speed: Array, position: Array, starts: Sequence[int]) -> bool:
+def same_motion(speed: Array, position: Array, starts: Sequence[int], times: Array | None = None) -> bool:
     """Whether the displacements of a column (N,), within runs, are the sums of another one that does not lead them.
 
     Args:
         speed, position: the two columns; rows with a missing value (NaN) are left out.
         starts: the first row of every run but the first.
+        times: of the rows; by default they are equidistant.
     """
-    run = np.searchsorted(starts, np.arange(len(speed)), "right")
-    run, speed, position = (_middle(x) for x in (run, speed, position))
+    run = np.searchsorted(starts, _middle(np.arange(len(speed))), "right")
+    speed, position = _middle(speed), _middle(position)
+    speed = speed if times is None else speed * np.diff(_middle(times), append=np.nan)
     for width in (1, 2, 4, 8):  # more rows have less of the steps of an encoder
         if len(speed) <= width + FEWEST:
             break
@@ -139,19 +150,15 @@ def _correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(a[known], b[known])[0, 1])
 
 
-def _excerpt(table: Array, starts: Sequence[int], scale: int) -> tuple[Array, NDArray[np.intp], bool]:
-    """At most `MOST` rows of means over ``scale`` rows, where most columns change most; the first rows of its runs, and
-    whether the excerpt begins with one."""
-    if scale > 1:
-        cut = len(table) // scale * scale
-        table = table[:cut].reshape(-1, scale, table.shape[1]).mean(axis=1)
-        starts = sorted({start // scale for start in starts if start < cut})
+def _excerpt(table: Array, starts: Sequence[int]) -> tuple[Array, NDArray[np.intp], bool]:
+    """At most `MOST` rows where most columns change most, the first rows of its runs, and whether one is the first."""
     if len(table) <= MOST:
         return table, np.asarray(starts, dtype=np.intp), True
-    both = np.hstack([table, np.diff(table, axis=0, prepend=table[:1])])  # levels and changes
-    size = np.where(both.std(axis=0) > 0, both.std(axis=0), 1.0)
-    windows = range(0, len(table) - MOST + 1, MOST // 2)
-    best = max(windows, key=lambda k: float(np.minimum(both[k : k + MOST].std(axis=0) / size, 1.0).sum()))
+    windows = np.arange(0, len(table) - MOST + 1, max(MOST // 2, (len(table) - MOST) // WINDOWS))
+    parts = [table[k : k + MOST] for k in windows]
+    spread = np.array([np.r_[part.std(axis=0), np.diff(part, axis=0).std(axis=0)] for part in parts])
+    usual = np.sqrt(np.mean(spread**2, axis=0))  # of levels and of changes
+    best = int(windows[np.argmax(np.minimum(spread / np.where(usual > 0, usual, 1.0), 1.0).sum(axis=1))])
     inside = [start - best for start in starts if best < start < best + MOST]
     return table[best : best + MOST], np.array([0, *inside], dtype=np.intp), best in starts
 
@@ -171,6 +178,9 @@ def _bank(u: Array, starts: NDArray[np.intp], whole: bool) -> tuple[Array, NDArr
         driving.insert(1, (u, True, True))
     rows, kinds = [], []
     delays = [delay for delay in (*DELAYS, *AHEAD) if abs(delay) <= len(u) / 6]
+    source = np.arange(len(u)) - np.array(delays)[:, None]
+    near = np.clip(source, 0, len(u) - 1)
+    inside = (source == near) & (run[near] == run)  # before that, a later response rests
     for v, from_rest, also_integrated in driving:
         for tau in (each for each in TIME_CONSTANTS if np.any(v) and each <= len(u) / 3):
             pole = np.exp(-1 / tau) if tau else 0.0
@@ -182,18 +192,10 @@ def _bank(u: Array, starts: NDArray[np.intp], whole: bool) -> tuple[Array, NDArr
                     if integrates
                     else lagged
                 )
-                for delay in delays:
-                    rows.append(_later(x, run, delay))
-                    kinds.append((integrates, from_rest, tau, delay))
+                rows.append(np.where(inside, x[near], 0.0))
+                kinds += [(integrates, from_rest, tau, delay) for delay in delays]
     fields = [("integrates", bool), ("from_rest", bool), ("tau", float), ("delay", int)]
     return np.array(rows).reshape(-1, len(u)), np.array(kinds, dtype=fields)
-
-
-def _later(x: Array, run: NDArray[np.intp], delay: int) -> Array:
-    """(N,) a response some rows later, or earlier, within its run; before that it rests."""
-    source = np.arange(len(x)) - delay
-    near = np.clip(source, 0, len(x) - 1)
-    return np.where((source == near) & (run[near] == run), x[near], 0.0)
 
 
 def _edges(starts: NDArray[np.intp], n: int) -> NDArray[np.intp]:
@@ -248,14 +250,16 @@ def _left(x: Array, y: Array, edges: NDArray[np.intp], drifts: Array) -> tuple[A
     return np.clip(left / total, 1e-6, 1.0), np.clip(alone / total, 1e-6, 1.0), whole
 
 
-def _at_scale(table: Array, starts: NDArray[np.intp], whole: bool, scale: int) -> Mapping[tuple[int, int], Answer]:
+def _at_scale(
+    table: Array, starts: NDArray[np.intp], whole: bool, scale: int, inputs: Collection[int] | None
+) -> Mapping[tuple[int, int], Answer]:
     """How the columns of an excerpt (n, k) answer each other."""
     n, count = table.shape
     edges = _edges(starts, n)
     y_all = _centred(table.T, edges).T
     moving = [k for k in range(count) if np.abs(y_all[:, k]).max() > 1e-9 * (1 + np.abs(table[:, k]).max())]
     banks = {}
-    for u in range(count):
+    for u in range(count) if inputs is None else inputs:
         x, kinds = _bank(table[:, u], starts, whole)
         if len(kinds):
             drifts = (kinds["integrates"] & ~kinds["from_rest"]).astype(float)[:, None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.rounding import runs
 from emsid.first_look.columns import Code, Column
-from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME
+from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME, SAMPLES
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.responses import SEEN, Answer, answers, same_motion, share_of_controller
 from emsid.io.selection import signs_of
@@ -166,14 +166,13 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
 
 def _evidence(columns: Sequence[Column], facts: _Facts) -> dict[str, dict[str, list[Evidence]]]:
     """For each role and column, what speaks for it and against it."""
-    found: dict[str, dict[str, list[Evidence]]] = {"input": {}, "output": {}}
-    for role, rows in found.items():
-        for column in columns:
-            rows[column.name] = [
-                Evidence(column.name, role, round(weight * share, 3), reason)
-                for of, reason, weight, test in _TABLE
-                if of in (role, "channel") and (share := test(column, facts))
-            ]
+    found: dict[str, dict[str, list[Evidence]]] = {role: {c.name: [] for c in columns} for role in ("input", "output")}
+    for column in columns:
+        for of, reason, weight, test in _TABLE:
+            share = test(column, facts)
+            for role in found if share else ():
+                if of in (role, "channel"):
+                    found[role][column.name].append(Evidence(column.name, role, round(weight * share, 3), reason))
     return found
 
 
@@ -306,9 +305,9 @@ class _Facts:
         """Whether the displacements of a column within runs are the sums of another one."""
         pair = speed.name, position.name
         if pair not in self._motions:
-            steps = np.diff(self.times, append=np.nan) if len(self.times) == len(speed.values) else 1.0
-            signals = self.signals[speed.name] * steps, self.signals[position.name]
-            self._motions[pair] = same_motion(*signals, self.starts.tolist())
+            times = self.times if len(self.times) == len(speed.values) else None
+            signals = (self.signals[name] for name in pair)
+            self._motions[pair] = same_motion(*signals, self.starts.tolist(), times)
         return self._motions[pair]
 
     def controlled(self, u: Column) -> float:
@@ -376,10 +375,12 @@ def _repeats_clock(column: Column, facts: _Facts) -> float:
     named = column.meaning.confidence >= NAMED and column.meaning.quantity is not ColumnQuantity.TIME
     if named or column.kind != "numbers" or column.constant or len(column.values) != len(facts.times):
         return 0.0
-    known = np.isfinite(column.values) & np.isfinite(facts.times)
-    if np.count_nonzero(known) < 3 or not np.ptp(facts.times[known]):
+    few = slice(None, None, max(len(facts.times) // SAMPLES, 1))
+    x, t = column.values[few], facts.times[few]
+    known = np.isfinite(x) & np.isfinite(t)
+    if np.count_nonzero(known) < 3 or not (np.ptp(t[known]) and np.ptp(x[known])):
         return 0.0
-    return float(np.corrcoef(column.values[known], facts.times[known])[0, 1] > REPEATS)
+    return float(np.corrcoef(x[known], t[known])[0, 1] > REPEATS)
 
 
 def _sags(column: Column, facts: _Facts) -> float:

@@ -53,7 +53,7 @@ def unstable_pole(record: Record) -> float | None:
     smallest = min(found)
     if smallest <= 1 or size * log(smallest) <= log(RUNAWAY):
         return None
-    answer = answers(np.hstack([record.input, record.output]), [0, *record.breaks]).get((0, 1))
+    answer = answers(np.hstack([record.input, record.output]), [0, *record.breaks], [0]).get((0, 1))
     explained = answer is not None and answer.left < PART and not answer.integrates
     return None if explained else smallest
 

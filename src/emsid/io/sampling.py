@@ -187,7 +187,7 @@ def clock_resets(time: Array) -> NDArray[np.intp]:
     """
     steps = np.diff(time)
     resets = 1 + np.flatnonzero(steps < 0)
-    pieces = np.diff([0, *resets, len(time)])
+    pieces = np.diff(resets, prepend=0, append=len(time))
     forward = steps[steps > 0]
     if np.all(pieces >= _RESET) or not len(forward):
         return resets

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from math import pi, sqrt
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,12 +13,14 @@ import emsid
 from emsid import LinearAxis
 from emsid.exports import FORMATS
 from emsid.exports.verb import README, c_name
+from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import friction_curve
 from emsid.models.regression.narx import RegressionModel
 from emsid.plant import Friction, Motor
 from emsid.plant.gaussian_stribeck import GaussianStribeck
+from model_examples import ALL, DT, cascades, inputs, processes, regressions, state_spaces
 
 R, K, J, B, LEVEL = 1.5, 0.05, 4e-5, 2e-5, 0.004
 
@@ -91,9 +94,10 @@ def test_a_joint_has_the_parameters_of_the_motor(tmp_path: Path) -> None:
     joint, actuator = tree.find(".//joint"), tree.find(".//general")
     assert joint is not None
     assert actuator is not None
-    assert [float(joint.attrib[name]) for name in ("armature", "damping", "frictionloss")] == (
-        pytest.approx([J, B, LEVEL])
-    )
+    body = tree.find(".//inertial")
+    assert body is not None
+    assert float(joint.attrib["armature"]) + float(body.attrib["diaginertia"].split()[2]) == pytest.approx(J)
+    assert [float(joint.attrib[name]) for name in ("damping", "frictionloss")] == pytest.approx([B, LEVEL])
     assert float(actuator.attrib["gainprm"]) == pytest.approx(K / R)
     assert float(actuator.attrib["biasprm"].split()[-1]) == pytest.approx(-(K**2) / R)
     scope: dict[str, object] = {}
@@ -109,8 +113,8 @@ def moved_in_mujoco(model: GreyBox, folder: Path, **options: object) -> float:
     u = np.repeat(np.random.default_rng(1).uniform(-4, 4, 30), 40)
     emsid.export(model, "mujoco", folder, name="joint", dt=dt, **options)  # type: ignore[arg-type]
     simulated = library.MjModel.from_xml_path(str(folder / "joint.xml"))
-    steps = int(np.ceil(dt / simulated.opt.timestep - 1e-9))
-    simulated.opt.timestep = dt / steps
+    steps = round(dt / simulated.opt.timestep)
+    assert steps * simulated.opt.timestep == pytest.approx(dt, rel=1e-12)
     state, found = library.MjData(simulated), []
     scope: dict[str, object] = {"ctrl": float}
     if (folder / "joint_ctrl.py").exists():
@@ -271,6 +275,114 @@ def test_files_are_replaced_only_on_request(tmp_path: Path) -> None:
     assert (tmp_path / "plant.c").read_bytes() == before
 
 
+def geared(**values: float) -> GreyBox:
+    """An arm behind a gear of 20 turns, whose friction differs by direction."""
+    plant = emsid.plants.joint().with_values(
+        {"resistance": R, "motor_constant": K, "rotor_inertia": J, "rotor_viscous": B, "inductance": 0.0}
+        | {"rotor_friction.coulomb.forward": 0.002, "rotor_friction.coulomb.backward": 0.006, "sensor.ratio": 20.0}
+        | {"gravity.torque": 0.4, "gravity.angle": 0.3, **values}
+    )
+    return GreyBox(replace(plant, feed=Feed.VOLTAGE), (Signal.POSITION,))
+
+
+def test_the_firmware_of_a_geared_joint_has_the_values_of_its_motor(tmp_path: Path) -> None:
+    how = {"winding": "phase", "pole_pairs": 7}
+    found = texts(tmp_path / "w", geared(), "wpilib", name="arm")
+    assert "motor, which turns 20 times per turn of the joint" in found[README]
+    assert "mean of 0.06 V forward and 0.18 V backward" in found[README]
+    gains = numbers(found["arm.yaml"])
+    assert gains["kS"] == pytest.approx(0.5 * (gains["kS_forward"] + gains["kS_backward"]))
+    assert gains["kS_forward"] == pytest.approx(R * 0.002 / K)
+    assert gains["kS_backward"] == pytest.approx(R * 0.006 / K)
+    assert gains["kG"] == pytest.approx(R * 0.4 / 20 / K)
+    assert gains["kV_radians"] == pytest.approx(K + R * B / K)
+    assert gains["kA_radians"] == pytest.approx(R * J / K)
+    plain = replace(motor(), plant=motor().plant)
+    for format, file in (("odrive", "arm_odrive.py"), ("vesc", "arm_vesc.yaml"), ("simplefoc", "arm_simplefoc.h")):
+        geared_text = texts(tmp_path / format, geared(), format, name="arm", **how)
+        assert geared_text[file] == texts(tmp_path / f"{format}1", plain, format, name="arm", **how)[file]
+        assert "motor, which turns 20 times" in geared_text[README]
+        assert "rotor_inertia = 4e-05 kg·m² is not carried" in geared_text[README]
+
+
+def test_the_feedforward_of_wpilib_turns_a_motor_as_asked(tmp_path: Path) -> None:
+    """kS, kG, kV and kA give the voltage at which the arm of the plant accelerates as asked, in both directions."""
+    gains = numbers(texts(tmp_path, geared(), "wpilib", name="arm")["arm.yaml"])
+    h = 1e-6
+    for speed, angle, wanted in ((40.0, 1.0, 300.0), (-60.0, 2.5, 100.0)):
+        friction = gains["kS_forward"] if speed > 0 else -gains["kS_backward"]
+        arm = gains["kG"] * np.cos(angle - 0.3 - 0.5 * pi)
+        volts = friction + arm + gains["kV_radians"] * speed + gains["kA_radians"] * wanted
+        plant = geared().plant
+        begin = np.array([speed, 20 * angle, 0.0, 0.0])
+        found = plant.simulate(np.full((3, 1), volts), h, begin, (Signal.SPEED,))[:, 0] * 20
+        assert (found[2] - found[0]) / (2 * h) == pytest.approx(wanted, rel=1e-3)
+
+
+def test_current_loops_have_gains_where_the_inductance_is_known(tmp_path: Path) -> None:
+    known = replace(motor(), plant=motor().plant.with_values({"inductance": 2e-3}))
+    how = {"winding": "line", "pole_pairs": 7, "bandwidth": 500}
+    odrive = numbers(texts(tmp_path / "o", known, "odrive", **how)["rigid_motor_odrive.py"])
+    assert (odrive["current_control_bandwidth"], odrive["phase_inductance"]) == (500.0, 1e-3)
+    vesc = numbers(texts(tmp_path / "v", known, "vesc", **how)["rigid_motor_vesc.yaml"])
+    assert vesc["foc_current_kp"] == pytest.approx(500 * 1e-3)
+    assert vesc["foc_current_ki"] == pytest.approx(500 * 0.5 * R)
+    pole = vesc["foc_motor_r"] / vesc["foc_motor_l"]
+    assert vesc["foc_current_ki"] / vesc["foc_current_kp"] == pytest.approx(pole)  # cancels the pole of the winding
+    simple = texts(tmp_path / "s", known, "simplefoc", **how)["rigid_motor_simplefoc.h"]
+    assert "PID_current_d.P = 0.5;" in simple
+    for format in ("odrive", "vesc", "simplefoc"):
+        found = texts(tmp_path / f"{format}-without", motor(), format, winding="line", pole_pairs=7)
+        text = " ".join(value for name, value in found.items() if name != README)
+        assert "inductance = " not in text.replace("phase inductance", "")
+        assert "current" not in text
+        assert "gains of the current loop are left out" in found[README]
+    for wrong in ("fast", 0, -3):
+        with pytest.raises(emsid.ModelError, match="in rad/s"):
+            emsid.export(known, "vesc", tmp_path / "x", winding="line", pole_pairs=7, bandwidth=wrong)
+
+
+def test_friction_holds_an_axis_in_mujoco_up_to_its_level(tmp_path: Path) -> None:
+    library = pytest.importorskip("mujoco")
+    axis = GreyBox(LinearAxis(2.0, 3.0, Friction(14.0, 0.0, 1.0)), (Signal.SPEED,))
+    emsid.export(axis, "mujoco", tmp_path, name="axis", dt=1.5e-3)
+    simulated = library.MjModel.from_xml_path(str(tmp_path / "axis.xml"))
+    for force, moves in ((13.0, 0.0), (-13.0, 0.0), (20.0, 3.0)):
+        state = library.MjData(simulated)
+        state.ctrl[0] = force
+        for _ in range(1000):
+            library.mj_step(simulated, state)
+        speed = (1 - np.exp(-3.0 / 2.0 * 1000 * simulated.opt.timestep)) * (20.0 - 14.0) / 3.0 * (moves > 0)
+        assert float(state.qvel[0]) == pytest.approx(speed, abs=2e-3)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1.5e-3, 2.7e-3])
+def test_samples_are_whole_numbers_of_steps_in_mujoco(dt: float, tmp_path: Path) -> None:
+    stribeck = replace(motor().plant.motor, rotor_friction=GaussianStribeck(LEVEL, 0.006, 0.1))
+    model = replace(motor(), plant=replace(motor().plant, motor=stribeck))
+    for actuator in ("general", "dcmotor"):
+        text = texts(tmp_path / actuator, model, "mujoco", name="m", dt=dt, actuator=actuator)["m.xml"]
+        option = ElementTree.fromstring(text).find("option")
+        assert option is not None
+        count = dt / float(option.attrib["timestep"])
+        assert count == pytest.approx(round(count), rel=1e-9)
+        assert count >= dt / 1e-3 - 1e-9
+
+
+def test_a_hanging_joint_begins_at_rest(tmp_path: Path) -> None:
+    """Without friction it stays where it begins: sample by sample, in C and in MuJoCo."""
+    free = geared(**{"rotor_friction.coulomb.forward": 0.0, "rotor_friction.coulomb.backward": 0.0})
+    for level in (0.0, 0.2, -0.3):
+        running = emsid.start(free, level, dt=1e-3)
+        found = np.array([running.step(level) for _ in range(500)])
+        at = 0.3 + np.arcsin(level * K / R * 20 / 0.4)
+        np.testing.assert_allclose(found, at, atol=1e-9)
+    text = texts(tmp_path, free, "mujoco", name="arm")["arm.xml"]
+    key = ElementTree.fromstring(text).find(".//key")
+    assert key is not None
+    assert float(key.attrib["qpos"]) == pytest.approx(0.3)
+
+
 def test_words_of_python_and_static_cascades_are_refused_for_python_control(tmp_path: Path) -> None:
     pytest.importorskip("control")
     with pytest.raises(emsid.ModelError, match="'class' is a word of Python"):
@@ -289,6 +401,40 @@ def test_every_filter_of_a_cascade_is_in_the_script(tmp_path: Path) -> None:
     exec(texts(tmp_path, cascade, "python-control")["cascade.py"], scope)
     gains = [float(np.squeeze(scope[f"cascade_{k}"].dcgain())) for k in (1, 2)]  # type: ignore[attr-defined]
     assert gains == pytest.approx([2.0, 3.75])
+
+
+@pytest.mark.parametrize("name", [*dict(regressions()), *dict(state_spaces()), *dict(processes()), *dict(cascades())])
+def test_the_script_of_python_control_gives_the_numbers_of_a_model(name: str, tmp_path: Path) -> None:
+    """With its offsets, and of a cascade with its static maps between the filters."""
+    control, model = pytest.importorskip("control"), ALL[name]
+    rate = getattr(model, "oversampling", 1)
+    if rate > 1 or not getattr(model, "is_linear", True) or name in ("static", "wiener-hammerstein, user"):
+        return
+    scope: dict[str, Any] = {}
+    exec(texts(tmp_path, model, "python-control", name="m")["m.py"], scope)
+    u = inputs()
+    blocks = getattr(model, "blocks", ())
+    systems = iter([scope["m"]] if "m" in scope else [scope["m_1"], scope["m_2"]])
+    x = u - scope["u0"]
+    begin = np.full(1000, -scope["u0"])  # the steady state of a zero input
+    for block in blocks or [None]:
+        if block is None or hasattr(block, "transfer"):
+            past = begin if blocks else begin[:0]
+            found = control.forced_response(next(systems), inputs=np.concatenate([past, x])).outputs
+            found = np.atleast_2d(found)
+            begin, x = found[0, : len(past)], found[:, len(past) :] if block is None else found[0, len(past) :]
+        else:
+            begin, x = block.value(begin), block.value(x)
+    truth = model.run(model.at_rest(0.0, DT), u[:, None])[0]
+    np.testing.assert_allclose((np.atleast_2d(x).T + scope["y0"])[20:], truth[20:], atol=1e-9 * truth.std())
+
+
+def test_an_angle_that_is_not_read_is_no_state_of_the_linear_part() -> None:
+    pytest.importorskip("control")
+    assert motor().to_control().nstates == 1
+    assert GreyBox(motor().plant, (Signal.POSITION,)).to_control().nstates == 2
+    assert 0.0 not in motor().to_control().poles()
+    assert geared().to_control().nstates == 2  # gravity moves it by its angle
 
 
 def test_every_input_of_a_regression_is_in_its_linear_part_however_small(tmp_path: Path) -> None:

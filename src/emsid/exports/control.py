@@ -1,15 +1,22 @@
-"""The linear part of a model as a script for python-control."""
+"""The linear part of a model as a script for python-control.
+
+With the offsets ``u0`` and ``y0`` of the script, the output of a linear model is y0 plus that of its system for u − u0;
+between the filters of a cascade are its static maps, which the script does not have.
+"""
 
 from __future__ import annotations
 
 from keyword import iskeyword
+from typing import Any
 
 import numpy as np
 
-from emsid.errors import ModelError
+from emsid.errors import ModelError, listed
 from emsid.exports.formats import Export, Files
+from emsid.models.blocks.filters import Rational
 from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
+from emsid.models.starting import start
 
 
 def control(export: Export) -> tuple[Files, list[str]]:
@@ -35,5 +42,27 @@ def control(export: Export) -> tuple[Files, list[str]]:
         name = export.name if len(every) == 1 else f"{export.name}_{k}"
         lines += ["", *(f"{letter} = {np.asarray(matrix).tolist()!r}" for letter, matrix in both)]
         lines += [f"{name} = control.ss(A, B, C, D{step})"]
+    entering, at_zero = offsets(export)
+    lines += ["", f"u0 = {entering!r}  # subtracted from the input", f"y0 = {at_zero!r}  # added to the output"]
     text = "\n".join(lines) + "\n"
-    return {f"{export.name}.py": text}, ["Dead zones, dry friction and other static maps are not in the linear part."]
+    return {f"{export.name}.py": text}, lost(export.model)
+
+
+def lost(model: Any) -> list[str]:
+    """Sentences on what is not in the linear part."""
+    blocks = getattr(model, "blocks", ())
+    maps = [str(k) for k, block in enumerate(blocks, start=1) if not isinstance(block, Rational)]
+    if maps:
+        return [f"Static maps, block {listed(maps)} of {len(blocks)}, are not carried."]
+    if blocks or (not hasattr(model, "plant") and getattr(model, "is_linear", True)):
+        return []
+    return ["Dead zones, dry friction, delays of a drive and other terms that are not linear are not carried."]
+
+
+def offsets(export: Export) -> tuple[float, list[float]]:
+    """What is subtracted from the input, and the outputs for an input of zero behind the last filter."""
+    model: Any = export.model
+    if hasattr(model, "blocks"):
+        return float(model.input_offset), [float(model.output_offset)]
+    running = start(model, dt=export.dt or 1e-3)
+    return 0.0, np.atleast_1d(running.step(np.zeros(running.inputs))).tolist()

@@ -1,9 +1,11 @@
 r"""Constants for firmware: WPILib, ODrive, VESC and SimpleFOC, from resistance, torque constant, inertia and friction.
 
-WPILib drives a motor by V = kS·sgn(ω) + kV·ω + kA·α. From the motor equations, u = R·i + K·ω and
-J·α = K·i − b·ω − τ_c·sgn(ω), so that
+All values are those on the side of the motor, also of a joint behind a gear.
 
-    kS = R·τ_c/K [V],      kV = K + R·b/K [V·s/rad],      kA = R·J/K [V·s²/rad].
+WPILib drives a motor by V = kS·sgn(ω) + kG·cos(θ) + kV·ω + kA·α. From the motor equations, u = R·i + K·ω and
+J·α = K·i − b·ω − τ_c·sgn(ω) − τ_g·cos(θ), so that
+
+    kS = R·τ_c/K [V],      kG = R·τ_g/K [V],      kV = K + R·b/K [V·s/rad],      kA = R·J/K [V·s²/rad].
 
 A brushless motor has several resistances and constants. ``winding`` says which ones the record shows:
 
@@ -17,19 +19,24 @@ q-axis    of a phase                       torque per ampere of the q current
 
 With p pole pairs, the flux linkage is λ = K_phase/p = K_line/(√3·p), and the torque per ampere of the q current is
 1.5·p·λ. With KV in rpm per volt between two phases, λ = 5.513/(p·KV) and torque_constant = 8.27/KV.
+
+A current loop with the gains L·β and R·β, of a phase, cancels the pole R/L and has the bandwidth β.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import pi, sqrt
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from math import inf, nan, pi, sqrt
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
-from emsid.exports.mechanics import Mechanics, mechanics
+from emsid.exports.mechanics import CARRIED, WINDING, Mechanics, mechanics
 
 WINDINGS = ("phase", "line", "q-axis")
 RPM = 60 / (2 * pi)
+BANDWIDTH = 1000.0
+"""Of a current loop in rad/s where none is given: the default of ODrive and of VESC."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +92,18 @@ def brushless(found: Mechanics, inductance: float | None, winding: str, pole_pai
     return Brushless(half * found.resistance, phase, flux / pole_pairs, pole_pairs)
 
 
-def _motor(export: Export) -> Mechanics:
-    found = mechanics(export)
+def _motor(export: Export, carried: Collection[str]) -> Mechanics:
+    """The mechanics on the side of the motor."""
+    found = mechanics(export, carried, of_motor=True)
     if not found.constant:
         raise ModelError(f"{export.model.name} has no resistance and torque constant; identify rigid-motor")
-    return found
+    side = f"Values are those on the side of the motor, which turns {found.turns:g} times per turn of the joint."
+    return replace(found, notes=(*[side] * (found.turns != 1.0), *found.notes))
 
 
-def _brushless(export: Export) -> Brushless:
-    found = _motor(export)
-    given = export.options
+def _brushless(export: Export) -> tuple[Brushless, float, list[str]]:
+    """The motor, the bandwidth of its current loop in rad/s, and what is not carried."""
+    found, given = _motor(export, WINDING), export.options
     if "winding" not in given or "pole_pairs" not in given:
         raise ModelError(
             "a brushless motor has several resistances and constants: give winding (phase, line or q-axis) and "
@@ -105,85 +114,114 @@ def _brushless(export: Export) -> Brushless:
         pairs = int(str(given["pole_pairs"]))
     except ValueError:
         raise ModelError(f"pole_pairs {given['pole_pairs']!r}; give a whole number", arguments=("option",)) from None
-    plant = export.model.plant  # type: ignore[attr-defined]
-    inductance = float(plant.value("inductance"))  # without one, the current follows the voltage at once
-    return brushless(found, inductance if inductance > 0 else None, str(given["winding"]), pairs)
+    try:
+        bandwidth = float(str(given.get("bandwidth", BANDWIDTH)))
+    except ValueError:
+        bandwidth = nan
+    if not 0 < bandwidth < inf:
+        raise ModelError(
+            f"bandwidth {given['bandwidth']!r}; give that of the current loop in rad/s", arguments=("option",)
+        )
+    inductance = float(export.model.plant.value("inductance"))  # type: ignore[attr-defined]
+    known = inductance > 0  # without one, the current follows the voltage at once
+    motor = brushless(found, inductance if known else None, str(given["winding"]), pairs)
+    unknown = "The record does not show the inductance: it and the gains of the current loop are left out; measure it."
+    return motor, bandwidth, [*found.notes, *[unknown] * (not known)]
 
 
 def wpilib(export: Export) -> tuple[Files, list[str]]:
-    """kS, kV and kA, per radian and per rotation of the output.
+    """kS, kG, kV and kA, per radian and per rotation of the motor.
 
     Raises:
         ModelError: for a model without resistance and torque constant.
     """
-    found = _motor(export)
+    found = _motor(export, CARRIED)
     ratio = found.resistance / found.constant
-    ks = ratio * 0.5 * sum(found.friction) + found.dead_zone
+    forward, backward = (ratio * each + found.dead_zone for each in found.friction)
     kv, ka = found.constant + ratio * found.damping, ratio * found.inertia
     text = f"""\
-# Made by emsid. SimpleMotorFeedforward(kS, kV, kA)
-kS: {ks!r}  # V, with the dead zone of the voltage
+# Made by emsid, on the side of the motor. SimpleMotorFeedforward(kS, kV, kA), ArmFeedforward(kS, kG, kV, kA)
+kS: {0.5 * (forward + backward)!r}  # V, with the dead zone of the voltage; the mean of both directions
+kS_forward: {forward!r}  # V
+kS_backward: {backward!r}  # V
+"""
+    if found.weight:
+        level = f"horizontal where the joint reads {found.hangs + 0.5 * pi:.6g} rad"
+        text += f"kG: {ratio * found.weight!r}  # V, times the cosine of the angle of the arm; {level}\n"
+    text += f"""\
 kV_radians: {kv!r}  # V per rad/s
 kA_radians: {ka!r}  # V per rad/s^2
 kV_rotations: {2 * pi * kv!r}  # V per rotation/s
 kA_rotations: {2 * pi * ka!r}  # V per rotation/s^2
 """
-    return {f"{export.name}.yaml": text}, list(found.notes)
+    notes = list(found.notes)
+    if forward != backward:
+        notes.append(f"kS has one number, the mean of {forward:.4g} V forward and {backward:.4g} V backward.")
+    if found.stiffness:
+        notes.append("The controller of the servo is not carried.")
+    return {f"{export.name}.yaml": text}, notes
 
 
 def odrive(export: Export) -> tuple[Files, list[str]]:
-    """The motor of an ODrive, as lines for odrivetool; gains are not designed here.
+    """The motor of an ODrive, as lines for odrivetool; it computes the gains of its current loop from the bandwidth.
 
     Raises:
-        ModelError: for a model without resistance and torque constant, or a winding that is not said.
+        ModelError: for a model without resistance and torque constant, a winding that is not said, or a bandwidth that
+            is not positive.
     """
-    found = _brushless(export)
-    text = f"""\
-# Made by emsid. Lines for odrivetool.
-odrv0.axis0.config.motor.torque_constant = {found.torque_constant!r}  # N*m/A, 8.27/KV with KV = {found.kv:.6g} rpm/V
-odrv0.axis0.config.motor.phase_resistance = {found.resistance!r}  # ohm
-{_line("odrv0.axis0.config.motor.phase_inductance =", found.inductance, "H")}
-odrv0.axis0.config.motor.pole_pairs = {found.pole_pairs}
-"""
-    return {f"{export.name}_odrive.py": text}, _notes(export, found)
+    found, bandwidth, notes = _brushless(export)
+    motor = "odrv0.axis0.config.motor"
+    lines = [
+        "# Made by emsid, on the side of the motor. Lines for odrivetool.",
+        f"{motor}.torque_constant = {found.torque_constant!r}  # N*m/A, 8.27/KV with KV = {found.kv:.6g} rpm/V",
+        f"{motor}.phase_resistance = {found.resistance!r}  # ohm",
+        f"{motor}.pole_pairs = {found.pole_pairs}",
+    ]
+    if found.inductance is not None:
+        gains = f"p gain {bandwidth * found.inductance:.6g} V/A, i gain {bandwidth * found.resistance:.6g} V/(A*s)"
+        lines.append(f"{motor}.phase_inductance = {found.inductance!r}  # H")
+        lines.append(f"{motor}.current_control_bandwidth = {bandwidth!r}  # rad/s: {gains}")
+    return {f"{export.name}_odrive.py": "\n".join(lines) + "\n"}, notes
 
 
 def vesc(export: Export) -> tuple[Files, list[str]]:
     """The motor of a VESC, as values for the FOC page.
 
     Raises:
-        ModelError: for a model without resistance and torque constant, or a winding that is not said.
+        ModelError: as `odrive`.
     """
-    found = _brushless(export)
-    text = f"""\
-# Made by emsid.
-foc_motor_r: {found.resistance!r}  # ohm
-{_line("foc_motor_l:", found.inductance, "H")}
-foc_motor_flux_linkage: {found.flux!r}  # Wb, 5.513/(p*KV) with p = {found.pole_pairs} and KV = {found.kv:.6g} rpm/V
-"""
-    return {f"{export.name}_vesc.yaml": text}, _notes(export, found)
+    found, bandwidth, notes = _brushless(export)
+    flux = f"Wb, 5.513/(p*KV) with p = {found.pole_pairs} and KV = {found.kv:.6g} rpm/V"
+    lines = [
+        "# Made by emsid, on the side of the motor.",
+        f"foc_motor_r: {found.resistance!r}  # ohm",
+        f"foc_motor_flux_linkage: {found.flux!r}  # {flux}",
+    ]
+    if found.inductance is not None:
+        lines.append(f"foc_motor_l: {found.inductance!r}  # H")
+        lines.append(f"foc_current_kp: {bandwidth * found.inductance!r}  # V/A, bandwidth {bandwidth:g} rad/s")
+        lines.append(f"foc_current_ki: {bandwidth * found.resistance!r}  # V/(A*s)")
+    return {f"{export.name}_vesc.yaml": "\n".join(lines) + "\n"}, notes
 
 
 def simplefoc(export: Export) -> tuple[Files, list[str]]:
-    """The motor of SimpleFOC, as its declaration.
+    """The motor of SimpleFOC, as its declaration, and the gains of its current loop.
 
     Raises:
-        ModelError: for a model without resistance and torque constant, or a winding that is not said.
+        ModelError: as `odrive`.
     """
-    found = _brushless(export)
-    inductance = "NOT_SET" if found.inductance is None else f"{found.inductance:.6g}"
-    text = f"""\
-// Made by emsid. Pole pairs, phase resistance in ohm, KV in rpm/V, phase inductance in H.
-BLDCMotor motor = BLDCMotor({found.pole_pairs}, {found.resistance:.6g}, {found.kv:.6g}, {inductance});
+    found, bandwidth, notes = _brushless(export)
+    given = f"{found.pole_pairs}, {found.resistance:.6g}, {found.kv:.6g}"
+    if found.inductance is None:
+        given, what, text = f"{given}, NOT_SET", "KV in rpm/V", ""
+    else:
+        given, what = f"{given}, {found.inductance:.6g}", "KV in rpm/V, phase inductance in H"
+        text = f"""
+// The current loop with a bandwidth of {bandwidth:g} rad/s, in V/A and V/(A*s); call it before motor.init().
+static inline void tune_current_loop() {{
+  motor.PID_current_q.P = motor.PID_current_d.P = {bandwidth * found.inductance:.6g};
+  motor.PID_current_q.I = motor.PID_current_d.I = {bandwidth * found.resistance:.6g};
+}}
 """
-    return {f"{export.name}_simplefoc.h": text}, _notes(export, found)
-
-
-def _line(name: str, value: float | None, unit: str) -> str:
-    """A line with a value; of one that is not known a comment, as zero would be taken for a value."""
-    return f"# {name} ...  # {unit}; not known, measure it" if value is None else f"{name} {value!r}  # {unit}"
-
-
-def _notes(export: Export, found: Brushless) -> list[str]:
-    notes = list(mechanics(export).notes)
-    return notes if found.inductance is not None else [*notes, "The record does not show the inductance; measure it."]
+    head = f"// Made by emsid, on the side of the motor. Pole pairs, phase resistance in ohm, {what}.\n"
+    return {f"{export.name}_simplefoc.h": f"{head}BLDCMotor motor = BLDCMotor({given});\n{text}"}, notes

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
-from math import inf
+from math import inf, tau
 from typing import Any
 
 from emsid.errors import ModelError
@@ -16,6 +17,8 @@ CARRIED = (
     *(f"gravity.{name}" for name in ("torque", "angle", "mass", "length", "acceleration", "period")),
     *("servo.proportional", "servo.derivative", "servo.limit"),
 )
+WINDING = ("resistance", "motor_constant", "inductance", "gravity.angle", "gravity.acceleration", "gravity.period")
+"""Parameters that the configuration of a motor carries, and those of gravity that have no effect alone."""
 """Parameters that an export of mechanics carries; of the others, those with an effect are named."""
 NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0}
 """Values without an effect of parameters that have none at zero; slopes of dead zones and periods have none alone."""
@@ -41,6 +44,7 @@ class Mechanics:
         hangs: the angle in rad at which it hangs.
         stiffness: torque of a servo per error of its position in N·m/rad; zero for none.
         limit: its largest torque in N·m.
+        turns: of the motor per turn of a joint.
     """
 
     rotates: bool
@@ -58,10 +62,16 @@ class Mechanics:
     hangs: float = 0.0
     stiffness: float = 0.0
     limit: float = inf
+    turns: float = 1.0
 
 
-def mechanics(export: Export) -> Mechanics:
-    """The mechanics of a plant.
+def mechanics(export: Export, carried: Collection[str] = CARRIED, *, of_motor: bool = False) -> Mechanics:
+    """The mechanics of a plant: of a joint on the side of its arm, of any other motor on its own.
+
+    Args:
+        export: the plant.
+        carried: the parameters that the format carries; the notes name the others.
+        of_motor: the side of the motor for a joint too.
 
     Raises:
         ModelError: for a model that is no plant of one mass.
@@ -79,8 +89,8 @@ def mechanics(export: Export) -> Mechanics:
         constant, resistance = value("motor_constant"), value("resistance")
         rotor, load = levels("rotor_friction"), levels("load_friction")
         gravity = getattr(plant, "gravity", None)
-        # a joint is described on the side of its arm, any other motor on its own
-        ratio = 1.0 if gravity is None else value("sensor.ratio")
+        turns = 1.0 if gravity is None else value("sensor.ratio")
+        ratio = 1.0 if of_motor else turns
         command = value("drive.gain") * plant.torque_per_unit
         servo = plant.servo if plant.follows else None
         braking = ratio**2 * constant**2 / resistance if plant.channels.bridge else 0.0
@@ -95,17 +105,18 @@ def mechanics(export: Export) -> Mechanics:
             ratio * constant,
             value("voltage_dead_zone.half_width"),
             value("drive.gain"),
-            tuple(note for note in _left_out(plant) if gravity is None or not note.startswith("sensor.ratio")),
-            0.0 if gravity is None else gravity.whole,
-            0.0 if gravity is None else gravity.angle,
+            _left_out(plant, (*carried, *["sensor.ratio"] * (gravity is not None))),
+            0.0 if gravity is None else gravity.whole * ratio / turns,
+            0.0 if gravity is None else tau * gravity.angle / gravity.period,
             0.0 if servo is None else servo.proportional,
             inf if servo is None else servo.limit,
+            turns,
         )
     if "mass" in handles:
         half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))
         gain, zone = value("drive.gain"), value("dead_zone.half_width")
         return Mechanics(
-            False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, gain, _left_out(plant)
+            False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, gain, _left_out(plant, carried)
         )
     raise ModelError(
         f"{export.model.name} has no inertia and friction to export; identify rigid-motor or linear-axis, or export it "
@@ -113,12 +124,12 @@ def mechanics(export: Export) -> Mechanics:
     )
 
 
-def _left_out(plant: Any) -> tuple[str, ...]:
+def _left_out(plant: Any, carried: Collection[str]) -> tuple[str, ...]:
     """Sentences on the parameters with an effect that are not carried."""
     found = []
     for name, handle in plant.handles.items():
         whole = name.removesuffix(".forward").removesuffix(".backward")
-        if whole in CARRIED or name != whole or name.endswith(SILENT):
+        if whole in carried or name != whole or name.endswith(SILENT):
             continue
         value = float(plant.value(name))
         if value != NEUTRAL.get(name, 0.0):

@@ -17,7 +17,7 @@ on the inertia J, and the step must resolve their frequency √(σ₀/J). MuJoCo
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, isfinite, sin, sqrt, tau
+from math import atan2, ceil, cos, hypot, isfinite, sin, sqrt, tau
 from typing import Any
 
 from emsid.errors import ModelError
@@ -29,7 +29,9 @@ from emsid.plant.gaussian_stribeck import gaussian_excess
 SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 """Impedance of the friction constraint, close to one: 0.000175 rad/s of creep in place of 0.163."""
 BODY = 1e-9
-"""Inertia of the body in kg·m², and its mass in kg, beside the armature: MuJoCo needs some."""
+"""Mass in kg of a body that only turns, and the inertia in kg·m² of one that only slides: MuJoCo needs some. The body
+has half of the inertia that moves and the armature the rest: frictionloss is scaled by the body, and does not hold an
+axis whose mass is all armature (10 N moved one that 14 N held)."""
 ACTUATORS = ("general", "dcmotor")
 BENDS = 1e-3
 """Angle in rad by which bristles bend before they slip: a thousandth, less than a step of common encoders."""
@@ -60,9 +62,10 @@ def mujoco(export: Export) -> tuple[Files, list[str]]:
         notes = [note for note in notes if not note.startswith(carried)]
     if found.friction[0] != found.friction[1]:
         notes.append(f"Friction by direction, {found.friction[0]:.4g} and {found.friction[1]:.4g}: its mean is used.")
-    step = min(export.dt or 1e-3, 1e-3)
+    sample = export.dt or 1e-3
+    step = whole_part(sample, 1e-3)
     if bristles is not None:
-        step = min(step, RESOLVED * sqrt((found.inertia + BODY) / bristles[0]))
+        step = whole_part(sample, min(step, RESOLVED * sqrt(found.inertia / bristles[0])))
         notes.append(f"Friction is that of LuGre: the step must not be larger than {step:.2g} s.")
     scale = found.unit if kind == "dcmotor" else 1.0
     zone = found.dead_zone * scale / found.unit
@@ -73,6 +76,11 @@ def mujoco(export: Export) -> tuple[Files, list[str]]:
         files[f"{export.name}_ctrl.py"] = control(zone, scale)
         notes.append(f"Dead zone and gain of the drive are in {export.name}_ctrl.py: give ctrl(u) to data.ctrl.")
     return files, notes
+
+
+def whole_part(sample: float, longest: float) -> float:
+    """The longest step up to ``longest`` of which a sample is a whole number."""
+    return sample / ceil(sample / longest - 1e-9)
 
 
 def carried_by_dcmotor(plant: Any, bristles: bool) -> tuple[str, ...]:
@@ -120,8 +128,8 @@ def mjcf(export: Export, found: Mechanics, driven: str, step: float, bristles: A
     """The model as MJCF."""
     joint, units = ("hinge", "N·m, rad") if found.rotates else ("slide", "N, m")
     loss = 0.0 if bristles is not None else 0.5 * sum(found.friction)
-    mass, place, armature, pull = _arm(found)
-    inertia = f'armature="{armature!r}"'
+    mass, place, body, armature, pull = _body(found)
+    held = f'  <keyframe>\n    <key name="rest" qpos="{found.hangs!r}"/>\n  </keyframe>\n' if found.weight else ""
     return f"""\
 <!-- Made by emsid; units: {units}, s. -->
 <mujoco model="{export.name}">
@@ -129,8 +137,8 @@ def mjcf(export: Export, found: Mechanics, driven: str, step: float, bristles: A
   <option timestep="{step!r}" gravity="0 {pull!r} 0" integrator="implicitfast"/>
   <worldbody>
     <body name="{export.name}">
-      <inertial pos="{place}" mass="{mass!r}" diaginertia="{BODY!r} {BODY!r} {BODY!r}"/>
-      <joint name="{export.name}" type="{joint}" axis="0 0 1" {inertia}
+      <inertial pos="{place}" mass="{mass!r}" diaginertia="{body!r} {body!r} {body!r}"/>
+      <joint name="{export.name}" type="{joint}" axis="0 0 1" armature="{armature!r}"
              damping="{found.damping!r}" frictionloss="{loss!r}"
              solreffriction="{2 * step!r} 1" solimpfriction="{SOLIMP}"/>
     </body>
@@ -142,21 +150,26 @@ def mjcf(export: Export, found: Mechanics, driven: str, step: float, bristles: A
     <jointpos name="position" joint="{export.name}"/>
     <jointvel name="speed" joint="{export.name}"/>
   </sensor>
-</mujoco>
+{held}</mujoco>
 """
 
 
-def _arm(found: Mechanics) -> tuple[float, str, float, float]:
-    """Mass and place of the body, the inertia that is left for the armature, and the acceleration along y.
+def _body(found: Mechanics) -> tuple[float, str, float, float, float]:
+    """Mass, place and inertia of the body, the armature, and the acceleration along y.
 
-    A joint has a point mass where its arm is, so close to the axis that it has half of the inertia at most.
+    The body has half of the inertia. That of a joint is a point mass where its arm is, so close to the axis that its
+    inertia is not larger, and an inertia about itself.
     """
+    half = 0.5 * found.inertia
+    if not found.rotates:
+        return half, "0 0 0", BODY, half, 0.0
     if not found.weight:
-        return BODY, "0 0 0", found.inertia, 0.0
+        return BODY, "0 0 0", half, half, 0.0
     length = min(1.0, 0.5 * found.inertia * STANDARD / found.weight)
     mass = found.weight / (STANDARD * length)
     place = f"{-length * sin(found.hangs)!r} {-length * cos(found.hangs)!r} 0"
-    return mass, place, found.inertia - mass * length**2, -STANDARD
+    own = max(half - mass * length**2, BODY)
+    return mass, place, own, found.inertia - own - mass * length**2, -STANDARD
 
 
 def control(zone: float, scale: float) -> str:

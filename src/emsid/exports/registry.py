@@ -16,7 +16,7 @@ from emsid.exports.modelica import modelica
 from emsid.exports.mujoco import mujoco
 from emsid.exports.tables import csv
 
-BRUSHLESS = ("winding", "pole_pairs")
+BRUSHLESS = ("winding", "pole_pairs", "bandwidth")
 
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),
@@ -28,7 +28,7 @@ FORMATS: dict[str, Format] = {
     "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",), True),
     "python-control": Format("the linear part as a script for python-control", control),
     "csv": Format("friction, dead zone and static maps as tables", csv, physical=True),
-    "wpilib": Format("kS, kV and kA for WPILib", wpilib),
+    "wpilib": Format("kS, kG, kV and kA for WPILib", wpilib),
     "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS, True),
     "vesc": Format("the motor of a VESC", vesc, BRUSHLESS, True),
     "simplefoc": Format("the motor of SimpleFOC", simplefoc, BRUSHLESS, True),

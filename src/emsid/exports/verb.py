@@ -199,5 +199,6 @@ def readme(made: Export, format: str, notes: list[str], files: Files, fit: str) 
         lines.append("")
     lines += _sources(made, format)
     lines += ["## What is not carried", ""]
-    lines += [f"- {note}" for note in notes] or ["Nothing is left out."]
+    lines += [f"- {note}" for note in notes]
+    lines.append("- The noise and the intervals of the parameters: the files give the free run of the estimates.")
     return "\n".join(lines) + "\n"

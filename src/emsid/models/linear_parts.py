@@ -30,6 +30,14 @@ class StateSpace(NamedTuple):
     d: Array
     states: tuple[str, ...]
 
+    def observed(self) -> StateSpace:
+        """The same without the states that no output depends on, as the angle where only a speed is read."""
+        seen = np.any(self.c != 0, axis=0)
+        for _ in seen:
+            seen |= np.any(self.a[seen] != 0, axis=0)
+        states = tuple(name for name, kept in zip(self.states, seen, strict=True) if kept)
+        return StateSpace(self.a[np.ix_(seen, seen)], self.b[seen], self.c[:, seen], self.d, states)
+
     def with_lag(self, time: float, outputs: tuple[int, ...]) -> StateSpace:
         """The same with these outputs filtered by 1/(1 + time·s)."""
         if not (time > 0 and outputs):

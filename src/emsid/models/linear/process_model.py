@@ -99,6 +99,14 @@ class ProcessModel(ThroughStateSpace):
         c = self.gain * (np.eye(1, n, n - 1) + self.zero * a[-1:])
         return a, b, c, float(self.gain * self.zero * b[-1, 0])
 
+    def to_control(self) -> Any:
+        """The same sample by sample as `control.StateSpace` of python-control, without offset.
+
+        Raises:
+            ModelError: where python-control is not installed.
+        """
+        return self.form.to_control()
+
     @cached_property
     def form(self) -> StateSpaceModel:
         """The same in state space, with past inputs as states."""

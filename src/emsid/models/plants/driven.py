@@ -72,6 +72,10 @@ class DrivenPlant(Plant):
     def holding(self, load: float, position: float) -> float:
         """The output of the drive that balances all loads at rest, among them one of the inputs."""
 
+    def held_at(self, command: Array) -> float:
+        """The position at which a constant command (nu,) holds the plant; zero where any position is as good."""
+        return 0.0
+
     def before(self, state: Array, command: Array) -> float | None:
         """The output of the drive before a run from an initial state; None for that of the first command (nu,)."""
         if len(state) <= HELD or not state[HELD]:

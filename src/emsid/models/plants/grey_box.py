@@ -85,7 +85,7 @@ class PlantModel(RunMethods):
         return tuple((signal.value, units.get(signal, "")) for signal in self.signals)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> PlantState:
-        """The plant at standstill at position zero, with a constant command in the past.
+        """The plant at standstill, with a constant command in the past: a joint where that holds it, others at zero.
 
         Args:
             level: of the command; the plant starts to move unless friction or a dead zone prevents it.
@@ -96,7 +96,10 @@ class PlantModel(RunMethods):
         u = np.atleast_1d(np.asarray(level, dtype=float))
         if len(u) == 1 and self.plant.channels is not None and self.plant.channels.load:
             u = np.append(u, 0.0)  # one level is that of the command
-        return self.plant.start(np.zeros(self.plant.states), u, dt, self.signals)
+        state = np.zeros(self.plant.states)
+        if isinstance(self.plant, DrivenPlant):
+            state[1] = self.plant.held_at(u)
+        return self.plant.start(state, u, dt, self.signals)
 
     def initial(self, segment: Record, samples: int) -> PlantState:
         """The state after the first ``samples`` samples of a segment, estimated by `initial_state`."""
@@ -129,7 +132,8 @@ class PlantModel(RunMethods):
         """The plant in motion as a continuous python-control state-space system, from its command to its outputs.
 
         Dry friction, dead zones, limits, constant loads and the delay of the drive are left out. Without the delay, the
-        system describes small changes about a steady motion in one direction.
+        system describes small changes about a steady motion in one direction. States that no output depends on, as the
+        angle where only the speed is read, are left out.
 
         Raises:
             ModelError: if python-control is not installed, or the linear part of the plant is not known.
@@ -138,6 +142,7 @@ class PlantModel(RunMethods):
         part = self.plant.linearised(self.signals)
         if part is None:
             raise ModelError(f"{self.name} has no linear part that is known; linearise its functions yourself")
+        part = part.observed()
         return control.StateSpace(
             *part[:4], name=self.name, states=list(part.states), outputs=[signal.value for signal in self.signals]
         )

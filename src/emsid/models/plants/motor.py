@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 Array = NDArray[np.float64]
+HALVINGS = 60
+"""Halvings of a turn, to the last digit of an angle."""
 
 QUICKEST = 0.02
 """The shortest electrical time constant in samples. A current that is sampled where the voltage steps still shows 0.04;
@@ -415,6 +417,20 @@ class MotorPlant(DrivenPlant):
             return made
         made += copysign(self.voltage_drop, made)
         return made if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone.inverse(made))
+
+    def held_at(self, command: Array) -> float:
+        """See `DrivenPlant.held_at`: an arm between the angles at which it hangs and is pushed most, by bisection."""
+        if self.gravity is None or not (self.gravity.whole or self.follows):
+            return 0.0
+        ratio, made = self.sensor.ratio, float(self.drive.applied(command[None, :])[0][0])
+        hangs, quarter = self.gravity.angle * ratio, 0.25 * self.gravity.period * abs(ratio)
+        low, high = (hangs, made * ratio) if self.follows else (hangs - quarter, hangs + quarter)
+        if self.holding(0.0, low) > made:
+            low, high = high, low
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.holding(0.0, middle) < made else (low, middle)
+        return high
 
     @property
     def turn(self) -> float:

@@ -66,7 +66,6 @@ MECHANISMS: Mapping[str, tuple[Replaced, ...]] = {
     "second starts, knees": ((f"{PLANTS}.second_starts", "_other_knees", no_values),),
     "second starts, lag": ((f"{PLANTS}.second_starts", "_lag_exchanged", no_values),),
     "restarts": ((f"{PLANTS}.estimation", "begun_again", as_reached),),
-    "rest": ((f"{PLANTS}.estimation", "from_rest", as_reached),),
     "held": ((f"{PLANTS}.estimation", "held_as_seen", as_reached),),
     "initial states": ((f"{PLANTS}.estimation", "_begun_as_seen", lambda task, reached, *_: (task, reached)),),
     "straight command": ((f"{PLANTS}.estimation", "straight_if_better", as_reached),),

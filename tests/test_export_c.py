@@ -104,7 +104,7 @@ MOTORS = {
     ),
     "stiff shaft": (MotorPlant(Motor(shaft_stiffness=1e9)), (Signal.SPEED,)),
     "inductance": (
-        MotorPlant(replace(Motor(inductance=0.002), shaft_stiffness=np.inf)),
+        MotorPlant(replace(Motor(inductance=0.002), shaft_stiffness=np.inf), steps=8),
         (Signal.SPEED, Signal.CURRENT),
     ),
     "no inductance": (MotorPlant(replace(SHAFT, inductance=0.0)), (Signal.SPEED, Signal.CURRENT)),

@@ -9,15 +9,16 @@ from coverage_grey_box import (
     MOTOR,
 )
 from emsid.errors import ModelError
+from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Sliding, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import NO_LOAD
-from emsid.plant import Friction, Motor, State, simulate
+from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
 from simulated_plants import DT, RIGID, SPEED, VOLTAGE, record_of
 
 # --- one mass --------------------------------------------------------------------------------------------------------
@@ -63,7 +64,7 @@ def test_the_compiled_motion_is_the_limit_of_the_slow_one(seed):
     force, damping = np.repeat(3 * rng.standard_normal(13), 5), np.repeat(rng.uniform(0.1, 1.0, 13), 5)
     start = (0.05, float(rng.uniform(0, 1)))
     speeds, positions = np.empty(64), np.empty(64)
-    move(0.7, friction, force, damping, NO_LOAD, *start, 20, 0.4, 1.0, speeds, positions)
+    move(0.7, friction, force, damping, NO_LOAD, *start, 20, 0.0, np.array([0.4, 1.0]), speeds, positions, NO_LOAD)
     differences = []
     for steps in (40, 160):
         slow = moved_slowly(0.7, friction, force, damping, *start, steps, 0.4, 1.0)
@@ -135,6 +136,45 @@ def test_the_shortest_lag_of_a_sensor_has_an_effect_in_proportion():
     u = np.repeat([0.0, 6.0, -3.0], 20)[:, None]
     shown = [replace(MOTOR, sensor=Sensor(lag=lag * DT)).simulate(u, DT, np.zeros(3), SPEED) for lag in (0.0, 1e-7)]
     assert (shown[1] - shown[0])[1:] / 1e-7 == pytest.approx(-np.diff(shown[0], axis=0), rel=1e-4, abs=1e-6)
+
+
+# --- inductance ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("henry", "viscous"), [(1e-5, 0.0), (2e-3, 4e-6), (0.05, 0.0)], ids=["fast", "usual", "slow"])
+@pytest.mark.parametrize(
+    ("friction", "steps", "within"),
+    [(Friction((4e-3, 6e-3)), 2, 1e-9), (Friction(4e-3, 3e-3, 0.2), 2, 3e-3), (Friction(4e-3, 3e-3, 0.2), 16, 1e-4)],
+    ids=["constant", "stribeck", "stribeck in small steps"],
+)
+def test_one_mass_with_an_inductance_moves_as_by_series(henry, viscous, friction, steps, within):
+    """Exact through stops, releases and reversals with constant friction; of second order in the steps with others."""
+    motor = Motor(2.0, henry, 0.05, 2e-5, viscous, load_inertia=1e-6, load_viscous=0.0, rotor_friction=friction)
+    motor = replace(motor, load_friction=Friction(), voltage_dead_zone=DeadZoneLaw(-0.2, 0.3)).rigid()
+    u = np.repeat(np.random.default_rng(1).uniform(-3, 3, 60), 15)
+    u[0] = 0.0
+    plant = MotorPlant(motor, load_torque=5e-4, steps=steps)
+    signals = (Signal.SPEED, Signal.POSITION, Signal.CURRENT)
+    run = plant.simulate(u[:, None], 2e-3, np.zeros(2), signals)
+    exact = simulate(motor, u, 2e-3, disturbance=5e-4)
+    expected = np.column_stack([exact.load_speed, exact.load_angle, exact.current])
+    assert len(exact.events.time) > 30
+    assert (np.abs(run - expected).max(axis=0) < within * expected.std(axis=0)).all()
+
+
+def test_an_inductance_of_zero_is_the_limit_of_a_small_one_with_every_force():
+    forces = {"quadratic_viscous": 1e-7, "cogging": Cogging(0.5, 1e-3, 5e-4), "viscous_backward": 2e-6}
+    motor = replace(MOTOR.motor, inductance=0.0)
+    u = np.repeat([0.0, 6.0, -3.0, 1.0], 20)[:, None]
+    shown = [
+        MotorPlant(replace(motor, inductance=henry), drive=Drive(delay=0.4 * DT), **forces).simulate(
+            u, DT, np.zeros(3), SPEED
+        )
+        for henry in (0.0, 1e-7, 2e-7)
+    ]
+    first, second = (np.max(np.abs(each - shown[0])) for each in shown[1:])
+    assert 0 < first < 1e-3 * np.ptp(shown[0])
+    assert second == pytest.approx(2 * first, rel=0.05)
 
 
 # --- shaft and steps -------------------------------------------------------------------------------------------------

@@ -265,7 +265,6 @@ def test_an_inductance_is_found_where_the_sample_time_shows_it(henry, found):
     if found:
         assert fit.estimate[fit.names.index("inductance")] == pytest.approx(henry, rel=0.05)
     assert "inductance" in effects(RIGID, record)
-    assert "inductance" not in effects(RIGID, concatenate([record] * 12))  # too long for its simulation
 
 
 @pytest.mark.parametrize("part", [0.7, pytest.param(1.0, marks=pytest.mark.long)])

@@ -214,8 +214,8 @@ def _run(
     speeds, commands, u = np.empty(n), np.empty(n), np.empty(1)
     count, total = 0.0, 0.0
     for k, wanted_speed in enumerate(reference.tolist()):
-        motion = sampler.state.motion.tolist()  # speed and position; with a current also that of the rotor
-        speeds[k], position = motion[:2] if len(motion) == 2 else (motion[2], motion[4])
+        motion = sampler.state.motion.tolist()  # speed and position first, behind a shaft those of the load
+        speeds[k], position = motion[:2] if len(motion) < 5 else (motion[2], motion[4])
         counts = float(np.floor(position / on.resolution))
         error, count = wanted_speed - (counts - count) * on.resolution / dt, counts
         wanted = fed[k] + on.proportional * error + on.integral * total

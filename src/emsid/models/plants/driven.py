@@ -174,9 +174,8 @@ class DrivenPlant(Plant):
             for k, plant in enumerate(plants):
                 sizes = [np.full(len(u), plant.largest_force(u)) for u in inputs]
                 masses[k] = masses[k]._replace(force=masses[k].force - on[0].held(sizes) * against)
-        motion = moved(
-            masses, on[0].ends, on[0].dt, [each.late for each in on], plants[0].steps, begin[..., :2], on[0].load
-        )
+        timing = on[0].dt, [each.late for each in on], plants[0].steps
+        *motion, _ = moved(masses, on[0].ends, *timing, begin[..., :2], on[0].load)
         outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
         sensors = {id(plant.sensor): plant.sensor for plant in plants}
         for sensor in sensors.values():
@@ -197,11 +196,11 @@ class DrivenPlant(Plant):
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The forces on one mass for an output of the drive (M,)."""
 
-    def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array]:
-        """Speeds and positions (M + 1,) of one mass from (speed, position)."""
+    def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array, Array]:
+        """Speeds, positions and forces of a drive that lags (M + 1,) of one mass from its motion (2,) or (3,)."""
         ends = np.array([0, len(on.voltage)])
-        speeds, positions = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None, :2], on.load)
-        return speeds[0], positions[0]
+        found = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None], on.load)
+        return found[0][0], found[1][0], found[2][0]
 
     def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""

@@ -167,7 +167,7 @@ class LinearAxis(DrivenPlant):
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
         on = self.drive.acting(inputs, state.commands, state.dt)
-        speeds, positions = self._moved(self._as_one_mass(on.voltage, on.conducts), on, state.motion)
+        speeds, positions, _ = self._moved(self._as_one_mass(on.voltage, on.conducts), on, state.motion)
         motion = np.array([speeds[-1], positions[-1]])
         measured = speeds[on.samples], positions[on.samples]
         output, sensed = self.sensor.read(signals, *measured, state.dt, state.sensed)
@@ -179,7 +179,7 @@ class LinearAxis(DrivenPlant):
             return None
         outer, mass = Outer.of(self.drive, self.sensor, state, signals), self._as_one_mass(np.zeros(1), np.ones(1))
         zone, load = Inside.numbers_of(self.dead_zone), float(self.offset)
-        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, float(self.mass), 1.0)
+        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, float(self.mass), 1.0, 0.0)
         return OneMassSampler(outer, inside, mass.law, mass.friction, self.steps, state)
 
     @property

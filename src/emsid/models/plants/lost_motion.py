@@ -93,7 +93,7 @@ def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: A
         on: what the drive applies.
         motion: (5,) before the first piece.
     """
-    mass, laws, friction, force, damping = zip(*_bodies(plant, torque, braking), strict=True)
+    mass, laws, friction, force, damping, _ = zip(*_bodies(plant, torque, braking), strict=True)
     acting = (np.array(mass), Sliding.of_all(friction), np.array(force), np.array(damping), on.load)
     speeds, angles, after = np.empty(len(torque)), np.empty(len(torque)), np.array(motion, dtype=float)
     compiled_with_law(laws[0], _across)(*acting, on.dt, on.late, plant.steps, _half(plant), after, speeds, angles)
@@ -137,7 +137,7 @@ def _moved_alone(
     own = one_of(friction, body, friction.servo[0] if body != 1 else friction.servo[0][:0])
     pull, drag = np.full(2, force[body]), np.full(2, damping[body])
     speeds, positions = np.empty(2), np.empty(2)
-    move(mass[body], own, pull, drag, load, h, 0.0, 1, begin[0], begin[1], speeds, positions)
+    move(mass[body], own, pull, drag, load, h, 0.0, 1, 0.0, np.array(begin), speeds, positions, speeds[:0])
     return speeds[1], positions[1]
 
 

@@ -29,12 +29,12 @@ from emsid.models.plants.gravity import CONSTANTS, Gravity
 from emsid.models.plants.lost_motion import begun, check_gap, first_gap, moved_apart
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import RADIUS, USUAL_RADIUS, ZONES, feed_in, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, in_steady_state, two_masses, without_shaft
+from emsid.models.plants.motor_motion import MotorMotion, check_conducting, in_steady_state, two_masses, without_shaft
 from emsid.models.plants.motor_start import at_motor, by_torque, check_one_mass, hung, usual_free, with_motion
 from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sampler, Sizes, StaticCharacteristic, plausible
-from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
+from emsid.models.plants.sampling import Inside, LaggingSampler, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
 from emsid.models.plants.state import PlantState
@@ -61,7 +61,7 @@ class MotorPlant(DrivenPlant):
     state, and optionally the initial reading in rad/s of a sensor with a lag, by default the true speed.
 
     Args:
-        motor: the motor; `Motor.rigid` without inductance is by far the fastest.
+        motor: the motor; `Motor.rigid` is by far the fastest.
         drive: converts the command to a voltage.
         sensor: between the motion and the log.
         load_torque: constant torque T_d on the load in N·m.
@@ -279,8 +279,10 @@ class MotorPlant(DrivenPlant):
         motion = np.array([speed, angle])
         if self.backlash:
             motion = begun(self, speed, angle)
-        elif not self.is_one_mass:
+        elif not self.is_one_mass or self._lag:
             motion = in_steady_state(self.motor, commands[:1, 0], speed, angle)
+            if self.is_one_mass:
+                motion = np.array([speed, angle, self.motor.motor_constant * motion[0]])
         return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
@@ -312,8 +314,9 @@ class MotorPlant(DrivenPlant):
         before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
         zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
         mass = self._sliding(np.zeros(1), np.zeros(1))
-        numbers = (before, after, slope * k if volts else 0.0, 0.0, self.load_torque, mass.mass, k)
-        return OneMassSampler(outer, Inside(zone, *map(float, numbers)), mass.law, mass.friction, self.steps, state)
+        numbers = (before, after, slope * k if volts else 0.0, 0.0, self.load_torque, mass.mass, k, mass.lag)
+        one_mass = (outer, Inside(zone, *map(float, numbers)), mass.law, mass.friction, self.steps, state)
+        return LaggingSampler(*one_mass, self._general) if mass.lag else OneMassSampler(*one_mass)
 
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""
@@ -321,11 +324,14 @@ class MotorPlant(DrivenPlant):
         if self.backlash:
             speeds, positions, motion = moved_apart(self, torque, braking, on, motion)
         else:
-            speeds, positions = self._moved(self._sliding(torque, braking), on, motion)
-            motion = np.array([speeds[-1], positions[-1]])
+            mass = self._as_one_mass(on.voltage, on.conducts)
+            speeds, positions, lagging = self._moved(mass, on, motion)
+            motion = np.array([speeds[-1], positions[-1], lagging[-1]][: len(motion)])
         speeds, positions = speeds[on.samples], positions[on.samples]
 
         def current() -> Array:
+            if self._lag:
+                return np.asarray(lagging[on.samples] / self.motor.motor_constant)
             if on.now is None:
                 pull, drag = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
             else:
@@ -336,7 +342,13 @@ class MotorPlant(DrivenPlant):
         return MotorMotion(current, speeds, speeds, positions, positions), motion
 
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
-        """The torques of the drive, friction and load."""
+        """The torques of the drive, friction and load.
+
+        Raises:
+            ModelError: for a bridge that coasts beside an inductance.
+        """
+        if self._lag:
+            check_conducting(conducts)
         return self._sliding(*self._torque(voltage, conducts))
 
     def _sliding(self, torque: Array, braking: Array) -> OneMass:
@@ -348,7 +360,12 @@ class MotorPlant(DrivenPlant):
         torques = self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped
         friction = Sliding.of(law, self._viscous, *torques)
         force = torque if self.follows else torque - self.load_torque
-        return OneMass(self.inertia_of_all, type(law).level, friction, force, braking)
+        return OneMass(self.inertia_of_all, type(law).level, friction, force, braking, self._lag)
+
+    @property
+    def _lag(self) -> float:
+        """The electrical time constant in s of what a voltage drives."""
+        return self.motor.inductance / self.motor.resistance if self.feed is Feed.VOLTAGE else 0.0
 
     @property
     def _viscous(self) -> tuple[float, float]:
@@ -388,9 +405,8 @@ class MotorPlant(DrivenPlant):
 
     @property
     def is_one_mass(self) -> bool:
-        """True for a rigid motor without inductance and backlash, and for any other fed with a current or a torque."""
-        motor = self.motor
-        plain = motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
+        """True for a rigid motor without backlash, and for any other fed with a current or a torque."""
+        plain = self.motor.is_rigid and self.motor.torque_dead_zone is None
         return not self.backlash and (plain or self.feed is not Feed.VOLTAGE)
 
     def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:

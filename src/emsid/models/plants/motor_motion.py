@@ -60,12 +60,7 @@ def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motio
     Raises:
         ModelError: for a bridge that coasts.
     """
-    if np.any(on.conducts != 1.0):
-        raise ModelError(
-            "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
-            "or leave out these samples with a mask",
-            arguments=("mask",),
-        )
+    check_conducting(on.conducts)
     ends = motion[:, None]
     volts, durations = _pieces(on.voltage, on.dt, on.late)
     torques = load_torque + (np.repeat(on.load[:-1], len(volts) // (len(on.load) - 1)) if len(on.load) > 1 else 0.0)
@@ -80,6 +75,20 @@ def two_masses(motor: Motor, load_torque: float, extra: Extra, on: Acting, motio
         ends = np.column_stack([np.array(rows)[:, every], motion])
     current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
     return MotorMotion(lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
+
+
+def check_conducting(conducts: Array) -> None:
+    """Refuse a bridge that coasts, beside a shaft or an inductance.
+
+    Raises:
+        ModelError: where it does.
+    """
+    if np.any(conducts != 1.0):
+        raise ModelError(
+            "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
+            "or leave out these samples with a mask",
+            arguments=("mask",),
+        )
 
 
 def without_shaft(names: Sequence[str]) -> list[str]:

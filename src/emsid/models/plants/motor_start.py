@@ -16,7 +16,7 @@ from emsid.plant import DeadZoneLaw, Motor
 
 
 def check_one_mass(plant: Any) -> None:
-    """Refuse a motor with a shaft or an inductance that has an effect which is simulated for one mass only.
+    """Refuse a motor with a shaft that has an effect which is simulated for one mass only, or a drop with inductance.
 
     Raises:
         ModelError: for such a motor, or for a voltage drop or a friction by direction that is not physical.
@@ -29,10 +29,12 @@ def check_one_mass(plant: Any) -> None:
     if not plant.motor.is_rigid and (plant.feed is not Feed.VOLTAGE or plant.gravity is not None):
         what = f"motor fed with a {plant.feed.value}" if plant.gravity is None else "joint with gravity"
         raise ModelError(f"a {what} is simulated as one mass only; give Motor.rigid()")
-    if (plant.viscous_backward or plant.voltage_drop) and not (plant.is_one_mass or plant.backlash):
+    one_mass = plant.is_one_mass or plant.backlash
+    lags = bool(plant.motor.inductance) and plant.feed is Feed.VOLTAGE
+    if (plant.viscous_backward and not one_mass) or (plant.voltage_drop and (lags or not one_mass)):
         raise ModelError(
-            "a motor with a voltage drop or with viscous friction by direction is simulated as one mass only; give "
-            "Motor.rigid() without inductance and dead zone on the torque"
+            "a motor with viscous friction by direction, or with a voltage drop and without inductance, is simulated "
+            "as one mass only; give Motor.rigid() without dead zone on the torque, and inductance=0 for a voltage drop"
         )
 
 

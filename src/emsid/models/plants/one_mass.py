@@ -26,6 +26,18 @@ derivative by differences needs them.
 
 A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
 and every output is a continuous function of every parameter.
+
+With an inductance the force of the drive follows with the time constant τ = L/R,
+
+    M·dv/dt = T − B·v − w,      τ·dT/dt = F − D·v − T,
+
+where D is the braking of the armature only, B viscous friction, and w friction and load. While the mass slides with
+constant friction, y = v − v∞ is the response of a system of second order, with v∞ = (F − w)/(B + D), y' = dy/dt and
+
+    κ = (B + D)/(M·τ),   μ = −(B/M + 1/τ)/2,   q = μ² − κ,
+    y(t) = e^{μt}·[y₀·cosh √q t + (y₀' − μ·y₀)·sinh(√q t)/√q],      ∫y dt = [2μ·(y − y₀) − (y' − y₀')]/κ.
+
+The time at which the mass comes to rest is a root of v, at which it breaks away one of T, which is an exponential.
 """
 
 from __future__ import annotations
@@ -131,6 +143,7 @@ class OneMass(NamedTuple):
         friction: its parameters.
         force: (M,) F; the first value of a run acts before its first sample.
         damping: (M,) D.
+        lag: the time constant in s with which the force of the drive follows; D is then the same everywhere.
     """
 
     mass: float
@@ -138,6 +151,7 @@ class OneMass(NamedTuple):
     friction: Sliding
     force: Array
     damping: Array
+    lag: float = 0.0
 
 
 @njit(nogil=True, error_model="numpy")
@@ -150,10 +164,11 @@ def move(
     dt: float,
     late: float,
     steps: int,
-    speed: float,
-    position: float,
+    lag: float,
+    begin: Array,
     speeds: Array,
     positions: Array,
+    made: Array,
 ) -> None:
     """Fill ``speeds`` and ``positions`` (N,) with the motion at every sample, before the force of that sample acts.
 
@@ -165,10 +180,15 @@ def move(
         dt: sample time in s.
         late: the fraction of a sample during which the previous force still acts, 0 to 1.
         steps: steps per sample for the Stribeck excess.
-        speed, position: v and x at the first sample.
+        lag: τ, or 0.
+        begin: (2,) v and x at the first sample, and behind them with a lag T, NaN for that of a steady speed.
         speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
+        made: likewise T; (0,) without a lag.
     """
-    v, x, per_mass = speed, position, 1.0 / mass  # in every step the next one would wait for a division
+    if lag > 0.0:
+        _move_lagging(mass, friction, force, damping, load, dt, late, steps, lag, begin, speeds, positions, made)
+        return
+    v, x, per_mass = begin[0], begin[1], 1.0 / mass  # in every step the next one would wait for a division
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
@@ -226,9 +246,11 @@ def move_each(
     dt: Array,
     late: Array,
     steps: int,
+    lag: Array,
     begin: Array,
     speeds: Array,
     positions: Array,
+    made: Array,
 ) -> None:
     """`move` for P plants in S runs; the forces of a run stand between two of ``ends`` (S + 1,).
 
@@ -238,9 +260,10 @@ def move_each(
         load: (M,) that of all plants, as in `move`, or (0,).
         ends: where runs begin, and M.
         dt: (S,) of every run.
-        late, begin: (P, S) and (P, S, 2) of every plant in every run; the second is speed and position.
+        late, begin: (P, S) and (P, S, 3) of every plant in every run; the second as in `move`.
         steps: as in `move`; one is enough where friction is constant.
-        speeds, positions: (P, M) the results.
+        lag: (P,) of every plant.
+        speeds, positions, made: (P, M) the results.
     """
     for p in range(len(mass)):
         varies = friction.varies[p]
@@ -248,9 +271,166 @@ def move_each(
         most = steps if varies[0] or varies[1] or friction.servo.shape[1] > 0 else 1
         for s in range(len(dt)):
             a, b = ends[s], ends[s + 1]
-            v, x = begin[p, s, 0], begin[p, s, 1]
-            there, been = speeds[p, a:b], positions[p, a:b]
-            move(mass[p], own, force[p, a:b], damping[p, a:b], load[a:b], dt[s], late[p, s], most, v, x, there, been)
+            acting, timing = (force[p, a:b], damping[p, a:b], load[a:b]), (dt[s], late[p, s], most, lag[p])
+            move(mass[p], own, *acting, *timing, begin[p, s], speeds[p, a:b], positions[p, a:b], made[p, a:b])
+
+
+@njit(nogil=True, error_model="numpy")
+def _move_lagging(
+    mass: float,
+    friction: Sliding,
+    force: Array,
+    damping: Array,
+    load: Array,
+    dt: float,
+    late: float,
+    steps: int,
+    lag: float,
+    begin: Array,
+    speeds: Array,
+    positions: Array,
+    made: Array,
+) -> None:
+    """`move` with a force of the drive that follows with a lag; without a drop and a servo."""
+    drag = damping[0]
+    v, x, pull = begin[0], begin[1], begin[2]
+    if np.isnan(pull):
+        pull = force[0] + friction.load - drag * v
+    rate, stiff, square, pieces = np.empty(2), np.empty(2), np.empty(2), np.empty(2, np.int64)
+    for side in range(2):
+        rate[side] = -0.5 * (friction.viscous[side] / mass + 1.0 / lag)
+        stiff[side] = (friction.viscous[side] + drag) / (mass * lag)
+        square[side] = rate[side] ** 2 - stiff[side]
+    quickest = np.sqrt(max(-min(square[0], square[1]), 0.0))
+    known = np.empty((2, 2, 4))  # responses over a step and half of it, for each part of a sample in each direction
+    for part in range(2):
+        whole = late * dt if part == 0 else (1.0 - late) * dt
+        pieces[part] = max(steps, int(np.ceil(quickest * whole / _QUARTER)))
+        for side in range(2):
+            h = whole / pieces[part]
+            known[part, side, 0], known[part, side, 1] = _response(rate[side], square[side], 0.5 * h)
+            known[part, side, 2], known[part, side, 3] = _response(rate[side], square[side], h)
+    for k in range(len(force) - 1):
+        speeds[k], positions[k], made[k] = v, x, pull
+        weight = friction.load + load[k] if len(load) > 0 else friction.load
+        for part in range(2):
+            whole, ends = late * dt if part == 0 else (1.0 - late) * dt, force[k + part] + friction.load
+            if whole <= 0.0:
+                continue
+            for _ in range(pieces[part]):
+                step = left = whole / pieces[part]
+                while left > 0.0:
+                    outside = -weight - _ripple(x, 0.0, friction.waves)
+                    side = 0 if v > 0.0 or (v == 0.0 and pull + outside > 0.0) else 1
+                    if v == 0.0 and abs(pull + outside) <= _holds(friction, side, pull, outside):
+                        side = 0 if ends > pull else 1
+                        bound = (1.0 - 2.0 * side) * _holds(friction, side, pull, outside) - outside
+                        waits = left
+                        if (1.0 - 2.0 * side) * (ends - bound) > 0.0:
+                            waits = min(lag * np.log((ends - pull) / (ends - bound)), left)
+                        pull = ends + (pull - ends) * np.exp(-waits / lag)
+                        left -= waits
+                        if left <= 0.0:
+                            break
+                    way, b = 1.0 - 2.0 * side, friction.viscous[side]
+                    m, kappa, q = rate[side], stiff[side], square[side]
+                    against = way * friction.breakaway[side] + weight
+                    if friction.varies[side]:
+                        c, s = known[part, side, 0], known[part, side, 1]
+                        if left < step:
+                            c, s = _response(m, q, 0.5 * left)
+                        against = way * _level_of(abs(v), friction, side, pull, outside) - outside
+                        steady, a = (ends - against) / (b + drag), (pull - against - b * v) / mass
+                        y = (v - steady) * c + (a - m * (v - steady)) * s
+                        slope = a * c + (m * a - kappa * (v - steady)) * s
+                        middle = max(way * (steady + y), 0.0)
+                        outside = -weight - _ripple(x, way * middle * left, friction.waves)
+                        then = mass * slope + b * (steady + y) + against
+                        against = way * _level_of(middle, friction, side, then, outside) - outside
+                    steady, a = (ends - against) / (b + drag), (pull - against - b * v) / mass
+                    begun, time, rests = v - steady, left, False
+                    c, s = known[part, side, 2], known[part, side, 3]
+                    if left < step:
+                        c, s = _response(m, q, left)
+                    y, slope = begun * c + (a - m * begun) * s, a * c + (m * a - kappa * begun) * s
+                    after = way * (steady + y)
+                    turns = way * a < 0.0 < way * slope if v != 0.0 else after <= 0.0
+                    if turns or after <= 0.0:  # it may come to rest; the speed is extreme once at most
+                        low, high = 0.0, left
+                        if turns:
+                            extreme = _turning(m, q, a, m * a - kappa * begun)
+                            if not 0.0 < extreme < left:
+                                extreme = left
+                            c, s = _response(m, q, extreme)
+                            passes = way * (steady + begun * c + (a - m * begun) * s) > 0.0
+                            if v == 0.0:
+                                low = extreme
+                                if not passes:  # no motion: rounding, or an excess that vanishes at once
+                                    pull = ends + (pull - ends) * np.exp(-left / lag)
+                                    break
+                            elif after > 0.0:
+                                high = left if passes else extreme
+                        rests = after <= 0.0 or high < left
+                        if rests:
+                            time = 0.5 * (low + high)
+                            for _ in range(_MOST_HALVINGS):
+                                c, s = _response(m, q, time)
+                                y, slope = begun * c + (a - m * begun) * s, a * c + (m * a - kappa * begun) * s
+                                if way * (steady + y) > 0.0:
+                                    low = time
+                                else:
+                                    high = time
+                                better = time - (steady + y) / slope
+                                if not low < better < high:
+                                    better = 0.5 * (low + high)
+                                change, time = abs(better - time), better
+                                if change <= 1e-15 * left:
+                                    break
+                    x += steady * time + (2.0 * m * (y - begun) - (slope - a)) / kappa
+                    v = 0.0 if rests else steady + y
+                    pull = mass * slope + b * v + against
+                    left -= time
+    if len(speeds) == len(force):
+        speeds[-1], positions[-1], made[-1] = v, x, pull
+
+
+_QUARTER = 1.5
+"""Less than a quarter of an oscillation in rad: over it a speed has one extreme at most."""
+_MOST_HALVINGS = 60
+"""Steps to the time at which a mass comes to rest, to the last digit; Newton's take five."""
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _level_of(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
+    """All friction but the viscous one, at a speed in a direction."""
+    return float(level(speed, friction.numbers, side, made, outside) + friction.quadratic * speed * speed)
+
+
+@njit(nogil=True, error_model="numpy")
+def _response(m: float, q: float, t: float) -> tuple[float, float]:
+    """e^{μt}·cosh √q t and e^{μt}·sinh(√q t)/√q, by their series where √q t is small."""
+    z = q * t * t
+    if abs(z) < 1e-6:
+        grown = np.exp(m * t)
+        return grown * (1.0 + 0.5 * z), grown * t * (1.0 + z / 6.0)
+    root = np.sqrt(abs(q))
+    if q < 0.0:
+        grown = np.exp(m * t)
+        return grown * np.cos(root * t), grown * np.sin(root * t) / root
+    slow, fast = np.exp((m + root) * t), np.exp((m - root) * t)
+    return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+
+
+@njit(nogil=True, error_model="numpy")
+def _turning(m: float, q: float, a: float, bend: float) -> float:
+    """The time at which the slope e^{μt}·(a·cosh √q t + bend·sinh(√q t)/√q) is zero; NaN for none."""
+    root, part = np.sqrt(abs(q)), -a / bend
+    if root * abs(part) < 1e-6:
+        return part
+    if q > 0.0:
+        return np.arctanh(root * part) / root if root * abs(part) < 1.0 else np.nan
+    found = np.arctan(root * part) / root
+    return found if found > 0.0 else found + np.pi / root
 
 
 @njit(nogil=True, error_model="numpy")
@@ -356,19 +536,22 @@ def moved(
     dt: ArrayLike,
     late: ArrayLike,
     steps: int,
-    begin: ArrayLike,
+    begin: Array,
     load: Array = NO_LOAD,
-) -> tuple[Array, Array]:
-    """Speeds and positions (P, M) of plants with one friction law, at every sample and at the end of every run.
+) -> tuple[Array, Array, Array]:
+    """Speeds, positions and forces of drives that lag (P, M) of plants with one friction law, at every sample and at
+    the end of every run.
 
     Args:
         plants: P of them.
-        ends, dt, late, steps, begin, load: as in `move_each`.
+        ends, dt, late, steps, load: as in `move_each`.
+        begin: (P, S, 2), or (P, S, 3) with the force of a drive that lags; by default that of a steady speed.
     """
-    mass, laws, friction, force, damping = zip(*plants, strict=True)
-    forces = np.array(force)
-    speeds, positions = np.empty(forces.shape), np.empty(forces.shape)
+    mass, laws, friction, force, damping, lag = zip(*plants, strict=True)
+    forces, lags, start = np.array(force), np.array(lag, dtype=float), np.full((*begin.shape[:2], 3), np.nan)
+    start[..., : begin.shape[-1]] = begin
+    speeds, positions, made = np.empty(forces.shape), np.empty(forces.shape), np.empty(forces.shape)
     acting = (np.array(mass), Sliding.of_all(friction), forces, np.array(damping), load, ends)
-    timing = (np.array(dt, dtype=float), np.array(late, dtype=float), steps, np.array(begin, dtype=float))
-    loop_for(laws[0])(*acting, *timing, speeds, positions)
-    return speeds, positions
+    timing = (np.array(dt, dtype=float), np.array(late, dtype=float), steps, lags, start)
+    loop_for(laws[0])(*acting, *timing, speeds, positions, made)
+    return speeds, positions, made

@@ -99,6 +99,7 @@ class Inside(NamedTuple):
         load: constant force against the motion.
         mass: in kg or kg·m².
         per_ampere: force per ampere, for a current.
+        lag: the time constant in s with which the force of the drive follows.
     """
 
     zone: Array
@@ -109,6 +110,7 @@ class Inside(NamedTuple):
     load: float
     mass: float
     per_ampere: float
+    lag: float
 
     @staticmethod
     def numbers_of(zone: DeadZoneLaw | None) -> Array:
@@ -182,6 +184,8 @@ class OneMassSampler(_DrivenSampler):
             u,
             y,
         )
+        if self._count[0] < 0:
+            raise ModelError(UNMOVED)
 
     @property
     def numbers(self) -> tuple[Outer, Inside, Sliding, int, Level]:
@@ -189,8 +193,45 @@ class OneMassSampler(_DrivenSampler):
         return self._outer, self._inside, self._law, self._steps, self._level
 
 
+class LaggingSampler(OneMassSampler):
+    """One mass between two samples, of a motor with an inductance."""
+
+    of_one_mass: ClassVar[bool] = False
+    __slots__ = ("_general",)
+
+    def __init__(
+        self,
+        outer: Outer,
+        inside: Inside,
+        law: Level,
+        friction: Sliding,
+        steps: int,
+        state: PlantState,
+        general: tuple[Motor, float, Extra],
+    ) -> None:
+        """
+        Args:
+            outer, inside, law, friction, steps, state: as of `OneMassSampler`.
+            general: motor, load and what else acts on it, as of `MotorSampler`.
+        """
+        super().__init__(outer, inside, law, friction, steps, state)
+        self._general = general
+
+    def as_motor(self) -> MotorSampler:
+        """The same as a motor whose state is current, speeds, twist and angle."""
+        state, (speed, angle, made) = self.state, self._motion
+        motion = np.array([made / self._inside.per_ampere, speed, speed, 0.0, angle])
+        return MotorSampler(self._outer, *self._general, state._replace(motion=motion))
+
+
+UNMOVED = (
+    "the motor cannot be simulated over this sample: its bridge coasts, or its time constants are out of all "
+    "proportion to the sample time"
+)
+
+
 class MotorSampler(_DrivenSampler):
-    """A motor with a shaft or an inductance between two samples."""
+    """A motor with a shaft between two samples."""
 
     __slots__ = ("_constants", "_laws", "_motor")
 
@@ -238,10 +279,7 @@ class MotorSampler(_DrivenSampler):
             y,
         )
         if self._count[0] < 0:
-            raise ModelError(
-                "the motor cannot be simulated over this sample: its bridge coasts, or its time constants are out of "
-                "all proportion to the sample time"
-            )
+            raise ModelError(UNMOVED)
 
     @property
     def numbers(self) -> tuple[Outer, Constants, Array, list[Level]]:
@@ -351,15 +389,19 @@ def one_mass_sample(
         outer, inside: drive and sensor, and what is between them and the mass.
         friction, steps: as for `move`.
         rows: (w + 2, 2) delayed outputs of the drive.
-        motion: (2,) speed and position.
+        motion: (2,) speed and position, or (3,) with the force of a drive that lags.
         sensed: (ny, 2) the state of the sensor.
-        count: (1,) whether a sample has been simulated.
+        count: (1,) whether a sample has been simulated; −1 where a bridge coasts beside an inductance.
         work: (6, 2) work array.
         u, y: inputs and outputs.
     """
     _put(outer, u, rows)
     dt, late, zero = outer.timing[0], outer.timing[1], outer.timing[2]
-    force, drag, speeds, positions = work[0], work[1], work[2], work[3]
+    force, drag, speeds, positions, made_there, lag = work[0], work[1], work[2], work[3], work[4], inside.lag
+    there = speeds, positions, made_there
+    if lag > 0.0 and (rows[0, 1] != 1.0 or rows[1, 1] != 1.0):
+        count[0] = -1
+        return
     if outer.straight:
         if count[0] > 0:
             for piece in range(_PIECES):
@@ -367,9 +409,8 @@ def one_mass_sample(
                 volts = _zoned(inside.zone, inside.before * _read(rows, at, 0))
                 force[:] = inside.after * volts - inside.load
                 drag[:] = inside.braking * _read(rows, at, 1) + inside.viscous
-                v, x = motion[0], motion[1]
-                move(inside.mass, friction, force, drag, _NO_LOAD, dt / _PIECES, 0.0, steps, v, x, speeds, positions)
-                motion[0], motion[1] = speeds[1], positions[1]
+                move(inside.mass, friction, force, drag, _NO_LOAD, dt / _PIECES, 0.0, steps, lag, motion, *there)
+                _keep(motion, *there)
         pull = inside.after * _zoned(inside.zone, inside.before * _read(rows, zero, 0))
         brake = inside.braking * _read(rows, zero, 1)
     else:
@@ -381,7 +422,7 @@ def one_mass_sample(
     for k in range(len(outer.signals)):
         what = outer.signals[k]
         if what == _CURRENT:
-            made = pull - brake * motion[0]
+            made = motion[2] if lag > 0.0 else pull - brake * motion[0]
             y[k] = (made - dropped(made, friction.drop)) / inside.per_ampere
         else:
             value = motion[1] if what == _POSITION else motion[0]
@@ -390,9 +431,17 @@ def one_mass_sample(
         for k in range(2):
             force[k] -= inside.load
             drag[k] += inside.viscous
-        move(inside.mass, friction, force, drag, _NO_LOAD, dt, late, steps, motion[0], motion[1], speeds, positions)
-        motion[0], motion[1] = speeds[1], positions[1]
+        move(inside.mass, friction, force, drag, _NO_LOAD, dt, late, steps, lag, motion, *there)
+        _keep(motion, *there)
     count[0] = 1
+
+
+@_kernel
+def _keep(motion: Array, speeds: Array, positions: Array, made: Array) -> None:
+    """Go on from the ends of a sample."""
+    motion[0], motion[1] = speeds[1], positions[1]
+    if len(motion) > 2:
+        motion[2] = made[1]
 
 
 @_kernel

@@ -29,7 +29,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
-from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.initial_state import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.motor import DrivenMotor
@@ -56,9 +56,6 @@ from emsid.plant import Motor
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-SHORT = 0.02
-"""The time after which errors are forgotten in a search that begins at rest, as a part of the longest segment."""
 
 
 @one_blas_thread()
@@ -143,8 +140,6 @@ def searched(
     starts = starts_of(task) if find_start else [task.plant]
     start = _promising(task, starts)
     reached = continuation.search(task, start, max_iterations)._replace(compared=len(starts))
-    if find_start and reached.unended and 2 * len(reached.names) < len(task.asked):
-        reached = from_rest(task, reached, max_iterations)
     if find_start and reached.unended:
         reached = beside_kinks(task, reached, max_iterations)
     if max_iterations and reached.unended:
@@ -216,21 +211,6 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
         return _trials(task).promising([each for each in starts if isinstance(each, DrivenPlant)], names)
     except Stopped:
         return first
-
-
-def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search that ended where few parameters have an effect, or a better one that began by forgetting errors.
-
-    A slightly wrong free run of a position has a larger error than a mass that hardly moves, on which few parameters
-    have an effect. With errors that are forgotten (`Recent`), the moving mass has the smaller error.
-    """
-    longest = max(len(segment) * segment.dt for segment in task.segments)
-    with suppress(EmsidError, Stopped):
-        forgetting = replace(task, weighting=Recent(SHORT * longest))
-        there = continuation.search(forgetting, _promising(forgetting, starts_of(forgetting)), LOOK)
-        again = continuation.search(task, there.problem.plant, max_iterations)
-        return reached.or_better(again)
-    return reached
 
 
 def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:

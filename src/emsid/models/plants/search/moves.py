@@ -46,8 +46,6 @@ LATE = (0.3, 1.0, 2.5)
 """Delays in samples to begin with: a held command has a kink at every whole number of them."""
 GAPS = (0.3, 1.0, 3.0, 10.0)
 """Widths of a backlash to begin with, in angles that the load turns by in a sample at its top speed."""
-SLOW_TO_SIMULATE = 5000
-"""The most samples with which an inductance is tried: its free run takes twenty times as long."""
 SEEN = 0.05
 """The least part of the samples at full duty, and below it, that shows a loss of a bridge that switches."""
 
@@ -140,11 +138,6 @@ class Situation:
         return top_speed(self.segments, 0, self.signals[0] is Signal.POSITION)
 
     @property
-    def is_one_mass(self) -> bool:
-        """Whether a refit simulates one mass: an inductance may be zero at present, and estimated."""
-        return self.plant.is_one_mass and INDUCTANCE not in self.free
-
-    @property
     def dt(self) -> float:
         """The sample time in s."""
         return self.segments[0].dt
@@ -216,7 +209,7 @@ def dead_zone(at: Situation) -> Iterator[Addition]:
 
 def quadratic(at: Situation) -> Iterator[Addition]:
     """Friction that grows with the square of the speed."""
-    if at.is_one_mass:  # beside an inductance or a shaft its free run takes twenty times as long
+    if at.plant.is_one_mass:  # beside a shaft its free run takes twenty times as long
         yield Addition("quadratic", at.plant, (QUADRATIC,))
 
 
@@ -226,7 +219,7 @@ def stribeck(at: Situation) -> Iterator[Addition]:
     if excess in at.free or rate not in at.plant.handles:
         return
     shapes: list[tuple[DrivenPlant, float, type[Friction] | None]] = [(at.plant, 1.0, None)]
-    if type(at.law) is Friction and not at.plant.turn and at.is_one_mass:
+    if type(at.law) is Friction and not at.plant.turn and at.plant.is_one_mass:
         shapes.append((with_law(at.plant, GaussianStribeck), WIDER, Friction))
     third = 0.3 * at.plant.value(at.level)
     for plant, factor, law in shapes:
@@ -259,7 +252,7 @@ def by_direction(at: Situation, effect: str, names: tuple[str, ...]) -> Iterator
     for name in names:
         if sides := at.both(name):
             yield Addition(effect, at.plant, sides[1:], instead={name: sides})
-    if names == VISCOUS and at.is_one_mass:
+    if names == VISCOUS and at.plant.is_one_mass:
         yield Addition(effect, at.plant, (BACKWARD,))
 
 
@@ -276,7 +269,7 @@ def cogging(at: Situation) -> Iterator[Addition]:
     position is the integral, which is not known in a second segment.
     """
     period = HARMONICS[0][0]
-    if not at.is_one_mass:
+    if not at.plant.is_one_mass:
         return
     if period in at.free:
         yield Addition("cogging", at.plant, HARMONICS[1])
@@ -351,15 +344,13 @@ def average(at: Situation) -> Iterator[Addition]:
 
 
 def may_have_inductance(plant: DrivenPlant) -> bool:
-    """Whether a voltage drives it, without forces that cannot be simulated beside an inductance, or only slowly."""
-    forces = (QUADRATIC, BACKWARD, DROP, *HARMONICS[0][1:])
-    driven = plant.can_coast or bool(plant.secondary)
-    return driven and not any(plant.value(name) for name in forces if name in plant.handles)
+    """Whether a voltage drives it, without a drop, which is not simulated beside an inductance."""
+    return (plant.can_coast or bool(plant.secondary)) and not (DROP in plant.handles and plant.value(DROP))
 
 
 def inductance(at: Situation) -> Iterator[Addition]:
     """The current follows the voltage after some time."""
-    if may_have_inductance(at.plant) and sum(map(len, at.segments)) <= SLOW_TO_SIMULATE:
+    if may_have_inductance(at.plant):
         henry = at.dt * at.plant.value("resistance")
         begins = {INDUCTANCE: 0.5 * henry}, {INDUCTANCE: 1.5 * henry}
         yield Addition("inductance", at.plant, (INDUCTANCE,), probe=begins[0], begins=begins)
@@ -387,7 +378,7 @@ def gain_by_direction(at: Situation) -> Iterator[Addition]:
 
 def voltage_drop(at: Situation) -> Iterator[Addition]:
     """The bridge, or the brushes, take a constant voltage that opposes the current."""
-    if at.plant.can_coast and at.is_one_mass:
+    if at.plant.can_coast and INDUCTANCE not in at.free and not at.plant.value(INDUCTANCE):
         yield Addition("voltage-drop", at.plant, (DROP,), begins=({DROP: 0.05 * at.largest},))
 
 

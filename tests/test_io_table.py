@@ -81,10 +81,57 @@ def test_lines_of_a_serial_monitor_have_labels_units_and_times() -> None:
     np.testing.assert_array_equal(as_numbers(columns.series["motor speed"]), [3.5, np.nan, 1])
 
 
+@pytest.mark.parametrize(
+    "before",
+    [
+        "[INFO] [1700000000.{}]: ",
+        "[INFO] 1700000000.{} motor: ",
+        "2024-03-05 10:00:00,{} - INFO - ",
+        "I 10:00:00.{} (main): ",
+    ],
+)
+def test_a_log_with_a_time_a_level_and_labels(before: str) -> None:
+    columns = columns_of("".join(f"{before.format(100 + 50 * k)}cmd={k} vel={k / 2}A\n" for k in range(4)) + "done\n")
+    assert list(columns.series) == ["time", "cmd", "vel"]
+    assert columns.units == {"vel": "A"}
+    times = columns.series["time"]
+    if times.dtype == pl.Datetime:
+        times = times.dt.epoch("us") / 1e6
+    np.testing.assert_allclose(np.diff(as_numbers(times)), 0.05, atol=1e-6)
+    np.testing.assert_array_equal(as_numbers(columns.series["cmd"]), range(4))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(0, 1.5, -2.25)\n(0.5, 0, 1e-3)\n(1, -7, 3.125)\n",
+        "[[ 0.   1.5   -2.25 ]\n [ 0.5  0.  1.e-3]\n [ 1. -7.   3.125]]\n",
+        "data = [\n0 1.5 -2.25;\n0.5 0 1e-3;\n1 -7 3.125;\n];\n",
+        "x = np.array([\n [0, 1.5, -2.25],\n [0.5, 0, 1e-3],\n [1, -7, 3.125],\n])\n",
+    ],
+)
+def test_rows_of_a_list_or_a_matrix_lose_their_brackets(text: str) -> None:
+    columns = columns_of(text)
+    assert list(columns.series) == ["c1", "c2", "c3"]
+    assert numbers(columns) == ROWS
+    assert columns.damaged == ()
+
+
+def test_both_headers_of_labview_are_no_data() -> None:
+    first = "LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n\n"
+    second = "Channels\t2\nSamples\t3\t3\nX0\t0\t0\nDelta_X\t1\t1\n***End_of_Header***\n"
+    rows = "0\t1.5\t-2.25\n0.5\t0\t1e-3\n1\t-7\t3.125\n"
+    columns = columns_of(f"{first}{second}X_Value\tu\ty\tComment\n{rows}")
+    assert list(columns.series) == ["X_Value", "u", "y"]
+    assert numbers(columns) == ROWS
+    assert "LabVIEW Measurement" in columns.preamble
+
+
+@pytest.mark.parametrize("arrow", ["->", ">"])
 @pytest.mark.parametrize("separator", ["\t", ",", " "])
-def test_times_before_an_arrow_are_a_column(separator: str) -> None:
+def test_times_before_an_arrow_are_a_column(separator: str, arrow: str) -> None:
     rows = [["pwm", "speed"], ["1", "2.5"], ["3", "4.5"]]
-    lines = [f"23:59:5{k}.5 -> {separator.join(row)}" for k, row in enumerate(rows, 7)]
+    lines = [f"23:59:5{k}.5 {arrow} {separator.join(row)}" for k, row in enumerate(rows, 7)]
     columns = columns_of("\n".join(lines))
     assert list(columns.series) == ["time", "pwm", "speed"]
     np.testing.assert_allclose(as_numbers(columns.series["time"]), [0, 1])

@@ -1,7 +1,8 @@
-"""Lines of a serial monitor as rows of a table: ``12:00:00.010 -> PWM:120, speed:3.4 rad/s``.
+"""Lines of a serial monitor or of a log as rows of a table: ``12:00:00.010 -> PWM:120, speed:3.4 rad/s``.
 
 Boards print a label before each value, so that a plotter can name its curves, or a JSON object a line. Monitors print
-the time of day and an arrow before each line. The labels become the header, and the time becomes the first column.
+the time of day and an arrow before each line, logs a time, a level and the name of a part. The labels become the
+header, and the time becomes the first column. Rows of a list, ``[0.01, 12.0, 3.4]``, lose their brackets.
 """
 
 from __future__ import annotations
@@ -14,7 +15,15 @@ from typing import NamedTuple
 LAST_LINES = 100
 """This many lines at the end of a file determine its structure."""
 
-_TIMED = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}(?:\.\d+)?)\s*->[ \t]*(.*)")
+_TIMED = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}(?:\.\d+)?)\s*-?>[ \t]*(.*)")
+_STAMPED = re.compile(
+    r"""[^\d=:]*
+        (?P<time>(?:\d{4}-\d{2}-\d{2}[T ])?\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d+\.\d+)(?=[\])\s:,-])
+        [^=]*?(?:[\])]:?|:|\s-)\s+
+        (?P<rest>[^\W\d][^\s:=]*\s*[:=].*)""",
+    re.VERBOSE,
+)
+_IN_BRACKETS = re.compile(r"\s*[\[({]+([^\[\](){}:=]*)[\])}]+\s*[,;]?\s*")
 _LABELLED = re.compile(
     r"""\s*"?(?P<label>[^\W\d][^\s":=,;]*(?:[ ][^\s"\d:=,;][^\s":=,;]*)*)"?\s*[:=]\s*
         (?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan|[+-]?inf)
@@ -47,10 +56,13 @@ def monitor_lines(texts: Sequence[str]) -> MonitorLines:
     """
     texts, times = list(texts), []
     last = texts[-LAST_LINES:]
-    if 2 * sum(_TIMED.fullmatch(text) is not None for text in last) > len(last):
-        timed = [_TIMED.fullmatch(text) for text in texts]
-        times = [found[1] if found else "" for found in timed]
-        texts = [found[2] if found else text for found, text in zip(timed, texts, strict=True)]
+    for form in (_TIMED, _STAMPED):
+        if not times and 2 * sum(form.fullmatch(text) is not None for text in last) > len(last):
+            timed = [form.fullmatch(text) for text in texts]
+            times = [found[1].replace(",", ".") if found else "" for found in timed]
+            texts = [found[2] if found else text for found, text in zip(timed, texts, strict=True)]
+    if 2 * sum(_IN_BRACKETS.fullmatch(text) is not None for text in last) > len(last):
+        texts = [found[1] if (found := _IN_BRACKETS.fullmatch(text)) else text for text in texts]
     labels, count = Counter(_labels(_labelled(text)) for text in texts[-LAST_LINES:]).most_common(1)[0]
     if not labels or 2 * count <= len(last):
         return MonitorLines(texts, times, (), ())

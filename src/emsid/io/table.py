@@ -5,7 +5,7 @@ are always data; they give the separator (semicolon, tab, comma, blanks) and the
 the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
 has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
 the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
-monitor shows them, are taken off (`emsid.io.serial_monitor`). A last line that is cut off is left out
+monitor shows them, and the brackets of a list or a matrix are taken off (`emsid.io.serial_monitor`). A last line that is cut off is left out
 (`emsid.io.cut_off`). What a column holds is recognised cell by cell
 (`emsid.io.cells`).
 """
@@ -38,6 +38,9 @@ _BREAK = "\v"
 _NAME_AND_NUMBER = re.compile(r"(.*?[^\s\d.+-])\s*[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
+# the lines around the rows of a matrix in a script: data = [ ... ];
+_MATRIX = re.compile(r"\s*(?:[A-Za-z_]\w*\s*=\s*(?:\w+(?:\.\w+)?\()?[\[({]+|[\])}]+[;,]?)\s*(?:\.\.\.)?\s*")
+_LABVIEW, _HEADER_ENDS, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 # (1700000000.000800) can0 181#FFFF, or can0  201   [4]  F4 D4 00 00, with or without a time in front
 _CAN_FRAME = re.compile(
@@ -139,10 +142,22 @@ def _lines(content: bytes) -> tuple[list[_Line], list[int], list[str]]:
         first = text.lstrip()[:1]
         if first and first in "#%":
             comments.append(_Line(number, text))
-        elif first:
+        elif first and not _MATRIX.fullmatch(text):
             numbers.append(number)
             texts.append(text)
+    if whole.startswith(_LABVIEW):
+        return _after_labview_header(comments, numbers, texts)
     return comments, numbers, texts
+
+
+def _after_labview_header(
+    comments: list[_Line], numbers: list[int], texts: list[str]
+) -> tuple[list[_Line], list[int], list[str]]:
+    """The same of a file of LabVIEW (LVM), with its two headers as comments, and without a name for comments on rows."""
+    start = max((k + 1 for k, text in enumerate(texts) if text.startswith(_HEADER_ENDS)), default=0)
+    comments += map(_Line, numbers[:start], texts[:start])
+    names = texts[start : start + 1]
+    return comments, numbers[start:], [*(name.removesuffix(_COMMENT) for name in names), *texts[start + 1 :]]
 
 
 def _decode(content: bytes) -> str:

@@ -5,9 +5,8 @@ are always data; they give the separator (semicolon, tab, comma, blanks) and the
 the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
 has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
 the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
-monitor shows them, and the brackets of a list or a matrix are taken off (`emsid.io.serial_monitor`). A last line that is cut off is left out
-(`emsid.io.cut_off`). What a column holds is recognised cell by cell
-(`emsid.io.cells`).
+monitor shows them, and the brackets of a list or a matrix are taken off (`emsid.io.serial_monitor`). A last line that
+is cut off is left out (`emsid.io.cut_off`). What a column holds is recognised cell by cell (`emsid.io.cells`).
 """
 
 from __future__ import annotations
@@ -153,7 +152,7 @@ def _lines(content: bytes) -> tuple[list[_Line], list[int], list[str]]:
 def _after_labview_header(
     comments: list[_Line], numbers: list[int], texts: list[str]
 ) -> tuple[list[_Line], list[int], list[str]]:
-    """The same of a file of LabVIEW (LVM), with its two headers as comments, and without a name for comments on rows."""
+    """The same of a LabVIEW measurement (LVM): its two headers are comments, and comments on rows have no name."""
     start = max((k + 1 for k, text in enumerate(texts) if text.startswith(_HEADER_ENDS)), default=0)
     comments += map(_Line, numbers[:start], texts[:start])
     names = texts[start : start + 1]

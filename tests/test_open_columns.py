@@ -22,12 +22,15 @@ def motor(u: np.ndarray) -> np.ndarray:
     return np.asarray(lfilter([0.0, 0.5], [1.0, -0.9], u))
 
 
-def written(path: Path, seed: int = 0, *, named: bool = True) -> Path:
+def written(path: Path, seed: int = 0, *, named: bool = True, two: bool = False) -> Path:
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-5, 5, 30), 20)
     y = motor(u) + 0.05 * rng.standard_normal(600)
     names = ("time [s]", "voltage [V]", "speed [rad/s]") if named else ("a", "b", "c")
-    pl.DataFrame(dict(zip(names, (T, u, y), strict=True))).write_csv(path)
+    columns = dict(zip(names, (T, u, y), strict=True))
+    if two:
+        columns["d"] = motor(u) + 0.05 * rng.standard_normal(600)
+    pl.DataFrame(columns).write_csv(path)
     return path
 
 
@@ -46,11 +49,17 @@ def test_columns_that_are_almost_certain_are_taken_as_describe_proposes_them(run
     assert "arx" in out
 
 
+def test_a_clear_response_is_worth_a_name(tmp_path: Path) -> None:
+    (found, *_), sure = hypotheses([written(tmp_path / "log.csv", named=False)], {})
+    assert sure
+    assert (found.reading["time"], found.reading["input"], found.reading["output"]) == ("a", "b", "c")
+
+
 def test_open_columns_are_listed_with_a_command_and_what_it_leaves(run, tmp_path: Path) -> None:
-    path = written(tmp_path / "log.csv", named=False)
+    path = written(tmp_path / "log.csv", named=False, two=True)
     found, sure = hypotheses([path], {})
     assert not sure
-    assert (found[0].reading["input"], found[0].reading["output"]) == ("b", "c")
+    assert [(each.reading["input"], each.reading["output"]) for each in found[:2]] == [("b", "c"), ("b", "d")]
     assert found[0].left < 0.05
     status, out, said = run("identify", path, "--models", "arx", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
@@ -66,4 +75,4 @@ def test_identify_of_a_path_takes_the_same_columns(tmp_path: Path) -> None:
     result = emsid.identify(path, models="arx")
     assert (result.record.input_names, result.record.output_names) == (("voltage [V]",), ("speed [rad/s]",))
     with pytest.raises(emsid.DataError, match="input='b', output='c'"):
-        emsid.identify(written(tmp_path / "unnamed.csv", named=False), models="arx")
+        emsid.identify(written(tmp_path / "unnamed.csv", named=False, two=True), models="arx")

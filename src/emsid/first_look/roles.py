@@ -149,8 +149,8 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     return Roles(
         input=u,
         output=y,
-        input_confidence=_confidence(totals["input"][u], scores, (u, y), 0) if not input else 1.0,
-        output_confidence=_confidence(totals["output"][y], scores, (u, y), 1) if not output else 1.0,
+        input_confidence=_confidence(totals["input"][u], scores, (u, y), 0, facts, named) if not input else 1.0,
+        output_confidence=_confidence(totals["output"][y], scores, (u, y), 1, facts, named) if not output else 1.0,
         others=_further_pairs(possible, facts, named[u], named[y]),
         table=(
             *(each for rows in table.values() for name in rows for each in rows[name]),
@@ -514,8 +514,24 @@ def with_responses(codes: Sequence[Code], u: Array, y: Array) -> tuple[Code, ...
     return tuple(result)
 
 
-def _confidence(by_name: float, scores: dict[Pair, float], chosen: Pair, side: int) -> float:
-    """How sure a role is: by the name, and by the distance to the best pair with another column in this role."""
-    other = max((score for pair, score in scores.items() if pair[side] != chosen[side]), default=-1.0)
+def _confidence(
+    by_name: float, scores: Mapping[Pair, float], chosen: Pair, side: int, facts: _Facts, named: Mapping[str, Column]
+) -> float:
+    """How sure a role is: by the name, and by the distance to the best pair with another column in this role.
+
+    That distance and a response that explains the output are worth a name. The speed and the position of one motion are
+    both right; two measurements of one quantity tell nothing.
+    """
+    column, (u, y) = named[chosen[side]], (named[name] for name in chosen)
+    explained = 0.0 if facts.static(u, y) else facts.explained(u, y)
+
+    def same(name: str) -> bool:
+        other = named[name]
+        return other is column or (
+            len(other.values) == len(column.values)
+            and (facts.one_motion(column, other) or facts.one_motion(other, column))
+        )
+
+    other = max((score for pair, score in scores.items() if not same(pair[side])), default=-1.0)
     margin = min(1.0, max(0.0, scores[chosen] - other))
-    return round(min(0.98, 0.3 + 0.45 * max(by_name, 0.0) + 0.25 * margin), 2)
+    return round(min(0.98, 0.3 + 0.45 * max(by_name, explained * margin) + 0.25 * margin), 2)

@@ -387,6 +387,9 @@ def test_words_of_python_and_static_cascades_are_refused_for_python_control(tmp_
     pytest.importorskip("control")
     with pytest.raises(emsid.ModelError, match="'class' is a word of Python"):
         emsid.export(motor(), "python-control", tmp_path / "out", name="class")
+    for name in ("u0", "control", "random"):  # its own offset, and libraries that it loads
+        with pytest.raises(emsid.ModelError, match=f"'{name}' is a name that the script or a library it loads uses"):
+            emsid.export(motor(), "python-control", tmp_path / "out", name=name)
     static = emsid.blocks.Cascade((emsid.blocks.DeadZone(),), dt=0.1)
     with pytest.raises(emsid.ModelError, match="no linear part"):
         emsid.export(static, "python-control", tmp_path / "out")

@@ -142,6 +142,22 @@ def test_an_interrupted_bench_run_writes_what_it_recorded_and_says_so(tmp_path: 
     assert not list(tmp_path.glob("*.tmp"))
 
 
+def test_an_interrupted_bench_run_without_a_sample_says_that_nothing_is_confirmed(
+    tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Silent(SentBoard):
+        def write(self, data: bytes) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr("emsid.live.sources.open_source", lambda *_: Silent(b""))
+    monkeypatch.setattr("emsid.live.driving.CONFIRM", 0.1)
+    words = ("--limit", "4V", "--patience", "30", "--out", tmp_path / "record.csv")
+    status, out, err = run("bench", "run", "--source", "socket://127.0.0.1:1", *words)
+    said = "emsid: interrupted; the board has sent no sample, so 0 V is not confirmed\n"
+    assert (status, out, err) == (130, "", said)
+    assert not (tmp_path / "record.csv").exists()
+
+
 def test_tracking_a_file_that_is_interrupted_is_not_done(
     tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:

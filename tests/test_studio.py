@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -671,6 +672,23 @@ def test_what_was_left_of_a_killed_upload_is_deleted(tmp_path: Path) -> None:
     again = Session.at_folder(tmp_path / "s")
     assert not incoming.exists()
     assert again.free_name(name) == name
+
+
+def test_a_session_that_is_killed_while_it_is_written_is_as_before_and_leaves_nothing(tmp_path: Path) -> None:
+    Session.at_folder(tmp_path).change(0, unseen=0.4)
+    program = """
+import os, signal, sys
+from pathlib import Path
+from emsid.studio.session import Session
+session = Session.at_folder(Path(sys.argv[1]))
+os.fsync = lambda number: os.kill(os.getpid(), signal.SIGKILL)
+session.change(0, unseen=0.5)
+"""
+    killed = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert list(tmp_path.glob(".*.tmp"))
+    assert Session.at_folder(tmp_path).step["unseen"] == 0.4
+    assert {path.name for path in tmp_path.iterdir()} == {"session.json", "data", "runs", "incoming"}
 
 
 @pytest.mark.parametrize("part", ["described", "reading"])

@@ -18,6 +18,7 @@ from dataclasses import fields, is_dataclass
 from enum import EnumMeta
 from functools import cache
 from hashlib import blake2s
+from inspect import getmro
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
@@ -136,7 +137,7 @@ def own_code(value: Any) -> Iterator[str]:
     if _kernel(value) or isinstance(value, FunctionType):
         yield digest_of(value)
         return
-    for each in type(value).__mro__:
+    for each in getmro(type(value)):
         if not (each.__module__.startswith("emsid.") or _of_library(each.__module__)):
             methods = (getattr(method, "__func__", method) for method in vars(each).values())
             yield from (digest_of(method) for method in methods if isinstance(method, FunctionType))

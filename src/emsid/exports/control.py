@@ -6,6 +6,7 @@ between the filters of a cascade are its static maps, which the script does not 
 
 from __future__ import annotations
 
+import sys
 from keyword import iskeyword
 from typing import Any
 
@@ -18,16 +19,20 @@ from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
 from emsid.models.starting import start
 
+TAKEN = {"A", "B", "C", "D", "u0", "y0", "control", "matplotlib", "numpy", "scipy"}
+"""A system of this name is overwritten, or a script of this name is loaded in place of the library."""
+
 
 def control(export: Export) -> tuple[Files, list[str]]:
     """A script that makes the system ``NAME`` of python-control; of several filters ``NAME_1``, ``NAME_2``, ….
 
     Raises:
-        ModelError: for a model without a linear part, a name that is a word of Python, or where python-control is not
-            installed.
+        ModelError: for a model without a linear part, a name that Python or the script uses, or where python-control is
+            not installed.
     """
-    if iskeyword(export.name):
-        raise ModelError(f"{export.name!r} is a word of Python; give another name", arguments=("name",))
+    if iskeyword(export.name) or export.name in TAKEN or export.name in sys.stdlib_module_names:
+        why = "a word of Python" if iskeyword(export.name) else "a name that the script or a library it loads uses"
+        raise ModelError(f"{export.name!r} is {why}; give another name", arguments=("name",))
     convert = getattr(export.model, "to_control", None)
     found = () if convert is None else convert()
     every = found if isinstance(found, tuple | list) else (found,)

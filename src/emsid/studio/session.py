@@ -130,7 +130,8 @@ class Session:
                 session.steps, session.at = found["steps"], min(found["at"], len(found["steps"]) - 1)  # type: ignore[assignment]
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.chmod(0o700)
-            _delete(folder / INCOMING)  # an upload that was killed
+            for left in (folder / INCOMING, *folder.glob(f".{path.name}.*.tmp")):  # of a studio that was killed
+                _delete(left)
             for name in ("data", "runs", INCOMING):
                 (folder / name).mkdir(exist_ok=True)
         except (LookupError, ValueError, TypeError, AttributeError, RecursionError, msgspec.MsgspecError):

@@ -220,18 +220,21 @@ def _driven(
 
     again = partial(open_source, source, baud)
     opened = awaited(again, patience, warn)
-    log = Log(out.with_suffix(".log.txt"))
-    receiver = Receiver(opened, log, again)
-    stopping = INTERRUPTION.asked("stopping the motor", by_sigterm=True)
-    try:
-        with progress_bar() as progress, stopping, INTERRUPTION.put_off():
-            control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
-            result = drive(receiver, LineParser(header), signal, limits, control, patience=patience)
-    finally:
-        INTERRUPTION.pressed = False
-        with INTERRUPTION.put_off():
+    with INTERRUPTION.asked("stopping the motor", by_sigterm=True), INTERRUPTION.put_off():
+        log = Log(out.with_suffix(".log.txt"))
+        receiver = Receiver(opened, log, again)
+        try:
+            with progress_bar() as progress:
+                control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
+                result = drive(receiver, LineParser(header), signal, limits, control, patience=patience)
+        finally:
+            INTERRUPTION.pressed = False
             receiver.close()
             log.close()
+    if result.reason == "interrupted" and not result.samples:
+        INTERRUPTION.words = "interrupted; the board has sent no sample, so 0 V is not confirmed"
+        INTERRUPTION.pressed = True
+        INTERRUPTION.raise_again()
     with INTERRUPTION.put_off():
         return result, read_log(log.path, log.begin, header)
 

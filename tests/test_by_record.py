@@ -90,7 +90,7 @@ def test_a_load_adds_to_a_rotor_that_is_known():
 def test_intervals_hold_their_values_in_the_share_of_records_that_they_claim(count):
     inside = []
     for seed in range(count):
-        fit = by_record(experiments(seed, samples=250), hold="zero", find_start=False)
+        fit = by_record(experiments(seed, samples=150), hold="zero", find_start=False)
         truth = [TRUTH.get(name, LOADS.get(name[name.find("[") + 1 : -1])) for name in fit.names]
         low, high = fit.interval().T
         inside += list((low < truth) & (truth < high))
@@ -205,7 +205,7 @@ def test_a_record_of_several_experiments_remembers_them(records):
 def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys):
     files = []
     for name in ("bare", "wheel"):
-        record = experiment(name, LOADS[name], samples=300)
+        record = experiment(name, LOADS[name], samples=200)
         table = np.column_stack([record.time, record.input, record.output])
         files.append(str(tmp_path / f"{name}.csv"))
         np.savetxt(files[-1], table, delimiter=",", header="t,u,w", comments="")

@@ -17,6 +17,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.plants import rigid_motor
 from independent.settings import DT, RESISTANCE, TRUTH, mass_of
+from simulated_plants import codes
 
 LOADS = {"bare": 2e-4, "disc": 5e-4, "wheel": 1.6e-3}
 KNOWN = {"resistance": RESISTANCE, "rotor_viscous": 0.0}
@@ -52,10 +53,6 @@ def records():
 @pytest.fixture(scope="module")
 def fit(records):
     return by_record(records)
-
-
-def codes(fit):
-    return [finding.code for finding in fit.findings]
 
 
 def test_every_load_is_recovered_with_one_motor(fit):

@@ -1,5 +1,6 @@
-"""Options and records that several tests of the command line share."""
+"""Options, records and a reader of pages that several tests of the command line share."""
 
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -20,3 +21,20 @@ def table(path: Path, samples: int = 600, seed: int = 0, **columns: object) -> P
     rows = [",".join(data), *(",".join(str(values[t]) for values in data.values()) for t in range(samples))]
     path.write_text("\n".join(rows) + "\n")
     return path
+
+
+class Page(HTMLParser):
+    """A page, refused where its elements do not close."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in {"meta", "br", "wbr", "link", "img", "hr", "input"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag

@@ -57,13 +57,13 @@ def least_share(records: int, level: float = 0.95, risk: float = 0.01) -> float:
     return float(binom.ppf(risk, records, level)) / records
 
 
-def coverage(records: int, seed: int = 1) -> dict[str, float]:
+def coverage(records: int, seed: int = 1, samples: int = 1500) -> dict[str, float]:
     """The share of records whose 95 % interval holds the true value, by parameter."""
     rng = np.random.default_rng(seed)
     truth = np.array([MOTOR.value(name) for name in FREE])
     hits = np.zeros(len(FREE))
     for _ in range(records):
-        fit = simulation_error(MOTOR, simulated_record(rng), free=FREE)
+        fit = simulation_error(MOTOR, simulated_record(rng, samples=samples), free=FREE)
         if fit.names != FREE:  # one is not identifiable in this record: counted as a miss
             continue
         interval = fit.interval()

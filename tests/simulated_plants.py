@@ -43,3 +43,9 @@ def codes(fit):
 def rms(error):
     """The root mean square."""
     return float(np.sqrt(np.mean(error**2)))
+
+
+def two_sines(n: int, dt: float, volts: float = 2.0) -> np.ndarray:
+    """(n,) a voltage that turns a motor to and fro."""
+    t = dt * np.arange(n)
+    return volts * (np.sin(2 * np.pi * 4 * t) + 0.45 * np.sin(2 * np.pi * 9 * t))

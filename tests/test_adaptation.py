@@ -154,11 +154,6 @@ def test_the_gradient_has_no_covariance() -> None:
     np.testing.assert_allclose(state.estimate, TRUE, atol=0.15)
 
 
-def _totals(parameters: int) -> np.ndarray:
-    """Before the first sample, with peaks that no regressor exceeds, so that the limit of D stays as it is given."""
-    return np.append(np.zeros(7), np.full(parameters, np.inf))
-
-
 @pytest.mark.parametrize("silence", ["nothing at all", "constant", "small noise"])
 def test_directional_forgetting_without_excitation(silence: str) -> None:
     """The short form of 10⁹ samples in ``bench/run.py``: 90 % of the samples have no excitation."""

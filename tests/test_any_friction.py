@@ -24,6 +24,7 @@ from emsid.plant import (
 )
 from emsid.plant.constants import Extra
 from emsid.plant.reference import simulate_reference
+from simulated_plants import two_sines
 
 CHANNELS = ("current", "rotor_speed", "load_speed", "twist", "load_angle")
 LOADED = replace(Motor(), load_friction=Friction((2e-3, 3e-3), 1e-3, 0.5))
@@ -51,11 +52,6 @@ class Square(FrictionLaw):
         LawParameter("drag", "α₂", Measure.OTHER, "drag by speed squared"),
     )
     level = staticmethod(lambda speed, numbers, side: numbers[side, 0] + numbers[side, 1] * speed**2)
-
-
-def two_sines(n: int, dt: float, volts: float = 2.0) -> np.ndarray:
-    t = dt * np.arange(n)
-    return volts * (np.sin(2 * np.pi * 4 * t) + 0.45 * np.sin(2 * np.pi * 9 * t))
 
 
 @pytest.mark.parametrize("name", MOTORS)

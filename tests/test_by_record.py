@@ -17,6 +17,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.plants import rigid_motor
 from independent.settings import DT, RESISTANCE, TRUTH, mass_of
+from simulated_plants import codes
 
 LOADS = {"bare": 2e-4, "disc": 5e-4, "wheel": 1.6e-3}
 KNOWN = {"resistance": RESISTANCE, "rotor_viscous": 0.0}
@@ -54,10 +55,6 @@ def fit(records):
     return by_record(records)
 
 
-def codes(fit):
-    return [finding.code for finding in fit.findings]
-
-
 def test_every_load_is_recovered_with_one_motor(fit):
     found = dict(zip(fit.names, fit.estimate, strict=True))
     for name, inertia in LOADS.items():
@@ -90,7 +87,7 @@ def test_a_load_adds_to_a_rotor_that_is_known():
 def test_intervals_hold_their_values_in_the_share_of_records_that_they_claim(count):
     inside = []
     for seed in range(count):
-        fit = by_record(experiments(seed, samples=250), hold="zero", find_start=False)
+        fit = by_record(experiments(seed, samples=150), hold="zero", find_start=False)
         truth = [TRUTH.get(name, LOADS.get(name[name.find("[") + 1 : -1])) for name in fit.names]
         low, high = fit.interval().T
         inside += list((low < truth) & (truth < high))
@@ -205,7 +202,7 @@ def test_a_record_of_several_experiments_remembers_them(records):
 def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys):
     files = []
     for name in ("bare", "wheel"):
-        record = experiment(name, LOADS[name], samples=300)
+        record = experiment(name, LOADS[name], samples=200)
         table = np.column_stack([record.time, record.input, record.output])
         files.append(str(tmp_path / f"{name}.csv"))
         np.savetxt(files[-1], table, delimiter=",", header="t,u,w", comments="")

@@ -178,7 +178,7 @@ def test_a_number_of_knots_that_is_too_small_is_said_where_the_map_bends_more_sh
 
 def test_a_map_with_harmonics_above_half_the_sampling_rate_gets_more_steps_per_sample() -> None:
     """At one step per sample the same structure has 3.7 times the noise."""
-    record, judge, noise = diode_circuit(seed=4, samples=4_000, noise=8e-4)
+    record, judge, noise = diode_circuit(seed=4, samples=2_000, noise=8e-4)
     model = emsid.fit(emsid.wiener_hammerstein(), record).model
     assert model.oversampling == 2
     run = model.simulate(judge)

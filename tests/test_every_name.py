@@ -7,13 +7,13 @@ takes minutes and is `long`; without it, every model is fitted to one record, an
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import emsid
+from command_line import Page
 from emsid.exports import FORMATS
 from emsid.identification.candidates import CANDIDATES
 from emsid.studio.play import loaded, played, sliders
@@ -30,26 +30,6 @@ DEMO = {
     "circuit": ("circuit.csv", "-u", "source", "-y", "output", "--time", "t", "--rows", "0:500"),
 }
 ODD = ("one output", "two outputs", "gaps", "two levels", "counts", "200 samples")
-VOID = {"meta", "br", "wbr", "link", "img", "hr", "input"}
-
-
-class Page(HTMLParser):
-    """A page, refused where its elements do not close."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        """Open an element."""
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        """Close it."""
-        assert self.open.pop() == tag
 
 
 def odd(folder: Path, kind: str) -> tuple[object, ...]:

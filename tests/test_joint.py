@@ -71,7 +71,7 @@ def test_gravity_swings_as_a_pendulum_does() -> None:
 
 
 def test_the_steps_of_a_joint_are_fine_enough_for_its_intervals() -> None:
-    u = torque(800, 1)
+    u = torque(500, 1)
     fine = replace(joint(), steps=64).simulate(u[:, None], DT, np.array([0.0, 0.3]), POSITION)
     record = Record(u, fine, DT, input_units="N*m", output_units="rad")
     free = list(emsid.plants.joint().for_command(record).default_free)
@@ -231,7 +231,7 @@ def test_sample_by_sample_and_in_files_they_are_the_same(name: str, tmp_path) ->
 
 
 def test_a_joint_is_found_in_counts_of_its_encoder() -> None:
-    records = [recorded(joint(), torque(1500, seed), name=f"{seed}") for seed in (1, 2)]
+    records = [recorded(joint(), torque(1000, seed), name=f"{seed}") for seed in (1, 2)]
     fit = emsid.fit(emsid.plants.joint(), records, search=False)
     for name, true in TRUTH.items():
         row = fit[name]
@@ -338,7 +338,7 @@ def test_a_servo_is_a_torque_of_what_it_makes_in_every_step() -> None:
 def test_a_servo_is_identified_from_its_targets() -> None:
     truth, records = servo(), []
     for seed in (1, 2):
-        u, start = targets(1200, seed), np.zeros(truth.states)
+        u, start = targets(800, seed), np.zeros(truth.states)
         start[1] = 0.3
         y = truth.simulate(u[:, None], DT, start, POSITION)
         counted = 2 * np.pi / 4096 * np.round(4096 / (2 * np.pi) * y)
@@ -359,7 +359,7 @@ def test_a_servo_is_identified_from_its_targets() -> None:
     ],
 )
 def test_gains_that_contradict_the_record_are_named_with_better_ones(wrong: str, value: float) -> None:
-    u, start = targets(1200, 1), np.zeros(servo().states)
+    u, start = targets(800, 1), np.zeros(servo().states)
     start[1] = 0.3
     y = servo().simulate(u[:, None], DT, start, POSITION)
     record = Record(u, 2 * np.pi / 4096 * np.round(4096 / (2 * np.pi) * y), DT, input_units="rad", output_units="rad")
@@ -377,7 +377,7 @@ def loaded_records() -> list[Record]:
     for name, mass in (("light", 0.1), ("heavy", 0.5)):
         plant = joint(Feed.VOLTAGE, **{"resistance": 2.0, "motor_constant": 1.0, "gravity.torque": 0.4})
         plant = plant.with_values({"gravity.mass": mass, "gravity.length": 0.3})
-        record = recorded(plant, 4.0 * torque(1200, 1), name=name)
+        record = recorded(plant, 4.0 * torque(700, 1), name=name)
         records.append(replace(record, input_units=("V",)))
     return records
 
@@ -448,10 +448,10 @@ def test_an_angle_in_ticks_shows_a_turn_of_its_encoder() -> None:
 
 
 def test_an_error_above_that_of_rounding_is_one_of_the_model() -> None:
-    own = emsid.fit(emsid.plants.joint(), recorded(joint(), torque(1500, 1, 0.3)), search=False)
+    own = emsid.fit(emsid.plants.joint(), recorded(joint(), torque(800, 1, 0.3)), search=False)
     assert not [each for each in own.findings if each.code == "error-above-rounding"]
     gear = joint().with_frictions({"rotor_friction": PowerFriction(0.1, motor=0.1, outside=0.02)})
-    record = recorded(gear, torque(1500, 1, 0.3))
+    record = recorded(gear, torque(800, 1, 0.3))
     fit = emsid.fit(emsid.plants.joint(), record, search=False)
     (found,) = (each for each in fit.findings if each.code == "error-above-rounding")
     rounding = 2 * np.pi / 4096 / np.sqrt(12)
@@ -494,7 +494,7 @@ def test_gravity_that_a_record_does_not_show_is_said(feed: Feed) -> None:
 
 def test_a_record_that_hardly_moves_against_gravity_is_to_be_a_lift() -> None:
     plant = joint(**{"rotor_friction.coulomb": 0.3})
-    k = np.arange(1500)
+    k = np.arange(700)
     pushes = 1.2 * np.sin(0.9) + 0.45 * np.sign(np.sin(2 * np.pi * k / 37)) * (k % 7 < 3)
     angle = plant.simulate(pushes[:, None], DT, np.array([0.0, 1.2, 0.0, 1.0]), POSITION)
     step = 2 * np.pi / 400

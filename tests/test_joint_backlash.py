@@ -49,19 +49,23 @@ def test_an_encoder_behind_a_gap_reads_a_load_that_stays_while_the_motor_crosses
     assert np.ptp(motor - load) == pytest.approx(GAP)
 
 
+def assert_same_in_blocks_and_file(model: GreyBox, u: np.ndarray, expected: np.ndarray, path: Path) -> None:
+    state, blocks = model.at_rest(0.0, DT), []
+    for block in np.split(u, 3):
+        output, state = model.run(state, block[:, None])
+        blocks.append(output)
+    np.testing.assert_allclose(np.concatenate(blocks), expected, atol=1e-12)
+    emsid.save(model, path)
+    assert emsid.load(path).plant == model.plant
+
+
 def test_block_by_block_and_sample_by_sample_it_reads_the_same(tmp_path: Path) -> None:
     model = GreyBox(behind(), POSITION)
     u = torque(300, 2)
     expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
     running = emsid.start(model, dt=DT)
     np.testing.assert_allclose([running.step(each) for each in u], expected[:, 0], atol=1e-12)
-    state, blocks = model.at_rest(0.0, DT), []
-    for block in np.split(u, 3):
-        output, state = model.run(state, block[:, None])
-        blocks.append(output)
-    np.testing.assert_allclose(np.concatenate(blocks), expected, atol=1e-12)
-    emsid.save(model, tmp_path / "joint.json")
-    assert emsid.load(tmp_path / "joint.json").plant == model.plant
+    assert_same_in_blocks_and_file(model, u, expected, tmp_path / "joint.json")
     assert "sensor.backlash" not in GreyBox(behind(gap=0.0), POSITION).to_data()["plant"]["parameters"]
 
 
@@ -169,13 +173,7 @@ def test_it_is_the_same_block_by_block_in_files_and_with_a_law_of_the_load(tmp_p
     for plant in (crossing(), by_load, held):
         model = GreyBox(plant, POSITION)
         expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
-        state, blocks = model.at_rest(0.0, DT), []
-        for block in np.split(u, 3):
-            output, state = model.run(state, block[:, None])
-            blocks.append(output)
-        np.testing.assert_allclose(np.concatenate(blocks), expected, atol=1e-12)
-        emsid.save(model, tmp_path / "joint.json")
-        assert emsid.load(tmp_path / "joint.json").plant == model.plant
+        assert_same_in_blocks_and_file(model, u, expected, tmp_path / "joint.json")
         assert np.ptp(expected) > 0.1
 
 

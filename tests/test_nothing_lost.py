@@ -1,14 +1,13 @@
 """Whatever one model, check, refit, figure or section of the page raises costs that part only."""
 
 import json
-from html.parser import HTMLParser
 from importlib import import_module
 
 import numpy as np
 import pytest
 
 import emsid
-from command_line import FIRST_ORDER, IDENTIFY, table
+from command_line import FIRST_ORDER, IDENTIFY, Page, table
 from emsid.estimation.borders import LOG, InternalError, border, collected
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
@@ -102,23 +101,6 @@ PARTS = {
 }
 
 
-class Reader(HTMLParser):
-    """Counts the elements of a page, and refuses one whose elements do not close."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        if tag not in {"meta", "br", "wbr", "link", "img", "hr", "input"}:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
 @pytest.mark.parametrize("part", PARTS)
 def test_a_defect_of_one_part_leaves_everything_else(run, tmp_path, monkeypatch, part) -> None:
     patch(monkeypatch, PARTS[part])
@@ -133,7 +115,7 @@ def test_a_defect_of_one_part_leaves_everything_else(run, tmp_path, monkeypatch,
     for name in ("arx.json", "output-error.json", "best.json"):
         assert emsid.load(tmp_path / "out" / name).parameters is not None
     page = (tmp_path / "out" / "report.html").read_text()
-    Reader(page)
+    Page(page)
     said = [each for each in written["findings"] if each["code"] == "part-failed"]
     assert said or DEFECT in page or DEFECT in err
     assert all(each["data"]["reason"] == DEFECT and each["data"]["internal"] for each in said)
@@ -225,7 +207,7 @@ def test_a_defect_of_a_part_of_a_study_leaves_everything_else(run, tmp_path, mon
     written = json.loads((tmp_path / "out" / "study.json").read_text())
     assert {row["model"] for row in written["rows"]} >= {"friction-narx", "arx"}
     page = (tmp_path / "out" / "report.html").read_text()
-    Reader(page)
+    Page(page)
     said = [each for each in written["findings"] if each["code"] == "part-failed"]
     failed = [each for each in written["findings"] if each["code"] == "study-model-failed"]
     assert "rigid-motor" in {each["subject"] for each in failed}
@@ -276,7 +258,7 @@ def test_a_defect_of_a_part_of_a_validation_leaves_everything_else(run, tmp_path
     assert status == (2 if part == "write" else 0)
     assert "Traceback" not in out + err
     page = (tmp_path / "out" / "report.html").read_text()
-    Reader(page)
+    Page(page)
     if part != "write":
         written = json.loads((tmp_path / "out" / "validation.json").read_text())
         assert [row["record"] for row in written["records"]] == ["1.csv", "2.csv"]
@@ -339,7 +321,7 @@ def test_a_defect_of_a_part_of_a_tracking_leaves_everything_else(run, tmp_path, 
     assert status == (2 if part in ("record", "state", "estimates") else 0), err
     assert 'raise RuntimeError("of the test")' in err
     page = (tmp_path / "out" / "report.html").read_text()
-    Reader(page)
+    Page(page)
     written = json.loads((tmp_path / "out" / "track.json").read_text())
     said = [each for each in written["findings"] if each["code"] == "part-failed"]
     assert said or DEFECT in err + page

@@ -175,7 +175,7 @@ def test_a_drift_of_the_load_does_not_make_the_resistance_look_identifiable():
 
 
 def test_intervals_contain_the_true_values_with_coloured_noise_and_quantisation():
-    shares = coverage(25)  # 300 records by `make coverage`
+    shares = coverage(25, samples=500)  # 300 records by `make coverage`
     assert tuple(shares) == FREE
     assert min(shares.values()) >= least_share(25)
 

@@ -234,11 +234,6 @@ def test_a_step_of_the_parameters_is_tracked() -> None:
     assert np.abs(constant - after).min() > 0.05  # without forgetting it rests between the two
 
 
-def _totals(parameters: int) -> np.ndarray:
-    """Before the first sample, with peaks that no regressor exceeds, so that the limit of D stays as it is given."""
-    return np.append(np.zeros(7), np.full(parameters, np.inf))
-
-
 def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness() -> None:
     """A million samples of which nine in ten say nothing, at λ = 0.98: unbounded, P would overflow."""
     rng = np.random.default_rng(5)

@@ -15,17 +15,13 @@ from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.polynomials import first_zero
 from emsid.plant.reference import simulate_reference
 from independent.two_masses import load_speed
+from simulated_plants import two_sines
 
 CHANNELS = tuple(field.name for field in fields(State))
 LOADED = replace(Motor(), load_friction=Friction((2e-3, 3e-3), 1e-3, 0.5))
 KINKED = replace(LOADED, torque_dead_zone=DeadZoneLaw(-0.01, 0.02, 0.9, 1.1))
 SOFT = replace(LOADED, shaft_stiffness=0.05, shaft_damping=1e-5)
 IDEAL = Motor(rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
-
-
-def two_sines(n: int, dt: float, volts: float = 2.0) -> np.ndarray:
-    t = dt * np.arange(n)
-    return volts * (np.sin(2 * np.pi * 4 * t) + 0.45 * np.sin(2 * np.pi * 9 * t))
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -23,7 +24,10 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
+from emsid.errors import DataError
 from emsid.studio import uplot
+from emsid.studio.server import serve
+from emsid.studio.session import Session, held
 
 PROC, NO_PROC = Path("/proc/self/cmdline").exists(), "finds the processes that fit in /proc"
 START = """
@@ -31,34 +35,24 @@ import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
-from emsid.studio import impatient, server
+from emsid.studio import impatient, server, studio
 from emsid.cli.commands.studio import command_of, track_of
 impatient.HEAD = 1.0
+studio.Studio.warm = lambda self: None
 signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends by an exception, as in a command
 with suppress(KeyboardInterrupt):
     server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=command_of, track=track_of,
                  say=lambda address: print(address, flush=True))
 """
-"""The server without the check for uPlot, which these tests do not draw with."""
-
-
-REFUSED = """
-import sys
-from pathlib import Path
-from emsid.studio import server
-try:
-    server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=str, track=list, say=print)
-except Exception as problem:
-    print(type(problem).__name__, problem)
-"""
+"""The server without what it loads for the first fit: these tests draw nothing, and fit in other processes."""
 
 
 class Server:
     """A server in a process of its own, and requests to it."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
         assert process.stdout is not None
-        self.process = process
+        self.process, self.folder = process, folder
         self.address = urlsplit(process.stdout.readline().strip())
 
     def ask(self, path: str, content: Any = None, body: Any = None, on: int | None = None) -> tuple[int, bytes]:
@@ -104,7 +98,7 @@ def serving(folder: Path, **options: Any) -> Iterator[Server]:
     words = [sys.executable, "-c", START, str(folder)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, **options) as process:
         try:
-            yield Server(process)
+            yield Server(process, folder)
         finally:
             process.terminate()
 
@@ -155,7 +149,7 @@ def test_a_request_of_a_hundred_megabytes_is_refused(server: Server) -> None:
 @pytest.mark.skipif(not PROC, reason=NO_PROC)
 def test_a_cancelled_fit_ends_with_what_it_has_and_the_next_one_is_fitted(tmp_path: Path) -> None:
     with serving(tmp_path / "s") as server:
-        server.ask("api/files?name=log.csv", body=table(600))
+        server.ask("api/files?name=log.csv", body=table(300))
         number = server.begin()
         server.ask("api/cancel", {"run": number})  # also where its process is not there yet
         assert server.until(number, "done", "failed", "ended")["state"] in ("done", "failed")
@@ -276,14 +270,9 @@ def test_a_session_is_open_in_one_studio_at_a_time(tmp_path: Path) -> None:
     with serving(folder) as server:
         server.ask("api/files?name=log.csv", body=table(60))
         before = (folder / "session.json").read_bytes()
-        done = subprocess.run(
-            [sys.executable, "-c", REFUSED, str(folder)], capture_output=True, text=True, timeout=60, check=False
-        )
-        assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.splitlines() == [
-            f"DataError {folder}: another process (number {server.process.pid}) has this session open; "
-            "use its page, or name another folder"
-        ]
+        said = f"{folder}: another process (number {server.process.pid}) has this session open; use its page, or name"
+        with pytest.raises(DataError, match=re.escape(said)):
+            serve(folder, [], browser=False, spelling=str, command=lambda *_: "", track=lambda *_: [], say=print)
         if uplot.is_there():
             refused = subprocess.run(second, capture_output=True, text=True, timeout=60, check=False)
             assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
@@ -291,31 +280,32 @@ def test_a_session_is_open_in_one_studio_at_a_time(tmp_path: Path) -> None:
         server.process.kill()
         server.process.wait()
     assert (folder / ".lock").exists()  # of a process that is no more
-    with serving(folder) as server:
-        assert server.state()["step"]["files"] == ["log.csv"]
+    with held(folder):
+        assert Session.at_folder(folder).step["files"] == ["log.csv"]
     assert not (folder / ".lock").exists()
 
 
 @pytest.mark.skipif(not PROC, reason=NO_PROC)
 def test_interrupting_a_studio_in_a_run_leaves_a_readable_session(tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    for k, how in enumerate((signal.SIGINT, signal.SIGKILL)):
-        with serving(folder) as server:
-            if k == 0:
-                server.ask("api/files?name=log.csv", body=table(600))
-            number = server.begin()
-            until(lambda: workers(folder))
-            server.process.send_signal(how)
-            server.process.wait(30)
-            until(lambda: not workers(folder))
+    folder, number = tmp_path / "session", ""
+    for how in (signal.SIGINT, signal.SIGKILL, None):
         with serving(folder) as server:
             found = server.state()
-            assert (found["step"]["files"], found["problem"]) == (["log.csv"], "")
-            run = server.run(number)
-            assert run["state"] in ("ended", "done", "failed")
-            for name in run["models"]:
-                assert server.ask(f"api/runs/{number}/sliders/{name}")[0] == 200
-            assert not list(folder.rglob("*.tmp"))
+            if number:
+                assert (found["step"]["files"], found["problem"]) == (["log.csv"], "")
+                run = server.run(number)
+                assert run["state"] in ("ended", "done", "failed")
+                for name in run["models"]:
+                    assert server.ask(f"api/runs/{number}/sliders/{name}")[0] == 200
+                assert not list(folder.rglob("*.tmp"))
+            else:
+                server.ask("api/files?name=log.csv", body=table(300))
+            if how is not None:
+                number = server.begin()
+                until(lambda: workers(folder))
+                server.process.send_signal(how)
+                server.process.wait(30)
+                until(lambda: not workers(folder))
 
 
 def test_half_a_request_is_closed_after_seconds_unless_it_has_the_token(server: Server) -> None:
@@ -347,17 +337,16 @@ def test_half_a_request_is_closed_after_seconds_unless_it_has_the_token(server: 
     slow.close()
 
 
-def test_an_upload_that_breaks_off_leaves_no_file(tmp_path: Path) -> None:
-    with serving(tmp_path / "session") as server:
-        connection = http.client.HTTPConnection(str(server.address.hostname), server.address.port, timeout=60)
-        connection.putrequest("POST", server.address.path + "api/files?name=log.csv")
-        connection.putheader("content-length", "1000")
-        connection.endheaders(b"t,voltage")
-        until(lambda: list((tmp_path / "session" / "incoming").iterdir()))
-        connection.close()
-        until(lambda: not list((tmp_path / "session" / "incoming").iterdir()))
-        assert list((tmp_path / "session" / "data").iterdir()) == []
-        assert server.state()["step"]["files"] == []
+def test_an_upload_that_breaks_off_leaves_no_file(server: Server) -> None:
+    connection = http.client.HTTPConnection(str(server.address.hostname), server.address.port, timeout=60)
+    connection.putrequest("POST", server.address.path + "api/files?name=more.csv")
+    connection.putheader("content-length", "1000")
+    connection.endheaders(b"t,voltage")
+    until(lambda: list((server.folder / "incoming").iterdir()))
+    connection.close()
+    until(lambda: not list((server.folder / "incoming").iterdir()))
+    assert [path.name for path in (server.folder / "data").iterdir()] == ["log.csv"]
+    assert server.state()["step"]["files"] == ["log.csv"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files as POSIX does")
@@ -369,11 +358,11 @@ def test_a_full_disk_is_answered_in_one_line_and_changes_nothing(tmp_path: Path)
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))  # writing more than this fails, as on a full disk
 
-    with serving(folder) as server:
-        server.ask("api/files?name=log.csv", body=table(60))
-        for k in range(12):
-            server.ask("api/edit", {"unseen": 0.2 + k / 100})
-    steps = 0
+    session, steps = Session.at_folder(folder), 0
+    (tmp_path / "log.csv").write_bytes(table(60))
+    session.change(0, files=[session.add(tmp_path / "log.csv")])
+    for k in range(12):
+        session.change(k + 1, unseen=0.2 + k / 100)
     with serving(folder, preexec_fn=limit) as server:
         for path, content, body in (
             ("api/files?name=more.csv", None, table(600)),
@@ -391,8 +380,7 @@ def test_a_full_disk_is_answered_in_one_line_and_changes_nothing(tmp_path: Path)
         server.ask("api/undo", {})
     assert [path.name for path in (folder / "data").iterdir()] == ["log.csv"]
     assert list((folder / "incoming").iterdir()) == []
-    with serving(folder) as server:
-        assert server.state()["step"]["files"] == ["log.csv"]
+    assert Session.at_folder(folder).step["files"] == ["log.csv"]
 
 
 @pytest.mark.skipif(not PROC, reason="looks for a command line in /proc")
@@ -405,7 +393,7 @@ def test_the_token_is_in_no_command_line(tmp_path: Path) -> None:
     words = [sys.executable, "-c", start, str(tmp_path / "session")]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
-            server = Server(process)
+            server = Server(process, tmp_path / "session")
             until(seen.exists)
             address = seen.read_text().strip()
             door = Path(address.removeprefix("file://"))

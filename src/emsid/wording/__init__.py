@@ -1,6 +1,10 @@
 """Findings as sentences: the only place where sentences about results are made.
 
-Each file holds the sentences of one subject. Each code has a function, registered under it::
+Each file holds the sentences of one subject. A table has those that are templates, one code a row::
+
+    free-run-diverged problem: on {data}, the free run diverges
+
+Every other code has a function, registered under it::
 
     @words("input-constant", Severity.WARNING)
     def input_constant(f: Finding, argument: Spelling) -> str:

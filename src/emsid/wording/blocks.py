@@ -2,7 +2,7 @@
 
 from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import shortened
 
 
@@ -130,25 +130,6 @@ def map_leaves_range(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("faster-than-sampling", Severity.WARNING)
-def faster_than_sampling(f: Finding, argument: Spelling) -> str:
-    """Data: pole, samples (its time constant)."""
-    return (
-        f"the pole at {f.data['pole']:.3g} has a time constant of {f.data['samples']:.2g} samples; try a lower order, "
-        "or sample faster"
-    )
-
-
-@words("delay-longer-than-rise", Severity.WARNING)
-def delay_longer_than_rise(f: Finding, argument: Spelling) -> str:
-    """Data: delay, rise (s), samples (of delay)."""
-    d = f.data
-    return (
-        f"its delay of {d['delay']:.3g} s is longer than the whole response of the record, {d['rise']:.3g} s; check "
-        f"signs and columns, or give {argument('nk')}"
-    )
-
-
 @words("dead-time-at-input")
 def dead_time_at_input(f: Finding, argument: Spelling) -> str:
     """Data: delay, moved (samples), filters."""
@@ -157,25 +138,15 @@ def dead_time_at_input(f: Finding, argument: Spelling) -> str:
     return f"a dead time of {samples} is counted at the input{where}"
 
 
-@words("diverges-beyond-range", Severity.WARNING)
-def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: factor (of the input)."""
-    return (
-        f"its free run diverges on an input {f.data['factor']:.3g} times as large as the record's; record a larger "
-        "input, or give a smaller order or degree"
-    )
-
-
-@words("diverges-on-constant-input", Severity.WARNING)
-def diverges_on_constant_input(f: Finding, argument: Spelling) -> str:
-    """Subject: the model."""
-    return (
-        "its free run diverges while the input stays at an extreme value; record an input that stays there, or give a "
-        "smaller order or degree"
-    )
-
-
-@words("diverges-on-steps", Severity.WARNING)
-def diverges_on_steps(f: Finding, argument: Spelling) -> str:
-    """Subject: the model."""
-    return "its free run diverges where the input steps; record steps too, or give a smaller order or degree"
+sentences("""
+faster-than-sampling warning: the pole at {pole:.3g} has a time constant of {samples:.2g} samples; try a lower order,
+    or sample faster
+delay-longer-than-rise warning: its delay of {delay:.3g} s is longer than the whole response of the record, {rise:.3g}
+    s; check signs and columns, or give {argument[nk]}
+diverges-beyond-range warning: its free run diverges on an input {factor:.3g} times as large as the record's; record a
+    larger input, or give a smaller order or degree
+diverges-on-constant-input warning: its free run diverges while the input stays at an extreme value; record an input
+    that stays there, or give a smaller order or degree
+diverges-on-steps warning: its free run diverges where the input steps; record steps too, or give a smaller order or
+    degree
+""")

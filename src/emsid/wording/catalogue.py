@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -54,6 +55,32 @@ def words(
         return wording
 
     return register
+
+
+class _Spelt(dict[str, str]):
+    """The names of arguments as they are spelt."""
+
+    def __init__(self, argument: Spelling) -> None:
+        self.argument = argument
+
+    def __missing__(self, name: str) -> str:
+        return self.argument(name)
+
+
+def sentences(table: str) -> None:
+    """Register the rows ``code severity: sentence`` of a table; indented lines continue a row.
+
+    Braces in a sentence hold the ``subject`` or ``model`` of a finding, one of its data, or ``argument[mask]`` for the
+    name of an argument, with formats as in `str.format`.
+    """
+
+    def filled(template: str) -> Callable[[Finding, Spelling], str]:
+        return lambda f, argument: template.format_map(
+            {"model": f.model, **f.data, "subject": f.subject, "argument": _Spelt(argument)}
+        )
+
+    for code, severity, row in re.findall(r"^(\S+) (\w+): (.+(?:\n +.+)*)", table, re.MULTILINE):
+        words(code, Severity(severity))(filled(re.sub(r"\n +", " ", row)))
 
 
 def as_python(name: str) -> str:

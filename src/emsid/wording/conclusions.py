@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 
 
 @words("residual-depends-on-input", Severity.WARNING)
@@ -36,21 +36,6 @@ def residual_not_tested(f: Finding, argument: Spelling) -> str:
     return f"the residual of {f.data['output']} could not be tested: a constant signal, or too few samples"
 
 
-@words("residual-white")
-def residual_white(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: lags, largest, lag, p_value."""
-    return f"the one-step errors of {f.subject} are white: the first {f.data['lags']} lags show no correlation"
-
-
-@words("residual-coloured", Severity.WARNING)
-def residual_coloured(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: lags, largest, lag, p_value."""
-    return (
-        f"the one-step errors of {f.subject} are correlated with each other (up to {f.data['largest']:.2f} at lag "
-        f"{f.data['lag']}): dynamics or noise are not modelled"
-    )
-
-
 @words("residual-depends-on-term", Severity.WARNING)
 def residual_depends_on_term(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: term, kind (even, odd, product), largest, at_lag, limit."""
@@ -71,28 +56,14 @@ def next_measure(f: Finding, argument: Spelling) -> str:
     return f"Next: measure the {listed([name.replace('_', ' ') for name in names])}{current}: {given}"
 
 
-@words("next-check-data", Severity.WARNING)
-def next_check_data(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: fit_percent."""
-    return (
-        "No model describes these data well; check units, sample time and columns, and leave out samples that are not "
-        f"normal operation ({argument('mask')})"
-    )
-
-
-@words("next-reduce-noise", Severity.WARNING)
-def next_reduce_noise(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: fit_percent."""
-    return (
-        f"Noise or a disturbance probably limits the fit to {f.data['fit_percent']:.0f} %; use a larger input, a "
-        "better sensor, or record the disturbance as another input"
-    )
-
-
-@words("next-physical-model")
-def next_physical_model(f: Finding, argument: Spelling) -> str:
-    """Subject: the best model."""
-    return (
-        "Fit a physical model too, to estimate friction, dead zone and delay as parameters: "
-        f"{argument('models')} rigid-motor, or motor for a flexible shaft"
-    )
+sentences("""
+residual-white info: the one-step errors of {subject} are white: the first {lags} lags show no correlation
+residual-coloured warning: the one-step errors of {subject} are correlated with each other (up to {largest:.2f} at lag
+    {lag}): dynamics or noise are not modelled
+next-check-data warning: No model describes these data well; check units, sample time and columns, and leave out
+    samples that are not normal operation ({argument[mask]})
+next-reduce-noise warning: Noise or a disturbance probably limits the fit to {fit_percent:.0f} %; use a larger input,
+    a better sensor, or record the disturbance as another input
+next-physical-model info: Fit a physical model too, to estimate friction, dead zone and delay as parameters:
+    {argument[models]} rigid-motor, or motor for a flexible shaft
+""")

@@ -7,7 +7,7 @@ from typing import Any
 
 from emsid.findings import Finding
 from emsid.units import with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.durations import duration, sample_time
 from emsid.wording.lists import assigned, ordinal, shortened
 from emsid.wording.sureness import how_sure
@@ -74,48 +74,6 @@ def record_too_short(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("excitation-too-low", Severity.WARNING)
-def excitation_too_low(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: order, linear, friction."""
-    return (
-        f"{f.subject} is too poor for a linear model of second order; record more levels or frequencies, such as "
-        "an amplitude-modulated PRBS"
-    )
-
-
-@words("excitation-linear-only", Severity.WARNING)
-def excitation_linear_only(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: order, linear, friction."""
-    return (
-        f"{f.subject} is rich enough for a linear model of second order, not for friction; record more levels or "
-        "frequencies for that"
-    )
-
-
-@words("excitation-sufficient")
-def excitation_sufficient(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: order, linear, friction, at_least."""
-    return f"{f.subject} is rich enough for linear models and for friction"
-
-
-@words("few-input-levels", Severity.WARNING)
-def few_input_levels(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: levels."""
-    return (
-        f"{f.subject} has only {f.data['levels']} levels, which cannot show dead zone, saturation or friction; record "
-        "more levels in both directions"
-    )
-
-
-@words("input-may-be-continuous")
-def input_may_be_continuous(f: Finding, argument: Spelling) -> str:
-    """Subject: the input."""
-    return (
-        f"{f.subject} is smooth and may change between its samples; physical models decide this from the data unless "
-        f"{argument('hold')} is given"
-    )
-
-
 # --- response --------------------------------------------------------------------------------------------------------
 
 
@@ -125,15 +83,6 @@ def output_without_sign(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject} has one sign and {f.data['input']} has both: the sensor {how_sure(f.data['confidence'])} shows "
         "the magnitude only; cascades and feedback models try that (static maps abs, even-spline)"
-    )
-
-
-@words("no-response", Severity.WARNING)
-def no_response(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input."""
-    return (
-        f"{f.subject} shows no clear response to {f.data['input']}; check that these are input and output "
-        f"({argument('input')}, {argument('output')}) of one experiment"
     )
 
 
@@ -156,24 +105,6 @@ def angle_without_unit(f: Finding, argument: Spelling) -> str:
         else f"read it as counts ({unit} {assigned(f.subject, 'count')}, {argument('counts_per_revolution')} …)"
     )
     return f"{f.subject} has no unit, and by its gravity one turn is about {_in_unit(d['turn'], '')} of it; {way}"
-
-
-@words("one-load", Severity.WARNING)
-def one_load(f: Finding, argument: Spelling) -> str:
-    """Subject: the input, which is no torque. Data: output."""
-    return (
-        f"{f.subject} is no torque: with one load, {f.data['output']} shows inertia, friction and gravity only as "
-        f"ratios; record a second load of known weight ({argument('fixed')} gravity.mass[…])"
-    )
-
-
-@words("output-noise-only", Severity.PROBLEM)
-def output_noise_only(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input."""
-    return (
-        f"{f.subject} is white noise that does not depend on {f.data['input']}: check drive and sensor, or record with "
-        "a larger input"
-    )
 
 
 @words("response-delay")
@@ -252,12 +183,6 @@ def feedback_likely(f: Finding, argument: Spelling) -> str:
 
 
 # --- motion ----------------------------------------------------------------------------------------------------------
-
-
-@words("all-standstill", Severity.PROBLEM)
-def all_standstill(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: share, reversals."""
-    return f"{f.subject} rests in the whole record, so nothing can be identified; record with a larger input"
 
 
 @words("much-standstill", Severity.WARNING)
@@ -466,16 +391,6 @@ def nonlinear_likely(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("unexplained-output", Severity.WARNING)
-def unexplained_output(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, input."""
-    d = f.data
-    return (
-        f"neither a linear model (fit {d['fit_percent']:.0f} %) nor simple nonlinear functions of {d['input']} explain "
-        f"{f.subject}; check the columns, or record the load"
-    )
-
-
 @words("nearly-linear")
 def nearly_linear(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, because
@@ -488,3 +403,25 @@ def nearly_linear(f: Finding, argument: Spelling) -> str:
         f"{begins.format(f.subject)}: a linear model fits to {d['fit_percent']:.1f} %, and nonlinear functions explain "
         f"{100 * d['of_residual']:.2g} % of its {error}{chance}"
     )
+
+
+sentences("""
+excitation-too-low warning: {subject} is too poor for a linear model of second order; record more levels or
+    frequencies, such as an amplitude-modulated PRBS
+excitation-linear-only warning: {subject} is rich enough for a linear model of second order, not for friction; record
+    more levels or frequencies for that
+excitation-sufficient info: {subject} is rich enough for linear models and for friction
+few-input-levels warning: {subject} has only {levels} levels, which cannot show dead zone, saturation or friction;
+    record more levels in both directions
+input-may-be-continuous info: {subject} is smooth and may change between its samples; physical models decide this from
+    the data unless {argument[hold]} is given
+no-response warning: {subject} shows no clear response to {input}; check that these are input and output
+    ({argument[input]}, {argument[output]}) of one experiment
+one-load warning: {subject} is no torque: with one load, {output} shows inertia, friction and gravity only as ratios;
+    record a second load of known weight ({argument[fixed]} gravity.mass[…])
+output-noise-only problem: {subject} is white noise that does not depend on {input}: check drive and sensor, or record
+    with a larger input
+all-standstill problem: {subject} rests in the whole record, so nothing can be identified; record with a larger input
+unexplained-output warning: neither a linear model (fit {fit_percent:.0f} %) nor simple nonlinear functions of {input}
+    explain {subject}; check the columns, or record the load
+""")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 
 REMEDIES = {"current": "the current", "inertia": "a second inertia that is known"}
 
@@ -18,7 +18,6 @@ def not_separable(f: Finding, argument: Spelling) -> str:
     return f"{listed(f.data['names'])} cannot be separated by any input at one load; {advice}"
 
 
-@words("design-gains-nothing")
-def design_gains_nothing(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: signal."""
-    return f"nothing is gained by a design of its own: {f.data['signal']} is as good within these limits"
+sentences("""
+design-gains-nothing info: nothing is gained by a design of its own: {signal} is as good within these limits
+""")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from shlex import quote
 
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.durations import duration, sample_time
 from emsid.wording.lists import assigned, listed, shortened
 from emsid.wording.sureness import how_sure
@@ -55,15 +55,6 @@ def rows_skipped(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject}: {d['count']} of {d['rows']:,} rows {'were' if many else 'was'} skipped, because a column in use "
         f"has no number there; {'the first' if many else 'it'} is row {d['line']}{text}"
-    )
-
-
-@words("rows-of-messages")
-def rows_of_messages(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: rows (of the file), columns (input and output)."""
-    return (
-        f"{f.subject}: the {f.data['rows']:,} rows have values in some columns only, as messages do; the input keeps "
-        "its value until the next output"
     )
 
 
@@ -160,16 +151,6 @@ def steady_states(f: Finding, argument: Spelling) -> str:
     ends = [f"{d[end][0]:.4g}" for end in ("low", "high") if d[end]]
     said += [f"saturates at {listed(ends)}"] if ends else []
     return f"steady states over {u}: {y} {listed(said)}; they show no dynamics"
-
-
-@words("encoder-pulses", Severity.PROBLEM)
-def encoder_pulses(f: Finding, argument: Spelling) -> str:
-    """Subject: the column. Data: low, high (levels), edges, rate (edges per second)."""
-    d = f.data
-    return (
-        f"{f.subject} toggles between {d['low']:.3g} and {d['high']:.3g} like an encoder, {d['rate']:.4g} times per "
-        f"second; write the count of its edges into a column, which is a position ({argument('units')} COLUMN=count)"
-    )
 
 
 @words("not-readable", Severity.PROBLEM)
@@ -295,37 +276,12 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("position-wraps")
-def position_wraps(f: Finding, argument: Spelling) -> str:
-    """Subject: the column. Data: period."""
-    return f"{f.subject} starts again after {f.data['period']:.10g}; {argument('wrap')} makes it continuous"
-
-
-@words("reference-column", Severity.WARNING)
-def reference_column(f: Finding, argument: Spelling) -> str:
-    """Subject: the column. Data: input, follows (the column that follows it)."""
-    d = f.data
-    return (
-        f"{f.subject} looks like the reference of a controller, which makes {d['input']} depend on {d['follows']} "
-        "(feedback); compare models by the free run"
-    )
-
-
 @words("command-before-its-row")
 def command_before_its_row(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: output."""
     return (
         f"{f.data['output']} reacts to {f.subject} one row too early; check the logger, or use {argument('shift')} "
         f"{assigned(f.subject, '-1')}"
-    )
-
-
-@words("direction-column")
-def direction_column(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: column (with its sign), output."""
-    return (
-        f"{f.subject} has no sign, and {f.data['output']} responds to it more clearly with that of {f.data['column']}, "
-        f"which is taken as its direction ({argument('direction')})"
     )
 
 
@@ -370,3 +326,16 @@ def difference_of_position(f: Finding, argument: Spelling) -> str:
         f"{f.subject} is the change of {f.data['position']} per row; with an encoder, give {argument('units')} "
         f"{assigned(f.subject, 'count/sample')} and {argument('counts_per_revolution')}"
     )
+
+
+sentences("""
+rows-of-messages info: {subject}: the {rows:,} rows have values in some columns only, as messages do; the input keeps
+    its value until the next output
+encoder-pulses problem: {subject} toggles between {low:.3g} and {high:.3g} like an encoder, {rate:.4g} times per
+    second; write the count of its edges into a column, which is a position ({argument[units]} COLUMN=count)
+position-wraps info: {subject} starts again after {period:.10g}; {argument[wrap]} makes it continuous
+reference-column warning: {subject} looks like the reference of a controller, which makes {input} depend on {follows}
+    (feedback); compare models by the free run
+direction-column info: {subject} has no sign, and {output} responds to it more clearly with that of {column}, which is
+    taken as its direction ({argument[direction]})
+""")

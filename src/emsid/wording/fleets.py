@@ -5,7 +5,7 @@ from __future__ import annotations
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 
 
 @words("differs-from-fleet", Severity.WARNING)
@@ -51,15 +51,6 @@ def motors_failed(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("fleet-too-small")
-def fleet_too_small(f: Finding, argument: Spelling) -> str:
-    """Data: motors, least."""
-    return (
-        f"{f.data['motors']} motors are too few to say which of them differ; {f.data['least']} are needed to know "
-        "their ordinary spread"
-    )
-
-
 @words("fleet-unfinished", Severity.WARNING)
 def fleet_unfinished(f: Finding, argument: Spelling) -> str:
     """Data: rows, asked."""
@@ -73,3 +64,9 @@ def rows_dropped(f: Finding, argument: Spelling) -> str:
     count = f.data["dropped"]
     rows = "1 row of an earlier run was" if count == 1 else f"{count:,} rows of an earlier run were"
     return f"{rows} dropped, as the files have changed or are gone"
+
+
+sentences("""
+fleet-too-small info: {motors} motors are too few to say which of them differ; {least} are needed to know their
+    ordinary spread
+""")

@@ -6,7 +6,7 @@ from typing import Any
 
 from emsid.findings import Finding
 from emsid.units import with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import listed
 
 
@@ -24,21 +24,6 @@ def option_not_used(f: Finding, argument: Spelling) -> str:
     return f"{argument(f.subject)} was given and is not used by {listed(f.data['models'])}"
 
 
-@words("knots-not-used", Severity.WARNING)
-def knots_not_used(f: Finding, argument: Spelling) -> str:
-    """Data: family."""
-    return f"a {f.data['family']} map has no knots, so {argument('knots')} is not used"
-
-
-@words("code-never-occurs", Severity.WARNING)
-def code_never_occurs(f: Finding, argument: Spelling) -> str:
-    """Subject: the channel. Data: value."""
-    return (
-        f"{f.subject} never has the value {f.data['value']:g}, which was given as a code; check "
-        f"{argument('brake')} and {argument('coast')}"
-    )
-
-
 @words("codes-taken-as-commands", Severity.WARNING)
 def codes_taken_as_commands(f: Finding, argument: Spelling) -> str:
     """Data: values."""
@@ -48,12 +33,6 @@ def codes_taken_as_commands(f: Finding, argument: Spelling) -> str:
         f"this model treats {listed([f'{value:g}' for value in values])} as {ordinary}; leave these samples out with "
         f"{argument('mask')}"
     )
-
-
-@words("datasheet-not-used", Severity.WARNING)
-def datasheet_not_used(f: Finding, argument: Spelling) -> str:
-    """About a model."""
-    return "the datasheet has no parameter of this model, so it is not used"
 
 
 @words("built-in-values-kept", Severity.WARNING)
@@ -66,12 +45,6 @@ def built_in_values_kept(f: Finding, argument: Spelling) -> str:
         f"built in, not estimated: {listed(values)}; give {argument('fixed')} or {argument('datasheet')}, or add to "
         f"{argument('free')}"
     )
-
-
-@words("profile-failed", Severity.WARNING)
-def profile_failed(f: Finding, argument: Spelling) -> str:
-    """Subject: the parameter. Data: reason."""
-    return f"no profile of {f.subject}: {f.data['reason']}"
 
 
 @words("profile-interval")
@@ -133,12 +106,6 @@ def interrupted(f: Finding, argument: Spelling) -> str:
 # --- errors, and the data they were computed on ----------------------------------------------------------------------
 
 
-@words("data-not-unseen", Severity.WARNING)
-def data_not_unseen(f: Finding, argument: Spelling) -> str:
-    """Subject: the record."""
-    return f"{f.subject} contains data of the fit, so errors on it say nothing about unseen data"
-
-
 @words("few-unseen-samples", Severity.WARNING)
 def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the unseen data. Data: samples, needed."""
@@ -175,16 +142,6 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     return (
         f"{saved} of the saved model come from all {d['samples']:,} samples; tables and errors shown here from "
         f"{d['of']:,} of them"
-    )
-
-
-@words("unstable-in-loop", Severity.PROBLEM)
-def unstable_in_loop(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: pole (per sample), time (in s, in which an error grows by e), horizon (samples)."""
-    d = f.data
-    return (
-        f"the plant is unstable without its controller (a pole of {d['pole']:.3g} per sample), so models are ranked by "
-        f"predictions {d['horizon']} samples ahead, not by free runs"
     )
 
 
@@ -280,24 +237,6 @@ def no_better_than_mean(f: Finding, argument: Spelling) -> str:
     return f"on {data_name(f)}, no model is better than the mean of {f.subject}"
 
 
-@words("input-explains-nothing", Severity.PROBLEM)
-def input_explains_nothing(f: Finding, argument: Spelling) -> str:
-    """Subject: the outputs. Data: by (the best model), shuffled, held (squared errors over those on such inputs)."""
-    return (
-        f"the input explains nothing of {f.subject}: {f.data['by']} simulates it as well with the input shuffled, or "
-        "with its mean instead; check that the columns belong together"
-    )
-
-
-@words("worse-than-mean", Severity.PROBLEM)
-def worse_than_mean(f: Finding, argument: Spelling) -> str:
-    """Subject: the record."""
-    return (
-        f"on {f.subject}, the free run is no better than the mean of the output; check units, sample time and changes "
-        "of the drive"
-    )
-
-
 @words("free-run-diverged", Severity.PROBLEM)
 def free_run_diverged(f: Finding, argument: Spelling) -> str:
     """Data: sample, seen."""
@@ -338,3 +277,19 @@ def map_beyond_range(f: Finding, argument: Spelling) -> str:
         f"{f.subject}: {which} extrapolates in {100 * d['share']:.3g} % of the samples of {data_name(f)} "
         f"({d['low']:.4g} to {d['high']:.4g}, fitted {d['fitted_low']:.4g} to {d['fitted_high']:.4g})"
     )
+
+
+sentences("""
+knots-not-used warning: a {family} map has no knots, so {argument[knots]} is not used
+code-never-occurs warning: {subject} never has the value {value:g}, which was given as a code; check {argument[brake]}
+    and {argument[coast]}
+datasheet-not-used warning: the datasheet has no parameter of this model, so it is not used
+profile-failed warning: no profile of {subject}: {reason}
+data-not-unseen warning: {subject} contains data of the fit, so errors on it say nothing about unseen data
+unstable-in-loop problem: the plant is unstable without its controller (a pole of {pole:.3g} per sample), so models
+    are ranked by predictions {horizon} samples ahead, not by free runs
+input-explains-nothing problem: the input explains nothing of {subject}: {by} simulates it as well with the input
+    shuffled, or with its mean instead; check that the columns belong together
+worse-than-mean problem: on {subject}, the free run is no better than the mean of the output; check units, sample time
+    and changes of the drive
+""")

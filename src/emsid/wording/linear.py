@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.chances import chance
 from emsid.wording.lists import shortened
 
@@ -30,31 +30,6 @@ def dictionary_rank_deficient(f: Finding, argument: Spelling) -> str:
     return (
         f"too few input levels for this degree: only {rank} of {terms} terms are independent; lower the degree, or "
         "record more levels"
-    )
-
-
-@words("intervals-by-bootstrap", Severity.INFO)
-def intervals_by_bootstrap(f: Finding, argument: Spelling) -> str:
-    """Data: model, count, pieces, samples (of the shortest piece)."""
-    d = f.data
-    return (
-        f"{d['model']}: intervals and bands are those of {d['count']} fits to {d['pieces']} pieces drawn from the data "
-        f"({d['samples']:,} samples or more each)"
-    )
-
-
-@words("no-bootstrap", Severity.WARNING)
-def no_bootstrap(f: Finding, argument: Spelling) -> str:
-    """Data: model, reason, arguments."""
-    return f"{f.data['model']}: its intervals are those of its fit and not by bootstrap: {f.data['reason']}"
-
-
-@words("few-samples", Severity.WARNING)
-def few_samples(f: Finding, argument: Spelling) -> str:
-    """Data: samples, parameters."""
-    return (
-        f"{f.data['parameters']} parameters were estimated from only {f.data['samples']:g} samples; record longer, or "
-        "choose a smaller structure"
     )
 
 
@@ -86,3 +61,12 @@ def intervals_allow_for_colour(f: Finding, argument: Spelling) -> str:
 
 def _correlated(f: Finding) -> str:
     return f"{f.data['largest']:.2f} at lag {f.data['lag']}, Ljung–Box p {chance(f.data['p_value'])}"
+
+
+sentences("""
+intervals-by-bootstrap info: {model}: intervals and bands are those of {count} fits to {pieces} pieces drawn from the
+    data ({samples:,} samples or more each)
+no-bootstrap warning: {model}: its intervals are those of its fit and not by bootstrap: {reason}
+few-samples warning: {parameters} parameters were estimated from only {samples:g} samples; record longer, or choose a
+    smaller structure
+""")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emsid.findings import Finding
 from emsid.units import with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import listed
 
 CAUSES = {
@@ -44,22 +44,10 @@ def source_gap(f: Finding, argument: Spelling) -> str:
     return f"{missing} before {f.data['time']:.6g} s: {CAUSES[f.data['cause']]}; the estimate continues after the gap"
 
 
-@words("samples-not-tracked", Severity.WARNING)
-def samples_not_tracked(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: samples."""
-    return f"{f.data['samples']:,} samples of {f.subject} came faster than they were tracked; they are in the log only"
-
-
 @words("source-disconnected", Severity.WARNING)
 def source_disconnected(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: wait (seconds in which it may come back)."""
     return f"{f.subject} was disconnected; the tracking ends if it is not back within {_duration(f.data['wait'])}"
-
-
-@words("source-silent", Severity.WARNING)
-def source_silent(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: seconds."""
-    return f"{f.subject} has sent nothing for {f.data['seconds']:.3g} s"
 
 
 @words("nothing-excites", Severity.WARNING)
@@ -82,25 +70,13 @@ def lines_not_used(f: Finding, argument: Spelling) -> str:
     return f"{f.subject}: {' and '.join(parts)}; they are in the log only"
 
 
-@words("log-not-written", Severity.PROBLEM)
-def log_not_written(f: Finding, argument: Spelling) -> str:
-    """Subject: the log. Data: reason, bytes."""
-    return (
-        f"{f.subject} cannot be written ({f.data['reason']}); {f.data['bytes']:,} bytes wait in memory; free space "
-        "on the disk"
-    )
-
-
-@words("tracking-errors-coloured", Severity.WARNING)
-def tracking_errors_coloured(f: Finding, argument: Spelling) -> str:
-    """Data: correlation."""
-    return (
-        f"neighbouring prediction errors correlate by {f.data['correlation']:.2f}: intervals are too narrow; choose a "
-        "larger structure"
-    )
-
-
-@words("motor-not-at-zero", Severity.PROBLEM)
-def motor_not_at_zero(f: Finding, argument: Spelling) -> str:
-    """Subject: the source."""
-    return f"{f.subject} has not confirmed zero volts; switch the motor off by hand"
+sentences("""
+samples-not-tracked warning: {samples:,} samples of {subject} came faster than they were tracked; they are in the log
+    only
+source-silent warning: {subject} has sent nothing for {seconds:.3g} s
+log-not-written problem: {subject} cannot be written ({reason}); {bytes:,} bytes wait in memory; free space on the
+    disk
+tracking-errors-coloured warning: neighbouring prediction errors correlate by {correlation:.2f}: intervals are too
+    narrow; choose a larger structure
+motor-not-at-zero problem: {subject} has not confirmed zero volts; switch the motor off by hand
+""")

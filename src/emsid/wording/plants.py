@@ -7,7 +7,7 @@ from math import isfinite
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import name_and_unit, with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import assigned, shortened
 from emsid.wording.search import SHOW_ZONE
 
@@ -79,21 +79,6 @@ def _taken_as(f: Finding, argument: Spelling, course: str) -> str:
         f"{f.subject} is simulated as {course} between samples; with a {between} input the error is {ratio:.3g} times "
         f"smaller: give between={between!r} or {argument('hold')}"
     )
-
-
-@words("speed-is-a-mean")
-def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
-    """Subject: the output."""
-    return (
-        f"the data show that {f.subject} is the mean over the sample before it, as an encoder counts, and it is "
-        f"simulated so ({argument('average')})"
-    )
-
-
-@words("friction-fades-as-gaussian")
-def friction_fades_as_gaussian(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant."""
-    return f"the friction of {f.subject} near rest fades as exp(−(rate·speed)²), not as exp(−rate·speed)"
 
 
 @words("alternatives-fit-as-well")
@@ -205,15 +190,6 @@ def parameter_changes(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("residual-slow", Severity.WARNING)
-def residual_slow(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant. Data: values (independent ones of the residual), samples."""
-    return (
-        f"the residual changes slowly (about {f.data['values']:.0f} independent values in {f.data['samples']:,}); "
-        "the intervals may be too narrow: record longer"
-    )
-
-
 @words("parameter-drifts")
 def parameter_drifts(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit."""
@@ -256,23 +232,6 @@ def single_record(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject} is the only record, so {listed(f.data['parameters'])} {have} "
         f"one value ({argument('per_record')} is for several records)"
-    )
-
-
-@words("no-shaft-seen", Severity.WARNING)
-def no_shaft_seen(f: Finding, argument: Spelling) -> str:
-    return (
-        f"the data show no shaft flexibility: one mass ({f.data['simpler']}) describes them as well; use "
-        f"{f.data['simpler']}"
-    )
-
-
-@words("no-shaft-needed", Severity.WARNING)
-def no_shaft_needed(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant with a shaft. Data: simpler (one mass), ratio (of their errors)."""
-    return (
-        f"one mass ({f.data['simpler']}) with its refinements has {f.data['ratio']:.2g} times the error of a motor "
-        "with a shaft, so it is taken instead"
     )
 
 
@@ -375,11 +334,6 @@ def probably_another_system(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("choice-interrupted", Severity.WARNING)
-def choice_interrupted(f: Finding, argument: Spelling) -> str:
-    return "the choice of refinements was stopped before its end; the best model so far is kept"
-
-
 def interval(ends: tuple[float, float], unit: str) -> str:
     """An interval with its unit; an end that is infinite was not found."""
     low, high = ends
@@ -400,3 +354,17 @@ def _advice(f: Finding, argument: Spelling) -> str:
         else ""
     )
     return f"{load}{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"
+
+
+sentences("""
+speed-is-a-mean info: the data show that {subject} is the mean over the sample before it, as an encoder counts, and it
+    is simulated so ({argument[average]})
+friction-fades-as-gaussian info: the friction of {subject} near rest fades as exp(−(rate·speed)²), not as
+    exp(−rate·speed)
+residual-slow warning: the residual changes slowly (about {values:.0f} independent values in {samples:,}); the
+    intervals may be too narrow: record longer
+no-shaft-seen warning: the data show no shaft flexibility: one mass ({simpler}) describes them as well; use {simpler}
+no-shaft-needed warning: one mass ({simpler}) with its refinements has {ratio:.2g} times the error of a motor with a
+    shaft, so it is taken instead
+choice-interrupted warning: the choice of refinements was stopped before its end; the best model so far is kept
+""")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from emsid.errors import listed
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import LISTED, shortened
 
 SHOW_ZONE = "let it coast at zero command"
@@ -15,14 +15,6 @@ SHOW_ZONE = "let it coast at zero command"
 def search_stalled(f: Finding, argument: Spelling) -> str:
     others = f", where {f.data['agreeing']} of {f.data['starts']} searches end" if "starts" in f.data else ""
     return f"the search stalled before a minimum ({_so_far(f)}){others}; the estimates are not reliable"
-
-
-@words("minimum-not-smooth")
-def minimum_not_smooth(f: Finding, argument: Spelling) -> str:
-    return (
-        f"the error is not smooth at the minimum; {f.data['agreeing']} of {f.data['starts']} searches from around it "
-        "end there, and the intervals cover their estimates"
-    )
 
 
 @words("searches-agreeing")
@@ -124,3 +116,9 @@ def _so_far(f: Finding) -> str:
     counted = [f"{steps} step{'s' * (steps != 1)}"] if steps or offset is None else []
     short = [] if offset is None else [f"{offset:.2g} standard errors above it"]
     return ", ".join(counted + short)
+
+
+sentences("""
+minimum-not-smooth info: the error is not smooth at the minimum; {agreeing} of {starts} searches from around it end
+    there, and the intervals cover their estimates
+""")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emsid.findings import Finding
 from emsid.units import with_unit
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import ordinal
 
 
@@ -20,19 +20,6 @@ def output_clipped(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("few-output-levels", Severity.WARNING)
-def few_output_levels(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: levels."""
-    return f"{f.subject} has {f.data['levels']} values only, which show no dynamics; measure it with a finer sensor"
-
-
-@words("output-is-input", Severity.WARNING)
-def output_is_input(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input, factor."""
-    d = f.data
-    return f"{f.subject} is {d['factor']:.4g} times {d['input']} in every row: one signal twice; check the columns"
-
-
 @words("input-logged-slower", Severity.WARNING)
 def input_logged_slower(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: output, factor, dt (s)."""
@@ -41,3 +28,9 @@ def input_logged_slower(f: Finding, argument: Spelling) -> str:
         f"{f.subject} changes at every {ordinal(d['factor'])} row, and {d['output']} does not follow the rows between; "
         f"log both at one rate, or keep every {ordinal(d['factor'])} row with {argument('decimate')} {d['factor']}"
     )
+
+
+sentences("""
+few-output-levels warning: {subject} has {levels} values only, which show no dynamics; measure it with a finer sensor
+output-is-input warning: {subject} is {factor:.4g} times {input} in every row: one signal twice; check the columns
+""")

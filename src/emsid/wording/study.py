@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from emsid.findings import Finding
-from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.identification import of_program
 from emsid.wording.lists import listed
 
@@ -59,11 +59,6 @@ def best_model(f: Finding, argument: Spelling) -> str:
         f"{f.subject} ({d['parameters']} parameters) is the best model of the {d['study']}: its free run fits to "
         f"{d['fit_percent']:.1f} %{smaller}"
     )
-
-
-@words("study-survey-recorded")
-def survey_recorded(f: Finding, argument: Spelling) -> str:
-    return "The tables of other motors, inputs and records were recorded with the default settings"
 
 
 @words("study-many-inputs")
@@ -126,45 +121,11 @@ def excitation(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("study-even-terms")
-def even_terms(f: Finding, argument: Spelling) -> str:
-    """Data: studies (study, better, paper)."""
-    return (
-        f"The quadratic terms of {f.subject} are the same for u and −u, so they cannot describe a dead zone and "
-        "friction that are alike in both directions"
-    )
-
-
 @words("study-own-simulator", Severity.WARNING)
 def own_simulator(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject} ({f.data['study']}): noise-free, by the program's own simulator: a check of the estimator, not a "
         f"result. {', '.join(f.data['fixed'])} are fixed at their true values"
-    )
-
-
-@words("study-noise-free", Severity.WARNING)
-def noise_free(f: Finding, argument: Spelling) -> str:
-    return (
-        "The simulation study has no noise, and its physical models are the equations that made the data; compare the "
-        "models by the experiment study"
-    )
-
-
-@words("study-virtual-bench")
-def virtual_bench(f: Finding, argument: Spelling) -> str:
-    return (
-        "The experiment study used a virtual bench with noise, quantisation, delay and ripple that no model contains; "
-        f"give {argument('record')} and {argument('unseen')} for records of a real drive"
-    )
-
-
-@words("study-one-step")
-def one_step(f: Finding, argument: Spelling) -> str:
-    d = f.data
-    return (
-        f"One-step errors are small for almost any model: in the {d['study']} study, the free-run MSE of "
-        f"{f.subject} ({d['method']}) is {d['ratio']:,.0f} times its one-step MSE"
     )
 
 
@@ -179,16 +140,22 @@ def recursive_and_batch(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("study-rank-deficient", Severity.WARNING)
-def rank_deficient(f: Finding, argument: Spelling) -> str:
-    d = f.data
-    return (
-        f"{f.subject} ({d['study']}, {d['method']}): the data determine {d['rank']} combinations of the "
-        f"{d['parameters']} parameters, so not all of its estimates are meaningful"
-    )
-
-
 @words("study-model-failed", Severity.PROBLEM)
 def model_failed(f: Finding, argument: Spelling) -> str:
     more = of_program(argument) if f.data["internal"] else ""
     return f"{f.subject} could not be fitted in the {f.data['study']} study: {f.data['problem']}{more}"
+
+
+sentences("""
+study-survey-recorded info: The tables of other motors, inputs and records were recorded with the default settings
+study-even-terms info: The quadratic terms of {subject} are the same for u and −u, so they cannot describe a dead zone
+    and friction that are alike in both directions
+study-noise-free warning: The simulation study has no noise, and its physical models are the equations that made the
+    data; compare the models by the experiment study
+study-virtual-bench info: The experiment study used a virtual bench with noise, quantisation, delay and ripple that no
+    model contains; give {argument[record]} and {argument[unseen]} for records of a real drive
+study-one-step info: One-step errors are small for almost any model: in the {study} study, the free-run MSE of
+    {subject} ({method}) is {ratio:,.0f} times its one-step MSE
+study-rank-deficient warning: {subject} ({study}, {method}): the data determine {rank} combinations of the
+    {parameters} parameters, so not all of its estimates are meaningful
+""")

@@ -81,7 +81,12 @@ class Score:
         self._power = float(self._error @ self._error)
 
     def promise(
-        self, added: Sequence[Array], lower: Array | float = -np.inf, upper: Array | float = np.inf, least: float = 0.0
+        self,
+        added: Sequence[Array],
+        lower: Array | float = -np.inf,
+        upper: Array | float = np.inf,
+        least: float = 0.0,
+        most: float = 1.0,
     ) -> Promise:
         """What further parameters promise.
 
@@ -89,6 +94,7 @@ class Score:
             added: (Nᵢ, k) A of every stretch.
             lower, upper: (k,) bounds of their change from the neutral value.
             least: the share below which the chance is not computed, but one; one for never.
+            most: a chance above this may be given too small, but above this too.
         """
         effect = np.concatenate(added)
         none = Promise(0.0, np.zeros(effect.shape[1]), 1.0)
@@ -105,13 +111,21 @@ class Score:
         left = self._error + own @ step
         share = max(1.0 - float(left @ left) / self._power, 0.0)
         gain = schwarz_gain(1.0 - share, 1.0, len(left), basis.shape[1])
-        return Promise(share, step, self._chance(basis, left) if share > least else 1.0, gain)
+        return Promise(share, step, self._chance(basis, left, most) if share > least else 1.0, gain)
 
-    def _chance(self, basis: Array, left: Array) -> float:
+    def _chance(self, basis: Array, left: Array, most: float) -> float:
         """The probability that noise coloured like what is left promises as much."""
         found = basis.T @ self._error
         parts = np.split(basis, self._ends)
         errors = np.split(left, self._ends)
+        freedom = max(effective_samples(errors) - self._basis.shape[1] - len(found), 1.0)
+
+        def chance(covariance: Array) -> float:
+            return float(fdtrc(len(found), freedom, _ratio(found, covariance) / len(found)))
+
+        robust = chance(long_run_variance([part * error[:, None] for part, error in zip(parts, errors, strict=True)]))
+        if robust > most:
+            return robust
         stationary = np.zeros((len(found),) * 2)
         for channel in set(self._channels):
             here = [k for k, each in enumerate(self._channels) if each == channel]
@@ -119,10 +133,7 @@ class Score:
             for k in here:
                 through = noise.backwards(parts[k])
                 stationary += noise.variance * through.T @ through
-        robust = long_run_variance([part * error[:, None] for part, error in zip(parts, errors, strict=True)])
-        ratio = min(_ratio(found, each) for each in (stationary, np.asarray(robust)))
-        freedom = effective_samples(errors) - self._basis.shape[1] - len(found)
-        return float(fdtrc(len(found), max(freedom, 1.0), ratio / len(found)))
+        return max(robust, chance(stationary))
 
 
 def _ratio(found: Array, covariance: Array) -> float:

@@ -148,7 +148,7 @@ def _kept_promise(
 ) -> tuple[Move, Finding] | None:
     """The most promising move whose refit lowers the error, with its finding."""
     chance = CHANCE / max(len(moves), 1)
-    promises = [(score.promise(each.columns, each.lower, each.upper, NEGLIGIBLE), each) for each in moves]
+    promises = [(score.promise(each.columns, each.lower, each.upper, NEGLIGIBLE, chance), each) for each in moves]
     likely = [pair for pair in promises if pair[0].share > NEGLIGIBLE and pair[0].chance < chance]
     for promise, move in sorted(likely, key=lambda pair: -pair[0].share)[:TRIED]:
         with suppress(EmsidError):
@@ -186,7 +186,10 @@ def acting_alike(
     plant = problem.plant
     if not isinstance(plant, DrivenPlant) or not plant.is_one_mass or not names:
         return []
-    at, known = Situation(plant, tuple(names), task.segments, task.signals), {*task.fixed, *task.asked} - {*names}
+    at, known = (
+        Situation(plant, tuple(names), task.segments, task.signals, refitted=False),
+        {*task.fixed, *task.asked} - {*names},
+    )
     alike: dict[str, list[tuple[Addition, float]]] = {}
     with suppress(EmsidError, Stopped):
         slopes = np.concatenate([jacobian for _, jacobian in problem.exactly(problem.start)])[:, : len(names)]
@@ -240,7 +243,7 @@ def _moves(task: Task, problem: FreeRunError, names: Sequence[str]) -> Iterator[
         return
     held = held_names(task, plant, names)
     if isinstance(plant, DrivenPlant):
-        at = Situation(plant, tuple(names), task.segments, task.signals)
+        at = Situation(plant, tuple(names), task.segments, task.signals, refitted=False)
         for row in additions(at, (*task.fixed, *(name for name in task.asked if name not in names)), fixed=task.fixed):
             yield from _of(task, problem, "effect-missing", row.names, row) if row.scored else ()
     for name in held:

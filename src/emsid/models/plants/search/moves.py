@@ -125,12 +125,14 @@ class Situation:
         free: what is estimated.
         segments: the records.
         signals: of their outputs.
+        refitted: whether what can only be refitted, as it has no score, is wanted too.
     """
 
     plant: DrivenPlant
     free: tuple[str, ...]
     segments: Sequence[Record]
     signals: Sequence[Signal]
+    refitted: bool = True
 
     @cached_property
     def fast(self) -> float:
@@ -273,7 +275,7 @@ def cogging(at: Situation) -> Iterator[Addition]:
         return
     if period in at.free:
         yield Addition("cogging", at.plant, HARMONICS[1])
-    elif period in at.plant.handles and (Signal.POSITION in at.signals[:1] or len(at.segments) == 1):
+    elif at.refitted and period in at.plant.handles and (Signal.POSITION in at.signals[:1] or len(at.segments) == 1):
         found = wave(at.plant, at.segments, at.signals)
         if found is not None:
             values = dict(zip(HARMONICS[0], found[1], strict=True))

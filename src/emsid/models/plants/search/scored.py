@@ -41,7 +41,7 @@ def score_at(
     ]
     channels = [k % len(problem.signals) for k in range(len(residuals))]
     for columns, lower, upper in beside:
-        promise = Score(residuals, jacobians, channels).promise(columns, lower, upper)
+        promise = Score(residuals, jacobians, channels).promise(columns, lower, upper, least=1.0)
         residuals = [each + column @ promise.step for each, column in zip(residuals, columns, strict=True)]
         jacobians = [np.column_stack(each) for each in zip(jacobians, columns, strict=True)]
     return Score(residuals, jacobians, channels)

@@ -32,11 +32,12 @@ from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
-from emsid.models.plants.drive import Drive
+from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.servo import SERVO_STEPS, Servo
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.structures import arx, friction_narx, wiener_hammerstein_regression
 from emsid.plant import Friction, Motor, PowerFriction
@@ -194,6 +195,20 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
         ("own plant, band-limited input", replace(OWN, name="band-limited input", between="band-limited"), speed),
     ):  # fmt: skip
         yield name, GreyBox(plant, signals)
+
+
+def joints() -> Iterator[tuple[str, GreyBox]]:
+    """A servo, and a joint with backlash by torque and by target."""
+    motor = replace(Motor(), inductance=0.0).rigid()
+    servo = {"feed": Feed.POSITION, "servo": Servo(1.0, 0.01, 3.0), "steps": SERVO_STEPS}
+    alone = replace(motor, rotor_friction=Friction(0.02, 0.01, 2.0))
+    geared = replace(motor, load_inertia=1e-4, load_friction=Friction(0.002), load_viscous=1e-3)
+    for name, plant in (
+        ("servo", MotorPlant(alone, Drive(delay=0.3 * DT), gravity=Gravity(0.4, 0.3), **servo)),
+        ("backlash", MotorPlant(geared, Drive(delay=1.3 * DT), gravity=Gravity(0.02, 0.3), backlash=0.02)),
+        ("servo, backlash", MotorPlant(geared, gravity=Gravity(0.02, 0.3), backlash=0.02, **servo)),
+    ):
+        yield name, GreyBox(plant, (Signal.POSITION, Signal.SPEED))
 
 
 ALL: dict[str, Model] = {

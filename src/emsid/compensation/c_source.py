@@ -10,10 +10,10 @@ from math import isfinite
 
 from emsid.compensation.inverse import SERIES, Compensation
 from emsid.compensation.map_inverse import MapInverse
-from emsid.errors import ModelError
 from emsid.exports.c99 import helpers_of, macros_of, table
 from emsid.models.c_form import number
-from emsid.models.plants.c_form import LEVELS
+from emsid.models.c_source import INT, REAL, Text, Writer
+from emsid.plant.friction import of_forces
 
 POINTS = 513
 """Points of the table of an inverse map: 4 kB in single precision times two."""
@@ -65,7 +65,6 @@ static real direction(real middle)
 
 static real level(real speed, int side)
 {
-    const real *n = law + WIDTH_OF_LAW * side;
     return LEVEL;
 }
 
@@ -108,8 +107,6 @@ real NAME_feedforward(real speed, real following, real position)
 
 
 def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
-    if found.law not in LEVELS:
-        raise ModelError(f"the friction law of {found.name} has no form in C; identify it with Coulomb and Stribeck")
     inside, zone, friction = found.inside, found.zone, found.friction
     gain, offset, knee, beyond, supply, loss, *_ = found.outer.drive.tolist()
     forward, backward = friction.viscous.tolist()
@@ -130,14 +127,17 @@ def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
     bent = f"    volts = {inner} + (volts - {inner}) / {number(beyond)};\n" if isfinite(knee) else ""
     code = CODE.replace("DIRECTION", _jump("middle", found.speed_width, "return {};"))
     code = code.replace("JUMP", _jump("wanted", found.zone_width, "const real jump = {};"))
-    code = code.replace("WIDTH_OF_LAW", str(friction.numbers.shape[1])).replace("LEVEL", LEVELS[found.law])
+    writer = Writer()
+    code = code.replace(
+        "LEVEL", writer.call(of_forces(found.law), Text(REAL, "speed"), friction.numbers, Text(INT, "side"), 0.0, 0.0)
+    )
     # C99 wants declarations before the statements that use them; the position enters the force after it is known.
     code = code.replace("    real force =", f"{at if waves else ''}    real force =").replace("WAVES", waves or at)
     code = code.replace("KNEE", bent).replace("NAME", name)
     limit = [f"The drive gives at most {supply:.6g}; the command is not limited here."] if isfinite(supply) else []
     rule = "At standstill friction has the direction of the next reference speed; a reference that stays has none."
-    law = table("law", friction.numbers.ravel())
-    return f"{defines}\n{law}\n{code}", PLANT.replace("NAME", name), [rule, *limit]
+    law = "".join(table(each, values) for each, values in writer.tables.items())
+    return f"{defines}\n{law}\n{writer.functions}\n{code}", PLANT.replace("NAME", name), [rule, *limit]
 
 
 def _jump(x: str, width: float, statement: str) -> str:

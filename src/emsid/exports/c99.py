@@ -18,10 +18,30 @@ from emsid.exports.recursive import recursive
 from emsid.models.c_form import CForm, number
 from emsid.models.c_forms import c_form_of
 
-FUNCTIONS = ("exp", "expm1", "fabs", "floor", "log1p", "sin", "cos", "tanh")
+FUNCTIONS = (
+    "exp",
+    "expm1",
+    "fabs",
+    "floor",
+    "log1p",
+    "sin",
+    "cos",
+    "tanh",
+    "sqrt",
+    "pow",
+    "log",
+    "ceil",
+    "atan",
+    "atanh",
+)
 HELPERS = {
     "sign_of": "static real sign_of(real x)\n{\n    return (real)((x > K(0.0)) - (x < K(0.0)));\n}\n",
     "above": "static real above(real x)\n{\n    return x > K(0.0) ? x : K(0.0);\n}\n",
+    **{
+        f"{name}_{kind}": f"static {kind} {name}_{kind}({kind} a, {kind} b)\n{{\n    return b {sign} a ? b : a;\n}}\n"
+        for name, sign in (("min", "<"), ("max", ">"))
+        for kind in ("real", "int")
+    },
 }
 """Functions that are written where they are used."""
 SMALL = {
@@ -39,6 +59,7 @@ static real small_log1p(real x)
     return all > K(1.0) || all < K(1.0) ? (real)log(all) * x / (all - K(1.0)) : x;
 }
 """,
+    "atanh": "static real small_atanh(real x)\n{\n    return (real)log((K(1.0) + x) / (K(1.0) - x)) / K(2.0);\n}\n",
 }
 """Functions that the C library of AVR does not have, by Kahan's formulas, whose errors of rounding cancel."""
 WIDTH = 100
@@ -54,8 +75,8 @@ def c99(export: Export) -> tuple[Files, list[str]]:
     """
     if export.dt is None:
         raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
-    form = c_form_of(export.model, dt=export.dt)
     single = switched(export, "single")
+    form = c_form_of(export.model, dt=export.dt, single=single)
     latency = int(export.model.latency)
     files: Files = {
         f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),

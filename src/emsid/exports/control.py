@@ -14,7 +14,6 @@ import numpy as np
 
 from emsid.errors import ModelError, listed
 from emsid.exports.formats import Export, Files
-from emsid.models.blocks.filters import Rational
 from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
 from emsid.models.starting import start
@@ -56,7 +55,7 @@ def control(export: Export) -> tuple[Files, list[str]]:
 def lost(model: Any) -> list[str]:
     """Sentences on what is not in the linear part."""
     blocks = getattr(model, "blocks", ())
-    maps = [str(k) for k, block in enumerate(blocks, start=1) if not isinstance(block, Rational)]
+    maps = [str(k) for k, block in enumerate(blocks, start=1) if not hasattr(block, "transfer")]
     if maps:
         return [f"Static maps, block {listed(maps)} of {len(blocks)}, are not carried."]
     if blocks or (not hasattr(model, "plant") and getattr(model, "is_linear", True)):

@@ -14,6 +14,8 @@ from emsid.compiled import njit
 Array = NDArray[np.float64]
 
 _kernel = njit(nogil=True, error_model="numpy", fastmath={"contract"})
+_FINEST = 1e-13  # of an interval, the shortest that is halved
+_ROUNDING = 1e-16  # of half an interval, where a zero in it is known
 
 
 @_kernel
@@ -88,7 +90,7 @@ def first_zero(p: Array, end: float, c: Array) -> float:
             if n > 1 and abs(c[1]) > bend:
                 if polynomial_value(c[:n], r) <= 0.0:
                     return min(a + r + _zero_within(c[:n], r), end)
-            elif width > 1e-13 * end:
+            elif width > _FINEST * end:
                 width = r
                 continue
             elif c[0] <= 0.0:
@@ -114,7 +116,7 @@ def _zero_within(c: Array, r: float) -> float:
         guess = t - value / slope if slope != 0.0 else low
         if not low < guess < high:
             guess = 0.5 * (low + high)
-        if abs(guess - t) <= 1e-16 * r:
+        if abs(guess - t) <= _ROUNDING * r:
             return guess
         t = guess
     return t

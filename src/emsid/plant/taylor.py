@@ -66,6 +66,7 @@ _kernel = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 _SLACK = 1e-12  # relative; a thousand times the rounding of a sum of torques
+_SETTLED = 1e-10  # relative error of speed up to which series and polynomials agree
 _ROUNDS = 12  # of series and polynomials in turns, which take four to six; a shorter step then converges
 _BEYOND = 1.0 + 1e-9  # of the time at which a body comes to rest, so that a step has it
 _SHORTEST = 1e-9  # of a sample; a step beside a jump of a force
@@ -301,7 +302,7 @@ def _settle(
     """
     degree = min(DEGREE, s.shape[1] - 2)
     s[LEVEL:MARGIN] = 0.0
-    settled = min(tolerance, 1e-10)
+    settled = min(tolerance, _SETTLED)
     values = np.empty((degree + 1, CURVED))
     while True:
         changed = np.inf

@@ -44,7 +44,7 @@ class OfCascades(Capabilities[Cascade]):
     def stepper(self, model: Cascade, state: Any, inputs: int) -> Stepper:
         return CascadeStepper.of(model, state)
 
-    def c_form(self, stepper: Any) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
         return c_form(stepper)
 
     def linear_part(self, model: Cascade, at: float) -> LinearSystem:

@@ -41,7 +41,7 @@ class OfFeedbackModels(Capabilities[FeedbackModel]):
     def stepper(self, model: FeedbackModel, state: Any, inputs: int) -> Stepper:
         return FeedbackStepper.of(model, state)
 
-    def c_form(self, stepper: Any) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
         return c_form(stepper)
 
     def linear_part(self, model: FeedbackModel, at: float) -> LinearSystem:

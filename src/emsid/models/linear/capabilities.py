@@ -39,7 +39,7 @@ class OfLinearModels(Capabilities[L]):
     def stepper(self, model: L, state: Any, inputs: int) -> Stepper:
         return LinearStepper(model, state)
 
-    def c_form(self, stepper: Any) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
         return c_form(stepper)
 
     def frequency_response(self, model: L, f: Array, dt: float, output: int, input: int, around: float) -> Complex:

@@ -21,11 +21,11 @@ from emsid.models.capabilities import Capabilities
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve, Quantity
 from emsid.models.linear.system import LinearSystem
+from emsid.models.plants.c_form import c_form
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, elsewhere, threads_for
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.motor_c_form import c_form
 from emsid.models.plants.search.characteristics import of_plant
 from emsid.models.plants.search.diagnostics import Curve, dead_zone_curve, friction_curve
 from emsid.models.plants.search.estimation import simulation_error
@@ -60,8 +60,8 @@ class OfPlants(Capabilities[GreyBox]):
     def stepper(self, model: GreyBox, state: Any, inputs: int) -> Stepper:
         return PlantStepper.of(model, state, inputs)
 
-    def c_form(self, stepper: Any) -> CForm:
-        return c_form(stepper)
+    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
+        return c_form(stepper, single=single)
 
     def linear_part(self, model: GreyBox, at: float) -> LinearSystem:
         """In motion, without friction that is constant."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, remainder, tau
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Acting
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.one_mass import OneMass, Sliding, compiled_with_law, move, one_of
+from emsid.models.plants.state import NO_LOAD
 from emsid.plant.friction import Friction
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_NO_LOAD = NO_LOAD
 IMPACTS = 8
 """Impacts and separations within one step; with more, motor and load stay together until its end."""
 BISECTIONS = 50
@@ -100,6 +102,43 @@ def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: A
     return speeds, angles, after
 
 
+class Apart(NamedTuple):
+    """What is between the drive and motor and load of a joint, as numbers; bodies are those of `_bodies`.
+
+    Attributes:
+        zone, before, after, braking, per_ampere, lag, drop: see `emsid.models.plants.sampling.Inside`.
+        masses: (4,) in kg·m².
+        shares, offsets: (4,) the force on a body is a share of that of the drive, and an offset.
+        half: β on the side of the motor.
+    """
+
+    zone: Array
+    before: float
+    after: float
+    braking: float
+    per_ampere: float
+    lag: float
+    drop: float
+    masses: Array
+    shares: Array
+    offsets: Array
+    half: float
+
+
+def apart(plant: Any, inside: Any) -> tuple[Apart, Sliding]:
+    """The numbers of a joint with backlash, and the friction on its bodies.
+
+    Args:
+        plant: the joint.
+        inside: what is between the drive and both bodies together.
+    """
+    ends = [_bodies(plant, np.full(1, level), np.full(1, level)) for level in (0.0, 1.0)]
+    zero, one = (np.array([float(body.force[0]) for body in bodies]) for bodies in ends)
+    masses, friction = np.array([body.mass for body in ends[0]]), Sliding.of_all([body.friction for body in ends[0]])
+    drive = inside.zone, inside.before, inside.after, inside.braking, inside.per_ampere, 0.0, inside.drop
+    return Apart(*drive, masses, one - zero, zero, _half(plant)), friction
+
+
 def _half(plant: Any) -> float:
     """β on the side of the motor."""
     return float(0.5 * plant.backlash * abs(plant.sensor.ratio))
@@ -142,6 +181,19 @@ def _moved_alone(
 
 
 @njit(nogil=True, error_model="numpy")
+def advance_apart(
+    inside: Apart, friction: Sliding, dt: float, late: float, steps: int, work: Array, motion: Array
+) -> None:
+    """Move motor and load over a time; see `emsid.models.plants.sampling.advance`, but for ``motion`` (5,)."""
+    force, drag = np.empty((4, 2)), np.empty((4, 2))
+    for body in range(4):
+        for k in range(2):
+            force[body, k] = inside.shares[body] * work[0, k] + inside.offsets[body]
+            drag[body, k] = inside.shares[body] * work[1, k]
+    _across(inside.masses, friction, force, drag, _NO_LOAD, dt, late, steps, inside.half, motion, work[2], work[3])
+
+
+@njit(nogil=True, error_model="numpy")
 def _across(
     mass: Array,
     friction: Sliding,
@@ -174,7 +226,10 @@ def _across(
                     w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, left, (w, z))
                     apart = x1 - z1
                     if side != 0.0 and (side * apart >= half * (1.0 - TOUCHING) or event == IMPACTS):
-                        v, x = _moved_alone(2 if side > 0.0 else 3, mass, friction, pull, drag, more, left, (v, x))
+                        if side > 0.0:
+                            v, x = _moved_alone(2, mass, friction, pull, drag, more, left, (v, x))
+                        else:
+                            v, x = _moved_alone(3, mass, friction, pull, drag, more, left, (v, x))
                         w, z = v, x - side * half
                         break
                     side = 0.0

@@ -26,7 +26,7 @@ from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, w
 from emsid.models.plants.drive import Acting, Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.gravity import CONSTANTS, Gravity
-from emsid.models.plants.lost_motion import begun, check_gap, first_gap, moved_apart
+from emsid.models.plants.lost_motion import apart, begun, check_gap, first_gap, moved_apart
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import RADIUS, USUAL_RADIUS, ZONES, feed_in, motor_channels, motor_handles
 from emsid.models.plants.motor_motion import MotorMotion, check_conducting, in_steady_state, two_masses, without_shaft
@@ -34,7 +34,7 @@ from emsid.models.plants.motor_start import at_motor, by_torque, check_one_mass,
 from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sampler, Sizes, StaticCharacteristic, plausible
-from emsid.models.plants.sampling import Inside, LaggingSampler, MotorSampler, OneMassSampler, Outer
+from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
 from emsid.models.plants.state import PlantState
@@ -303,20 +303,22 @@ class MotorPlant(DrivenPlant):
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
     def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
-        """See `Plant.sampler`; None with a load among the inputs, a servo, or a sensor behind backlash."""
-        if self.drive.loaded or self.follows or self.sensor.backlash or self.backlash:
+        """See `Plant.sampler`; None with a load among the inputs, or a sensor behind backlash."""
+        if self.drive.loaded or self.sensor.backlash:
             return None
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
-        if not self.is_one_mass:
+        if not (self.is_one_mass or self.backlash):
             return MotorSampler(outer, *self._general, state)
         volts, k = self.feed is Feed.VOLTAGE, motor.motor_constant
         slope = k / motor.resistance
         before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
         zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
         mass = self._sliding(np.zeros(1), np.zeros(1))
-        numbers = (before, after, slope * k if volts else 0.0, 0.0, self.load_torque, mass.mass, k, mass.lag)
-        one_mass = (outer, Inside(zone, *map(float, numbers)), mass.law, mass.friction, self.steps, state)
-        return LaggingSampler(*one_mass, self._general) if mass.lag else OneMassSampler(*one_mass)
+        load = 0.0 if self.follows else self.load_torque  # a servo has it after its controller
+        numbers = (before, after, slope * k if volts else 0.0, 0.0, load, mass.mass, k, mass.lag, self._force_dropped)
+        inside = Inside(zone, *map(float, numbers))
+        both = apart(self, inside) if self.backlash else (inside, mass.friction)
+        return OneMassSampler(outer, both[0], mass.law, both[1], self.steps, state)
 
     def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""

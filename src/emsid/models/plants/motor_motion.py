@@ -21,6 +21,9 @@ LONG_STEPS = Taylor(order=20, most_steps=200)
 
 A motor that needs more steps is refused, so that a search stays clear of it.
 """
+SHORT_STEPS = Taylor(order=8, tolerance=1e-6)
+"""In single precision, in which terms of order 20 overflow: through stops and reversals the free run of motors is then
+within 4·10⁻⁶ of its deviation, measured."""
 STIFFEST = 60.0
 """The fastest motion of a shaft in radians per sample; a stiffer or more damped shaft is simulated as rigid."""
 

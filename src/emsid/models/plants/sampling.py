@@ -11,15 +11,16 @@ the tests hold them to the same numbers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.compiled import njit
+from emsid.compiled import njit, with_functions
 from emsid.errors import ModelError
 from emsid.models.plants.drive import FULL, GAUSS, PIECES, Bridge, Drive
-from emsid.models.plants.motor_motion import LONG_STEPS, is_stiff
+from emsid.models.plants.lost_motion import Apart, advance_apart
+from emsid.models.plants.motor_motion import LONG_STEPS, SHORT_STEPS, is_stiff
 from emsid.models.plants.one_mass import Sliding, compiled_with_law, dropped, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
@@ -100,6 +101,7 @@ class Inside(NamedTuple):
         mass: in kg or kg·m².
         per_ampere: force per ampere, for a current.
         lag: the time constant in s with which the force of the drive follows.
+        drop: the force that a voltage drop takes from that of the drive.
     """
 
     zone: Array
@@ -111,6 +113,7 @@ class Inside(NamedTuple):
     mass: float
     per_ampere: float
     lag: float
+    drop: float = 0.0
 
     @staticmethod
     def numbers_of(zone: DeadZoneLaw | None) -> Array:
@@ -135,6 +138,21 @@ class _DrivenSampler:
         return self._rows.copy(), self._motion.copy(), self._sensed.copy(), self._count.copy()
 
     @property
+    def _named(self) -> tuple[tuple[str, NDArray[Any]], ...]:
+        """The arrays of the state by name, as the kernels take them."""
+        rows, motion, sensed, begun = self.arrays
+        return ("rows", rows), ("motion", motion), ("sensed", sensed), ("begun", begun)
+
+    def _check_conducting(self) -> None:
+        """Refuse a bridge that may coast.
+
+        Raises:
+            ModelError: for such a bridge.
+        """
+        if len(self._outer.codes) or self._outer.drive[7] > 0:
+            raise ModelError("a motor with codes among its commands or a bridge that coasts has no form in C")
+
+    @property
     def state(self) -> PlantState:
         """The present state."""
         kept = self._rows[1:].copy()
@@ -144,30 +162,35 @@ class _DrivenSampler:
 
 
 class OneMassSampler(_DrivenSampler):
-    """One mass between two samples."""
-
-    of_one_mass: ClassVar[bool] = True
-    """Whether its numbers are those of a friction law on one mass, which can be inverted and written elsewhere."""
+    """One mass between two samples, or motor and load of a joint with backlash."""
 
     __slots__ = ("_arrays", "_inside", "_law", "_level", "_steps")
 
     def __init__(
-        self, outer: Outer, inside: Inside, law: Level, friction: Sliding, steps: int, state: PlantState
+        self, outer: Outer, inside: Inside | Apart, law: Level, friction: Sliding, steps: int, state: PlantState
     ) -> None:
         """
         Args:
             outer: drive and sensor.
-            inside: between them and the mass.
+            inside: between them and the mass, or the masses.
             law: the friction law.
             friction: its parameters.
             steps: steps per sample for a law that varies.
             state: where it begins.
         """
         super().__init__(outer, state)
-        self._kernel = compiled_with_law(law, one_mass_sample)
+        if isinstance(inside, Apart):
+            self._kernel = with_functions(one_mass_sample, advance=compiled_with_law(law, advance_apart))
+        else:
+            self._kernel = compiled_with_law(law, one_mass_sample)
         self._level, self._inside, self._law = law, inside, friction
-        self._steps = steps if friction.varies.any() else 1
+        self._steps = steps if friction.varies.any() or not self.of_one_mass else 1
         self._arrays = np.empty((6, 2))
+
+    @property
+    def of_one_mass(self) -> bool:
+        """Whether its numbers are those of a friction law on one mass, which can be inverted and written elsewhere."""
+        return not (self._law.servo.size or self._inside.lag or isinstance(self._inside, Apart))
 
     def advance(self, u: Array, y: Array) -> None:
         """Write the outputs (ny,) for inputs (nu,), and change the state."""
@@ -187,41 +210,23 @@ class OneMassSampler(_DrivenSampler):
         if self._count[0] < 0:
             raise ModelError(UNMOVED)
 
+    def written(
+        self, single: bool
+    ) -> tuple[Any, tuple[Any, ...], tuple[int, ...], tuple[tuple[str, NDArray[Any]], ...]]:
+        """The kernel, the numbers that it takes first, the shape of its work array, and the state by name.
+
+        Raises:
+            ModelError: for a motor with inductance, whose bridge coasts or has codes among its commands.
+        """
+        if self._inside.lag:
+            self._check_conducting()
+        numbers = self._outer, self._inside, self._law, self._steps
+        return self._kernel, numbers, self._arrays.shape, self._named
+
     @property
-    def numbers(self) -> tuple[Outer, Inside, Sliding, int, Level]:
+    def numbers(self) -> tuple[Outer, Inside | Apart, Sliding, int, Level]:
         """Drive and sensor, what is between them, the friction, steps per sample, and the friction law."""
         return self._outer, self._inside, self._law, self._steps, self._level
-
-
-class LaggingSampler(OneMassSampler):
-    """One mass between two samples, of a motor with an inductance."""
-
-    of_one_mass: ClassVar[bool] = False
-    __slots__ = ("_general",)
-
-    def __init__(
-        self,
-        outer: Outer,
-        inside: Inside,
-        law: Level,
-        friction: Sliding,
-        steps: int,
-        state: PlantState,
-        general: tuple[Motor, float, Extra],
-    ) -> None:
-        """
-        Args:
-            outer, inside, law, friction, steps, state: as of `OneMassSampler`.
-            general: motor, load and what else acts on it, as of `MotorSampler`.
-        """
-        super().__init__(outer, inside, law, friction, steps, state)
-        self._general = general
-
-    def as_motor(self) -> MotorSampler:
-        """The same as a motor whose state is current, speeds, twist and angle."""
-        state, (speed, angle, made) = self.state, self._motion
-        motion = np.array([made / self._inside.per_ampere, speed, speed, 0.0, angle])
-        return MotorSampler(self._outer, *self._general, state._replace(motion=motion))
 
 
 UNMOVED = (
@@ -280,6 +285,20 @@ class MotorSampler(_DrivenSampler):
         )
         if self._count[0] < 0:
             raise ModelError(UNMOVED)
+
+    def written(
+        self, single: bool
+    ) -> tuple[Any, tuple[Any, ...], tuple[int, ...], tuple[tuple[str, NDArray[Any]], ...]]:
+        """See `OneMassSampler.written`.
+
+        Raises:
+            ModelError: for a bridge that coasts or codes among the commands.
+        """
+        self._check_conducting()
+        numbers = self._constants.copy()
+        if single:
+            numbers[5], numbers[6] = SHORT_STEPS.order, SHORT_STEPS.tolerance
+        return self._kernel, (self._outer, numbers), (), self._named
 
     @property
     def numbers(self) -> tuple[Outer, Constants, Array, list[Level]]:
@@ -370,9 +389,28 @@ def _sense(outer: Outer, value: float, mean_of: bool, position: float, kept: Arr
 
 
 @_kernel
+def advance(inside: Inside, friction: Sliding, dt: float, late: float, steps: int, work: Array, motion: Array) -> None:
+    """Move one mass over a time ``dt``; `emsid.models.plants.lost_motion.advance_apart` takes its place for two.
+
+    Args:
+        inside: what is between the drive and the mass.
+        friction, steps: as for `move`.
+        dt, late: the time in s, and the part of it in which the earlier output of the drive still acts.
+        work: (6, 2) in its first rows the earlier and the later force of the drive, and what it brakes per speed.
+        motion: (2,) speed and position, or (3,) with the force of a drive that lags.
+    """
+    for k in range(2):
+        work[0, k] -= inside.load
+        work[1, k] += inside.viscous
+    there = work[2], work[3], work[4]
+    move(inside.mass, friction, work[0], work[1], _NO_LOAD, dt, late, steps, inside.lag, motion, *there)
+    _keep(motion, *there)
+
+
+@_kernel
 def one_mass_sample(
     outer: Outer,
-    inside: Inside,
+    inside: Any,
     friction: Sliding,
     steps: int,
     rows: Array,
@@ -383,13 +421,13 @@ def one_mass_sample(
     u: Array,
     y: Array,
 ) -> None:
-    """Write the outputs (ny,) of one mass for inputs (nu,), and change the arrays of its state.
+    """Write the outputs (ny,) of a plant for inputs (nu,), and change the arrays of its state.
 
     Args:
         outer, inside: drive and sensor, and what is between them and the mass.
-        friction, steps: as for `move`.
+        friction, steps: as for `advance`.
         rows: (w + 2, 2) delayed outputs of the drive.
-        motion: (2,) speed and position, or (3,) with the force of a drive that lags.
+        motion: speed and position first; see `advance`.
         sensed: (ny, 2) the state of the sensor.
         count: (1,) whether a sample has been simulated; −1 where a bridge coasts beside an inductance.
         work: (6, 2) work array.
@@ -397,9 +435,8 @@ def one_mass_sample(
     """
     _put(outer, u, rows)
     dt, late, zero = outer.timing[0], outer.timing[1], outer.timing[2]
-    force, drag, speeds, positions, made_there, lag = work[0], work[1], work[2], work[3], work[4], inside.lag
-    there = speeds, positions, made_there
-    if lag > 0.0 and (rows[0, 1] != 1.0 or rows[1, 1] != 1.0):
+    force, drag = work[0], work[1]
+    if inside.lag > 0.0 and (rows[0, 1] != 1.0 or rows[1, 1] != 1.0):
         count[0] = -1
         return
     if outer.straight:
@@ -407,10 +444,9 @@ def one_mass_sample(
             for piece in range(_PIECES):
                 at = zero - 1.0 + (piece + 0.5) / _PIECES
                 volts = _zoned(inside.zone, inside.before * _read(rows, at, 0))
-                force[:] = inside.after * volts - inside.load
-                drag[:] = inside.braking * _read(rows, at, 1) + inside.viscous
-                move(inside.mass, friction, force, drag, _NO_LOAD, dt / _PIECES, 0.0, steps, lag, motion, *there)
-                _keep(motion, *there)
+                force[:] = inside.after * volts
+                drag[:] = inside.braking * _read(rows, at, 1)
+                advance(inside, friction, dt / _PIECES, 0.0, steps, work, motion)
         pull = inside.after * _zoned(inside.zone, inside.before * _read(rows, zero, 0))
         brake = inside.braking * _read(rows, zero, 1)
     else:
@@ -422,17 +458,13 @@ def one_mass_sample(
     for k in range(len(outer.signals)):
         what = outer.signals[k]
         if what == _CURRENT:
-            made = motion[2] if lag > 0.0 else pull - brake * motion[0]
-            y[k] = (made - dropped(made, friction.drop)) / inside.per_ampere
+            made = motion[2] if inside.lag > 0.0 else pull - brake * motion[0]
+            y[k] = (made - dropped(made, inside.drop)) / inside.per_ampere
         else:
             value = motion[1] if what == _POSITION else motion[0]
             y[k] = _sense(outer, value, what != _POSITION, motion[1], sensed[k])
     if not outer.straight:
-        for k in range(2):
-            force[k] -= inside.load
-            drag[k] += inside.viscous
-        move(inside.mass, friction, force, drag, _NO_LOAD, dt, late, steps, lag, motion, *there)
-        _keep(motion, *there)
+        advance(inside, friction, dt, late, steps, work, motion)
     count[0] = 1
 
 
@@ -452,14 +484,14 @@ def _move_motor(flat: Array, volts: Array, holds: Array, pieces: int, motion: Ar
         flat: the dead zone of the motor; load torque, order, tolerance, longest step, budget of steps and whether rotor
             and load begin together; and the constants of the motor.
         volts, holds: (≥ pieces,) voltages and durations.
-        pieces: how many.
+        pieces: how many, at most `PIECES`.
         motion: (5,) the state of `emsid.plant.State`, which is changed.
     """
     zone, method, m = flat[:4], flat[4:10], from_flat(flat[10:])
-    armature, torques = np.empty(pieces), np.full(pieces, method[0])
+    armature, torques = np.empty(_PIECES), np.full(_PIECES, method[0])
     for k in range(pieces):
         armature[k] = _zoned(zone, volts[k])
-    states = np.empty((pieces + 1, 5))
+    states = np.empty((_PIECES + 1, 5))
     for k in range(5):
         states[0, k] = motion[k]
     if method[5] > 0.0:

@@ -52,7 +52,7 @@ class OfRegressions(Capabilities[Narx]):
     def stepper(self, model: Narx, state: Any, inputs: int) -> Stepper:
         return RegressionStepper(model, state)
 
-    def c_form(self, stepper: Any) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
         return c_form(stepper)
 
     def linear_part(self, model: Narx, at: float) -> LinearSystem:

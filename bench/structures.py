@@ -20,7 +20,6 @@ from rich.table import Table
 import emsid
 from arguments import numbers, parser_of
 from emsid.first_look.data_advice import advice
-from emsid.first_look.dynamics import response
 from emsid.validation.metrics import fit_percent
 
 HOME = Path(__file__).resolve().parents[1]
@@ -55,8 +54,7 @@ def verdict(motor: Known) -> Verdict:
     """What the program finds of a motor."""
     begin = time.process_time()
     record = motor.record
-    shape = response(record.input[:, 0], record.output[:, 0], record.breaks)
-    said = {finding.code for finding in advice(record, shape)}
+    said = {finding.code for finding in advice(record)}
     poles, fit = 0, float("nan")
     if motor.linear:
         model = emsid.identify(record, models="output-error").fits[0].model

@@ -32,7 +32,7 @@ def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
     rng = np.random.default_rng(2)
     look = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}))
     assert data(look, "position-differentiated") == {"input": "u"}
-    assert (look.reading["output"], look.response.delay) == ("d(y)", 1)
+    assert (look.reading["output"], look.response.delay) == ("d(y)", 0)  # the difference of the rows beside
     named = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}), output="y")
     assert (named.reading["output"], "position-differentiated" in codes(named)) == ("y", False)
     unrelated = describe(write({"t": T, "u": U, "y": rng.standard_normal(N)}))

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.first_look import describe
-from emsid.first_look.data_advice import response_of
+from emsid.first_look.examined import response_of
 from emsid.first_look.responses import SEEN, answers, same_motion
 from emsid.identification.unstable import unstable_pole
 

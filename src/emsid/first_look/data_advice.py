@@ -20,15 +20,12 @@ from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
 from emsid.excitation.duty import full_duty
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
-from emsid.first_look.baseline import baseline, middle
-from emsid.first_look.dynamics import Response, acts_in_its_own_row, correlation, feedback, response
-from emsid.first_look.examined import Examined, is_position, units_of
+from emsid.first_look.dynamics import acts_in_its_own_row, correlation, feedback
+from emsid.first_look.examined import Examined, Response, is_position, response_of, units_of
 from emsid.first_look.hanging import hangs
-from emsid.first_look.levels import CHANCE, EXPLAINS, FEWEST_SAMPLES, LAGS, MOST, PART, SAMPLES, UNSURE
+from emsid.first_look.levels import CHANCE, FEWEST_SAMPLES, MOST, PART, UNSURE
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
-from emsid.first_look.outliers import without_outliers
-from emsid.first_look.responses import SEEN, answers
 from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
 from emsid.first_look.step_response import step_response
 from emsid.record import Record
@@ -148,10 +145,9 @@ def answer(data: Examined) -> Iterable[Finding]:
     without_sign = list(_without_sign(data))
     yield from without_sign
     response, dt = data.response, data.record.dt
-    at_once = response.sign if (response.delay or 0) <= 1 else None  # a part of the response may be within a sample
     period = period_of(data.u)
     open_loop = repeats([data.u]) or period is not None  # a controller passes noise on, which never repeats
-    back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, at_once)
+    back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, response.sign)
     if back > PART:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
@@ -197,7 +193,7 @@ def _without_sign(data: Examined) -> Iterable[Finding]:
     if min(positive, negative) < 0.1 or (low < -0.03 * high and high > -0.03 * low):
         return
     signed, unsigned = (abs(correlation(u, data.y, data.record.breaks, 0)) for u in (data.u, np.abs(data.u)))
-    if signed < 0.3 or unsigned > signed or (data.response.delay is None and returns_to_zero(data.y)):
+    if signed < 0.3 or unsigned > signed or returns_to_zero(data.y):
         yield Finding("output-without-sign", data.output, {"input": data.input, "confidence": 0.5})
 
 
@@ -234,7 +230,8 @@ def _is_noise(data: Examined) -> bool:
     pieces = np.split(data.y - data.y.mean(), list(data.record.breaks))
     test = whiteness(pieces, 0)
     white = test is not None and test.p_value >= CHANCE
-    return white and response(np.abs(data.u), data.y, data.record.breaks).delay is None
+    size = response_of(replace(data.record, input=np.abs(data.record.input))) if white else None
+    return white and (size is None or size.delay is None)
 
 
 def drift(data: Examined) -> Iterable[Finding]:
@@ -290,54 +287,6 @@ QUESTIONABLE = frozenset(
     }
 )
 """What a user of a model must know about the data that it was identified from."""
-
-
-def response_of(record: Record, *, integrates: bool = False) -> Response | None:
-    """How the first output answers the first input; None where too little changes, or is too large to compute with.
-
-    Args:
-        record: with an output.
-        integrates: whether that is a position, even if its name and unit do not say so.
-    """
-    if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
-        return None
-    if any(each.code == "channel-out-of-scale" for each in useless(record)):
-        return None
-    clean = without_outliers(record)
-    found = response(clean.input[:, 0], clean.output[:, 0], record.breaks, integrates or is_position(record))
-    return _as_modelled(_as_simulated(found, clean), middle(clean, SAMPLES))
-
-
-def _as_simulated(found: Response, record: Record) -> Response:
-    """A response with the sign of the simulated one that explains the output best, of both signs, if one does.
-
-    A correlation has the wrong sign in a closed loop, and at a delay of half a period. A periodic input shows neither
-    delay nor sign alone: of the delays that explain the output as well, the shortest one is taken.
-    """
-    table = np.column_stack([record.input[:, 0], record.output[:, 0]])
-    answer = answers(table, [0, *record.breaks], [0]).get((0, 1))
-    if answer is None or answer.evidence < SEEN:
-        return found
-    sign = 0 if answer.ambiguous else answer.sign
-    shorter = answer.periodic and found.delay is not None and answer.delay < found.delay
-    return replace(found, sign=sign, delay=answer.delay if shorter else found.delay)
-
-
-def _as_modelled(found: Response, record: Record) -> Response:
-    """A response as a linear model shows it, where that explains the output.
-
-    A correlation shows the sign at the frequencies of the input, and none where oscillations decay slowly. Where the
-    two disagree and the model explains little, or the input does not tell one model from another, the sign is open.
-    A model that integrates shows a position, which answers by its change.
-    """
-    linear = baseline(record, found.delay) if np.ptp(record.input[:, 0]) else None
-    if linear is None or linear.fit < EXPLAINS or linear.time_constant > max(map(len, record.segments)):
-        return found
-    sure = persistent_excitation_order(record) >= 2 * LAGS
-    sign = linear.sign if sure or linear.sign == found.sign else 0
-    sign = 0 if linear.oscillates_below(record.input[:, 0]) else sign
-    delay = linear.delay if found.delay is None else min(found.delay, linear.delay) if sure else found.delay
-    return replace(found, delay=delay, sign=sign, correlation=max(abs(found.correlation), linear.fit))
 
 
 def advice_by_code(record: Record) -> dict[str, Finding]:

@@ -1,82 +1,24 @@
-"""How one signal follows another: influence, delay, sign.
-
-A signal u *influences* y if past values of u improve the one-step prediction of y from its own past (Granger, 1969).
-The delay is the first lag at which the prewhitened input is correlated with the output, filtered in the same way
-(Ljung, sec. 6.1). Where that is not clear and the input changes in steps, the delay is read from the steps, as an
-engineer does: the time until the output leaves its band before the step. Otherwise means over several samples are
-correlated. The delay has no upper limit but the length of the record.
-
-References:
-    Granger, C. W. J. (1969). Investigating causal relations by econometric models. Econometrica 37(3), 424–438.
-    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., section 6.1.
-"""
+"""How an input is related to an output besides its response: in the same row, by a controller, and by correlation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.linear.filtering import filtered
-from emsid.estimation.rounding import runs
-from emsid.first_look.levels import CLEAR, LAGS, PART, SAME, SAMPLES
-from emsid.validation.correlation import cross_correlation
+from emsid.first_look.levels import CLEAR, LAGS, PART, SAMPLES
 
 Array = NDArray[np.float64]
 
-WHITENING, LONGEST_FILTER = 10, 100
-"""Coefficients of the filter that whitens an input: for one that changes at every sample, and for one that is held. An
-input that is held for the first number of samples on average changes in steps."""
 LARGEST_STEP = 20.0
 """An input is held, with noise or without, where its largest step is larger than the median by this factor."""
 ROUNDS = 5
 """Of a prediction without the steps of a signal; from the second on it changes little."""
 UNDONE = 0.5
 """Two values undo the effect of each other where the sum of their coefficients is below this share of the sizes."""
-LONG_PAST = 2 * WHITENING
+LONG_PAST = 20
 """Past inputs from which an input is predicted, to see what is new in it."""
-
-
-@dataclass(frozen=True)
-class Response:
-    """How an output follows an input.
-
-    Attributes:
-        delay: samples from the input to the first effect; None where no effect is seen.
-        sign: 1 or −1, that of the output for a positive input; 0 where it is not clear.
-        correlation: of the output or of its change with the delayed input, whichever is larger.
-        resolution: samples over which means were taken to see the delay.
-    """
-
-    delay: int | None
-    sign: int
-    correlation: float
-    resolution: int = 1
-
-
-def influence(u: Array, y: Array) -> float:
-    """The share of the one-step prediction error of y (N,) that past values of u (N,) remove, from 0 to 1.
-
-    Rows with a missing value (NaN) are left out.
-    """
-    u, y = _middle(u), _middle(y)
-    rows = np.arange(LAGS, len(y))
-    own, other = (_past(x, rows, LAGS) for x in (y, u))
-    table = np.column_stack([np.ones(len(rows)), own, other, y[rows]])
-    table = table[np.isfinite(table).all(axis=1)]
-    if len(table) < 4 * table.shape[1] or not np.ptp(table[:, -1]):
-        return 0.0
-    table[:, 1:] = (table[:, 1:] - table[:, 1:].mean(axis=0)) / np.where(np.ptp(table[:, 1:], axis=0) > 0, 1, np.inf)
-    scale = table.std(axis=0)
-    table = table / np.where(scale > 0, scale, 1.0)
-    alone, both = (_unexplained(table[:, :n], table[:, -1]) for n in (1 + LAGS, 1 + 2 * LAGS))
-    if alone < 1e-10:  # the past of y predicts it to rounding
-        return 0.0
-    gain = 1 - both / alone
-    chance = LAGS / (len(table) - 2 * LAGS)
-    return float(np.clip((gain - 3 * chance) / (1 - 3 * chance), 0.0, 1.0))
 
 
 def at_once(u: Array, y: Array, sign: int) -> float:
@@ -114,7 +56,7 @@ def acts_in_its_own_row(u: Array, y: Array, sign: int) -> bool:
     return bool(np.max(steps, initial=0.0) > LARGEST_STEP * np.median(steps)) and at_once(u, y, sign) > PART
 
 
-def feedback(u: Array, y: Array, sign: int | None) -> float:
+def feedback(u: Array, y: Array, sign: int) -> float:
     """The largest correlation of the unpredictable part of an input u (N,) with earlier errors of y (N,), from 0 to 1.
 
     Without feedback, what is new in the input has nothing to do with the disturbances of the output. In the same sample
@@ -122,7 +64,7 @@ def feedback(u: Array, y: Array, sign: int | None) -> float:
 
     Args:
         u, y: the signals.
-        sign: of the response of an output that may answer at once, 0 where it is not known; None where it cannot.
+        sign: of the response, 0 where it is not known.
     """
     u, y = _middle(u), _middle(y)
     rows = np.arange(LONG_PAST, len(y))
@@ -136,7 +78,7 @@ def feedback(u: Array, y: Array, sign: int | None) -> float:
         return 0.0
     lags = range(LONG_PAST // 2)
     found = [float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1]) for lag in lags]
-    if sign is not None and found[0] * sign >= 0:
+    if found[0] * sign >= 0:
         found[0] = 0.0
     largest = float(np.max(np.abs(found)))
     return largest if largest > CLEAR / np.sqrt(len(rows)) else 0.0
@@ -169,116 +111,6 @@ def _clipped(x: Array) -> Array:
     return np.clip(x, -limit, limit) if limit > 0 else x
 
 
-def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False) -> Response:
-    """Delay and sign of the response of y (N,) to u (N,).
-
-    Args:
-        u, y: without missing values.
-        breaks: the first sample of every segment but the first.
-        integrates: whether y is a position, whose change answers the input.
-    """
-    if not (np.ptp(u) > 0 and np.ptp(y) > 0) or len(u) < 4 * WHITENING:
-        return Response(None, 0, 0.0)
-    change = np.concatenate([np.diff(piece, prepend=piece[:1]) for piece in np.split(y, list(breaks))])
-    measured, y = y, change if integrates else y
-
-    def related_at(delay: int) -> float:
-        """A position lags behind its input by a quarter of a period, so that only its change has a sign."""
-        return max((correlation(u, x, breaks, delay) for x in (measured, change)), key=abs)
-
-    scale = 1
-    while len(u) >= 8 * WHITENING * scale:
-        found = _from_correlation(*_means(u, y, breaks, scale))
-        if scale == 1:
-            found = found or _from_steps(u, y, breaks)
-        if found is not None:
-            delay, sign = found
-            delay *= scale
-            related = related_at(delay)
-            return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, related, scale)
-        scale *= 2
-    related = correlation(u, y, breaks, 0)
-    if abs(related) < 0.5:
-        return Response(None, 0, related)
-    return Response(_best_lag(u, y), int(np.sign(related)), related)
-
-
-def _best_lag(u: Array, y: Array) -> int:
-    """The lag at which one past input improves the one-step prediction of y most; for short and smooth signals."""
-    u, y = _middle(u), _middle(y)
-    most = max(2, min(50, len(y) // 10))
-    rows = np.arange(most, len(y))
-    own = [np.ones(len(rows)), y[rows - 1], y[rows - 2]]
-    errors = [_unexplained(np.column_stack([*own, u[rows - lag]]), y[rows]) for lag in range(most)]
-    return int(np.argmin(errors))
-
-
-def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int] | None:
-    """Delay and sign of the responses to steps of an input that is held in between; None where it is not.
-
-    A response begins where the output leaves its range before the step for at least two samples. A step before which
-    the output still moves is left out.
-    """
-    starts, lengths = runs(u)
-    held = lengths >= WHITENING
-    if float(lengths.mean()) < WHITENING or np.count_nonzero(held) < 2:
-        return None
-    smallest = 0.25 * float(np.max(np.abs(np.diff(u))))
-    resolution = 1.01 * float(np.min(np.diff(np.unique(y))))
-    delays, signs = [], []
-    for k in np.flatnonzero(held[1:] & held[:-1]) + 1:
-        start, stop = int(starts[k]), int(starts[k] + lengths[k])
-        before = y[max(start - max(WHITENING, min(int(lengths[k - 1]) // 2, 50)), 0) : start]
-        if abs(u[start] - u[start - 1]) < smallest or any(start - len(before) < b <= stop for b in breaks):
-            continue
-        early, late = np.array_split(before, 2)
-        if abs(late.mean() - early.mean()) > max(resolution, 2 * PART * float(np.ptp(before))):
-            continue
-        slack = max(resolution, 0.5 * float(np.ptp(before)), SAME * float(np.ptp(y)))
-        after = y[start:stop]
-        away = np.where(after > before.max() + slack, 1, np.where(after < before.min() - slack, -1, 0))
-        lasting = np.flatnonzero((away[:-1] == away[1:]) & (away[1:] != 0))
-        if len(lasting):
-            delays.append(int(lasting[0]))
-            signs.append(int(away[lasting[0]] * np.sign(u[start] - u[start - 1])))
-    if not delays or len(delays) < 0.2 * np.count_nonzero(held[1:] & held[:-1]):
-        return None
-    agreement = float(np.mean(signs))
-    if abs(agreement) < 0.5:
-        return None
-    return int(np.median(delays)), int(np.sign(agreement))
-
-
-def _from_correlation(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int] | None:
-    """Delay and sign by the prewhitened correlation; None where it is not clear."""
-    filter = _whitening(u)
-    white, filtered = (
-        np.concatenate([_filtered(filter, piece) for piece in np.split(x, list(breaks))]) for x in (u, y)
-    )
-    longest = max(len(piece) for piece in np.split(u, list(breaks)))
-    lags = max(min(longest // 4, SAMPLES), 1)
-    shares = cross_correlation(filtered, white, breaks, lags)
-    shares = shares[len(shares) // 2 :]
-    peak = float(np.max(np.abs(shares), initial=0.0))
-    if peak < CLEAR:
-        return None
-    first = int(np.flatnonzero(np.abs(shares) > max(CLEAR, PART * peak))[0])
-    return first, int(np.sign(shares[first : first + 3].sum()))
-
-
-def _means(u: Array, y: Array, breaks: Sequence[int], scale: int) -> tuple[Array, Array, list[int]]:
-    """Means over ``scale`` samples of every segment, and the first mean of every segment but the first."""
-    if scale == 1:
-        return u, y, list(breaks)
-    pieces = [
-        [x[: len(x) // scale * scale].reshape(-1, scale).mean(axis=1) for x in np.split(signal, list(breaks))]
-        for signal in (u, y)
-    ]
-    lengths = [len(piece) for piece in pieces[0] if len(piece)]
-    edges = [int(edge) for edge in np.cumsum(lengths)[:-1]]
-    return np.concatenate(pieces[0]), np.concatenate(pieces[1]), edges
-
-
 def correlation(u: Array, y: Array, breaks: Sequence[int], delay: int) -> float:
     """The correlation of y with u some samples earlier, or soon after that, whichever is largest."""
     best = 0.0
@@ -309,23 +141,3 @@ def _residual(regressors: Array, target: Array) -> Array:
     """What a least-squares fit leaves."""
     estimate = np.linalg.lstsq(regressors, target, rcond=1e-9)[0]
     return np.asarray(target - regressors @ estimate)
-
-
-def _whitening(u: Array) -> Array:
-    """The coefficients 1, a₁, … of a filter that whitens u, an autoregression with a little regularisation."""
-    x = np.diff(_middle(u))
-    changes = max(int(np.count_nonzero(x)), 1)
-    order = min(max(WHITENING, 5 * len(x) // changes), LONGEST_FILTER, len(x) // 4)  # five times as long as it is held
-    rows = np.arange(order, len(x))
-    past = np.column_stack([x[rows - lag] for lag in range(1, order + 1)])
-    gram = past.T @ past
-    ridge = 1e-4 * float(np.trace(gram)) / order
-    if not ridge > 0:
-        return np.ones(1)
-    estimate = np.linalg.solve(gram + ridge * np.eye(order), past.T @ x[rows])
-    return np.concatenate([[1.0], -estimate])
-
-
-def _filtered(filter: Array, x: Array) -> Array:
-    """The differences of a piece through the filter."""
-    return filtered(filter, 1.0, np.diff(x, prepend=x[:1]))

@@ -1,22 +1,86 @@
-"""What the checks of a record share: its first input and output, and a linear model of them, all without outliers."""
+"""What the checks of a record share: its first input and output, how one answers the other, and a linear model of them.
+
+All of it is found without outliers of the output, a few of which hide everything else.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.first_look.baseline import Baseline, baseline
+from emsid.estimation.linear.least_squares import LARGEST
+from emsid.excitation import persistent_excitation_order
+from emsid.first_look.baseline import Baseline, baseline, middle
 from emsid.first_look.drift import Drift, drift_of
-from emsid.first_look.dynamics import Response
+from emsid.first_look.levels import EXPLAINS, FEWEST_SAMPLES, LAGS, SAMPLES
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.outliers import without_outliers
+from emsid.first_look.responses import CLEAR, answers
 from emsid.first_look.standstill import at_rest, near_zero
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Response:
+    """How an output follows an input.
+
+    Attributes:
+        delay: samples from the input to the first effect; None where no effect is seen.
+        sign: 1 or −1, that of the output for a positive input; 0 where it is not clear.
+        correlation: of the output with the simulated response, or the fit of a linear model, whichever is larger; it
+            has the sign of the response.
+        resolution: samples over which means were taken to see the delay.
+        integral: the evidence, in nats, that the change of the output answers, as that of a position does.
+    """
+
+    delay: int | None
+    sign: int
+    correlation: float
+    resolution: int = 1
+    integral: float = 0.0
+
+
+def response_of(record: Record) -> Response | None:
+    """How the first output answers the first input; None where too little changes, or is too large to compute with.
+
+    It is the simulated response that explains the output best, of both signs: a correlation has the wrong sign in a
+    closed loop, and at a delay of half a period. Of the delays that explain as much the shortest one is taken.
+    """
+    if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
+        return None
+    table = np.column_stack([record.input[:, 0], without_outliers(record).output[:, 0]])
+    largest = np.max(np.abs(table), axis=0)
+    if np.any((largest > 0) & ((largest <= 1 / LARGEST) | (largest >= LARGEST))):
+        return None
+    answer = answers(table, [0, *record.breaks], [0]).get((0, 1))
+    found = Response(None, 0, 0.0)
+    if answer is not None and answer.clear >= CLEAR:
+        sign, size = 0 if answer.ambiguous else answer.sign, float(np.sqrt(1 - answer.left))
+        found = Response(answer.delay, sign, answer.sign * size, answer.scale, answer.integral)
+    return _as_modelled(found, middle(without_outliers(record), SAMPLES))
+
+
+def _as_modelled(found: Response, record: Record) -> Response:
+    """A response as a linear model shows it, where that explains the output.
+
+    Where the two disagree and the model explains little, or the input does not tell one model from another, the sign is
+    open. A model that integrates shows a position, which answers by its change.
+    """
+    latest = None if found.delay is None else found.delay + found.resolution - 1
+    linear = baseline(record, latest) if np.ptp(record.input[:, 0]) else None
+    if linear is None or linear.fit < EXPLAINS or linear.time_constant > max(map(len, record.segments)):
+        return found
+    sure = persistent_excitation_order(record) >= 2 * LAGS
+    sign = linear.sign if sure or linear.sign == found.sign else 0
+    sign = 0 if linear.oscillates_below(record.input[:, 0]) else sign
+    delay = linear.delay if latest is None else min(latest, linear.delay) if sure else found.delay
+    size = max(abs(found.correlation), linear.fit)
+    return replace(found, delay=delay, sign=sign, correlation=size if sign >= 0 else -size)
 
 
 @dataclass(frozen=True)

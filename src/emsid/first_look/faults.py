@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from emsid.findings import Finding
 from emsid.first_look.columns import stretches_without_change
-from emsid.first_look.examined import is_position
 from emsid.first_look.levels import FEWEST_SAMPLES
 from emsid.first_look.outliers import about_outliers, impossible_commands, outliers_of_answer
 from emsid.first_look.stuck_output import is_stuck
@@ -48,7 +47,7 @@ def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
         if len(found):
             yield np.isin(place, found), about_outliers(name, found, away, masked=True)
         for each in stretches_without_change(y, np.unique(np.delete(y, found))):
-            if is_stuck(u, y, each, position=is_position(record)):
+            if is_stuck(u, y, each):
                 where = (place >= each.start) & (place < each.start + each.length)
                 data = {"row": each.start, "length": each.length, "value": each.value}
                 yield where, Finding("value-stuck", name, data | {"masked": True})

@@ -8,9 +8,9 @@ import numpy as np
 
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS, Column
-from emsid.first_look.dynamics import influence
-from emsid.first_look.levels import PART, SAME
+from emsid.first_look.levels import PART
 from emsid.first_look.names import ColumnQuantity
+from emsid.first_look.responses import CLEAR, answers
 from emsid.first_look.roles import Roles
 
 DERIVED = 0.999
@@ -67,9 +67,12 @@ def further_channels(columns: Sequence[Column], roles: Roles, file: str) -> Iter
 
 def _acts(load: Column, u: Column, y: Column) -> bool:
     """Whether a torque acts on the output, and is not computed from the current that drives it."""
-    return len(load.values) == len(y.values) and influence(load.signal, y.signal) > SAME > influence(
-        u.signal, load.signal
-    )
+    if not len(load.values) == len(y.values) == len(u.values):
+        return False
+    table = np.column_stack([each.signal for each in (u, load, y)])
+    found = answers(table[np.isfinite(table).all(axis=1)], inputs=[0, 1])
+    clear = {pair: answer.clear for pair, answer in found.items()}
+    return clear.get((1, 2), 0.0) >= CLEAR > clear.get((0, 1), 0.0)
 
 
 def per_change(speed: Column, position: Column) -> float:

@@ -23,8 +23,9 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
-from emsid.first_look.data_advice import TOLERANCE, advice, response_of, useless
-from emsid.first_look.dynamics import Response, acts_in_its_own_row
+from emsid.first_look.data_advice import TOLERANCE, advice, useless
+from emsid.first_look.dynamics import acts_in_its_own_row
+from emsid.first_look.examined import Response, response_of
 from emsid.first_look.further import further_channels, per_change, sign_of_input
 from emsid.first_look.hanging import as_angle
 from emsid.first_look.kinds import FileKind, Kind, kind_of
@@ -263,7 +264,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         return replace(look, findings=(*noticed, failed))
     found, proposed = response_of(record), look.reading["output"]
     guessed = "output" not in given and proposed == look.roles.output
-    if guessed and found and found.delay is None and _answers_by_its_change(record):
+    if guessed and found and found.integral > SEEN and not returns_to_zero(record.output[:, 0]):
         noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
         look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
         return _with_record(look, parsed, noticed, given)
@@ -307,15 +308,6 @@ def _steps(position: Array) -> Array:
     """(N,) the change of a position since the row before; NaN where it jumps, as at a reset."""
     change = np.diff(position, prepend=np.nan)
     return np.where(np.abs(change) > JUMP * np.nanpercentile(np.abs(change), 95), np.nan, change)
-
-
-def _answers_by_its_change(record: Record) -> bool:
-    """Whether the change of the first output responds to the first input, as that of a position does.
-
-    The change of a magnitude may respond by chance, as its relation to the input has no sign of its own.
-    """
-    found = response_of(record, integrates=True)
-    return found is not None and found.delay is not None and not returns_to_zero(record.output[:, 0])
 
 
 def _column(name: str, raw: Columns) -> Column:
@@ -445,7 +437,7 @@ def _is_stuck(look: FirstLook, output: Column, stretch: Stretch) -> bool:
     u = next((column for column in look.columns if column.name == look.roles.input), None)
     if u is None or len(u.values) != len(output.values):
         return False
-    return is_stuck(u.signal, output.signal, stretch, position=output.meaning.quantity is ColumnQuantity.POSITION)
+    return is_stuck(u.signal, output.signal, stretch)
 
 
 def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:

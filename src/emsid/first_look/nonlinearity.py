@@ -23,7 +23,7 @@ from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.dependence import dependence
-from emsid.first_look.dynamics import Response
+from emsid.first_look.examined import Response
 from emsid.first_look.levels import CHANCE, CLEAR, EXPLAINS, FEW, PART, SAME, SUGGESTS
 from emsid.record import Record
 

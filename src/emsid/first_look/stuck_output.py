@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emsid.first_look.baseline import baseline
 from emsid.first_look.columns import Stretch
-from emsid.first_look.dynamics import response
+from emsid.first_look.examined import response_of
 from emsid.first_look.levels import CLEAR
 from emsid.record import Record
 
@@ -24,14 +24,13 @@ AT_REST, IN_MOTION = 95, 25
 """In percent of the samples at rest the input is too small to move the output; in motion after a drive it often is."""
 
 
-def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) -> bool:
+def is_stuck(u: Array, y: Array, stretch: Stretch) -> bool:
     """Whether the output should have changed in a stretch in which it did not.
 
     Args:
         u: (N,) the input; NaN where it is not known.
         y: (N,) the output; NaN where it is not known.
         stretch: of equal values of y.
-        position: whether y is a position.
     """
     rows = np.arange(stretch.start, stretch.start + stretch.length)
     known = np.isfinite(u) & np.isfinite(y)
@@ -40,7 +39,8 @@ def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) ->
     if not inside.any() or not np.ptp(u[inside]) or (stretch.value == 0 and not _is_driven(u, y, inside)):
         return False
     others = Record(input=u, output=y, dt=1.0).mask(inside)
-    linear = baseline(others, response(u, y, [], position).delay)
+    response = response_of(others)
+    linear = baseline(others, response.delay if response else None)
     if linear is None:
         return False
     answer = linear.answer(u, [])[inside]

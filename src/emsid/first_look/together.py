@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column, column_of_numbers
-from emsid.first_look.data_advice import TOLERANCE, advice, opposite_signs, response_of
+from emsid.first_look.data_advice import TOLERANCE, advice, opposite_signs
+from emsid.first_look.examined import response_of
 from emsid.first_look.levels import FEWEST_SAMPLES, UNSURE
 from emsid.first_look.look import CONSTANT, FirstLook, describe
 from emsid.first_look.masks import joined

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
-from emsid.first_look.dynamics import response
+from emsid.first_look.examined import response_of
 from emsid.identification.delay import LONGEST_SEARCHED
 from emsid.identification.determined import Probes
 from emsid.models.capabilities import MapInUse, Modes
@@ -139,8 +139,8 @@ class Plausibility:
     def rise(self) -> float | None:
         """Delay and rise time of the record in samples, by the small linear model of the first look."""
         record = self.record
-        seen = response(record.input[:, 0], record.output[:, 0], record.breaks)
-        linear = baseline(record, seen.delay)
+        seen = response_of(record)
+        linear = baseline(record, seen.delay if seen else None)
         if linear is None or not linear.fit > 0 or not np.isfinite(linear.time_constant):
             return None
         return RISE * linear.time_constant + linear.delay

@@ -12,8 +12,8 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.linear.least_squares import check_sizes
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.first_look.data_advice import questions, response_of
-from emsid.first_look.dynamics import Response
+from emsid.first_look.data_advice import questions
+from emsid.first_look.examined import Response, response_of
 from emsid.first_look.faults import without_faults
 from emsid.first_look.stops import without_stops
 from emsid.identification.candidates import lift_an_arm, usual_for, with_unit_of_name

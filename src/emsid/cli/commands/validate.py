@@ -190,7 +190,8 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
     """
     from emsid.estimation.borders import joined
     from emsid.findings import Finding
-    from emsid.first_look.data_advice import questions, response_of
+    from emsid.first_look.data_advice import questions
+    from emsid.first_look.examined import response_of
     from emsid.validation.lateness import lateness
     from emsid.validation.regions import worst_region
 

@@ -54,7 +54,8 @@ def monitor_lines(texts: Sequence[str]) -> MonitorLines:
 
     A line that has no such time, or other labels than most, is left as it is.
     """
-    texts, times = list(texts), []
+    texts = list(texts)
+    times: list[str] = []
     last = texts[-LAST_LINES:]
     for form in (_TIMED, _STAMPED):
         if not times and 2 * sum(form.fullmatch(text) is not None for text in last) > len(last):

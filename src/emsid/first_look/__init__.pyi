@@ -5,8 +5,8 @@ from .columns import Stretch as Stretch
 from .data_advice import Advice as Advice
 from .data_advice import advice as advice
 from .data_advice import opposite_signs as opposite_signs
-from .dynamics import Response as Response
-from .dynamics import response as response
+from .examined import Response as Response
+from .examined import response_of as response_of
 from .kinds import FileKind as FileKind
 from .kinds import Kind as Kind
 from .look import FirstLook as FirstLook

@@ -50,6 +50,9 @@ def response_of(record: Record) -> Response | None:
 
     It is the simulated response that explains the output best, of both signs: a correlation has the wrong sign in a
     closed loop, and at a delay of half a period. Of the delays that explain as much the shortest one is taken.
+
+    Args:
+        record: with an output.
     """
     if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
         return None

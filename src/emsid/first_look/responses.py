@@ -200,7 +200,7 @@ def _bank(
             pieces = np.split(v, starts[1:])
             lagged = np.concatenate([filtered([1 - pole], [1, -pole], piece) for piece in pieces])
             for integrates in (False, True)[: 1 + (name != "square")]:
-                if kind is not None and (kind["driving"], kind["integrates"]) != (name, integrates):
+                if kind is not None and not (kind["driving"] == name and kind["integrates"] == integrates):
                     continue
                 x = (
                     np.concatenate([np.cumsum(piece) for piece in np.split(lagged, starts[1:])])
@@ -345,10 +345,10 @@ def _long_delays(u: Array, others: Array, starts: NDArray[np.intp], whole: bool)
     n, first = len(u), DELAYS[-1] + 1
     x = _bank(u, starts, whole, [0])[0]
     x = x - x.mean(axis=1, keepdims=True)
-    x = np.fft.rfft(x / (np.linalg.norm(x, axis=1, keepdims=True) + 1e-300), 2 * n)
+    spectra = np.fft.rfft(x / (np.linalg.norm(x, axis=1, keepdims=True) + 1e-300), 2 * n)
     found = []
     for y in others.T if n // 6 > first else ():
-        alike = np.abs(np.fft.irfft(np.conj(x) * np.fft.rfft(y, 2 * n), 2 * n)[:, first : n // 6])
+        alike = np.abs(np.fft.irfft(np.conj(spectra) * np.fft.rfft(y, 2 * n), 2 * n)[:, first : n // 6])
         found.append(first + int(alike.max(axis=0).argmax()))
     return found
 

@@ -306,8 +306,8 @@ class _Facts:
         pair = speed.name, position.name
         if pair not in self._motions:
             times = self.times if len(self.times) == len(speed.values) else None
-            signals = (self.signals[name] for name in pair)
-            self._motions[pair] = same_motion(*signals, self.starts.tolist(), times)
+            one, other = (self.signals[name] for name in pair)
+            self._motions[pair] = same_motion(one, other, self.starts.tolist(), times)
         return self._motions[pair]
 
     def controlled(self, u: Column) -> float:

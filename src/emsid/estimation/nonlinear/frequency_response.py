@@ -103,10 +103,10 @@ def frequency_response(
     suu, syy, suy = (np.asarray(s)[used] for s in (power, response, cross))
     if not np.all(suu > 0):
         raise ModelError("the input is constant and excites nothing; use a record in which it moves")
-    return _response(frequency[used], suu, syy, suy, 2 * total / size * INDEPENDENT)
+    return _from_powers(frequency[used], suu, syy, suy, 2 * total / size * INDEPENDENT)
 
 
-def _response(
+def _from_powers(
     frequency: Array, suu: Array, syy: Array, suy: ComplexArray, averages: float | Array
 ) -> FrequencyResponse:
     """The response from spectra (m,) that are means of this many independent ones."""
@@ -132,7 +132,7 @@ def _periodic_response(periods: Sequence[tuple[Array, Array]]) -> FrequencyRespo
     suy = np.sum([np.conj(u) * y for u, y in spectra], axis=0)
     averages = np.array([len(band) * len(periods) for band in bands], dtype=float)
     frequency = np.array([(band.mean() + 1) / len(periods[0][0]) for band in bands])
-    return _response(frequency, mean(power), mean(syy), mean(suy), averages)
+    return _from_powers(frequency, mean(power), mean(syy), mean(suy), averages)
 
 
 @lru_cache(maxsize=32)

@@ -202,19 +202,19 @@ def move(
                 drive, left = _driven(force[k + part], more, friction, v, x), whole / steps
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
-                    made, outside = drive + weight - drag * v, net - drive - weight
-                    lost = dropped(made, friction.drop)
+                    pulled, outside = drive + weight - drag * v, net - drive - weight
+                    lost = dropped(pulled, friction.drop)
                     side = 0 if v > 0.0 or (v == 0.0 and net > lost) else 1
-                    if v == 0.0 and abs(net - lost) <= _holds(friction, side, made - lost, outside):
+                    if v == 0.0 and abs(net - lost) <= _holds(friction, side, pulled - lost, outside):
                         break
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) * per_mass
                     if friction.varies[side]:
-                        a = (net - _against(abs(v), friction, side, made, outside)) * per_mass
+                        a = (net - _against(abs(v), friction, side, pulled, outside)) * per_mass
                         middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
-                        made, outside = drive + weight - drag * direction * middle, net - drive - weight
-                        a = (net - _against(middle, friction, side, made, outside)) * per_mass
+                        pulled, outside = drive + weight - drag * direction * middle, net - drive - weight
+                        a = (net - _against(middle, friction, side, pulled, outside)) * per_mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
@@ -426,11 +426,11 @@ def _turning(m: float, q: float, a: float, bend: float) -> float:
     """The time at which the slope e^{μt}·(a·cosh √q t + bend·sinh(√q t)/√q) is zero; NaN for none."""
     root, part = np.sqrt(abs(q)), -a / bend
     if root * abs(part) < 1e-6:
-        return part
+        return float(part)
     if q > 0.0:
         return np.arctanh(root * part) / root if root * abs(part) < 1.0 else np.nan
     found = np.arctan(root * part) / root
-    return found if found > 0.0 else found + np.pi / root
+    return float(found if found > 0.0 else found + np.pi / root)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -7,6 +7,7 @@ sample apart from the program.
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -249,7 +250,8 @@ def test_description_identification_validation_fleet_and_studio_say_the_same(cas
     proposed = emsid.read(path, **{**look.reading, **look.mends})
     assert len(used) == len(proposed)
     assert len(used) < N or code not in {"value-stuck", "outliers"}
-    (row,) = emsid.fleet([path], emsid.arx(1, 1), unseen=0, **how).rows
+    with ThreadPoolExecutor(1) as threads:
+        (row,) = emsid.fleet([path], emsid.arx(1, 1), threads, unseen=0, **how).rows
     assert abs(row.estimates["a1"].value) == pytest.approx(abs(emsid.fit(emsid.arx(1, 1), used)["a1"].value))
     if code in {"value-stuck", "outliers"}:
         assert validated["samples"] < N

@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import msgspec
@@ -90,6 +91,24 @@ def finished(client: TestClient, number: str, limit: float = 120.0) -> dict[str,
             return run
         time.sleep(0.1)
     raise AssertionError("the run did not end")
+
+
+@pytest.fixture(scope="module")
+def session_of_a_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a session in which one model was fitted."""
+    folder = tmp_path_factory.mktemp("fitted") / "session"
+    with studio_in(folder) as (client, _):
+        client.post("api/files?name=log.csv", content=table())
+        client.post("api/edit", json={"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}, "unseen": 0.25})
+        assert finished(client, client.post("api/run").json()["run"])["state"] == "done"
+    return folder
+
+
+@pytest.fixture
+def fitted(session_of_a_fit: Path, tmp_path: Path) -> Iterator[tuple[TestClient, Studio]]:
+    """A session of its own with one fit."""
+    with studio_in(Path(copytree(session_of_a_fit, tmp_path / "session"))) as both:
+        yield both
 
 
 # --- who may ask ------------------------------------------------------------------------------------------------------
@@ -260,13 +279,10 @@ def test_window_of_two_million_samples_is_fast() -> None:
 
 
 def test_a_fit_its_free_runs_its_play_and_its_command_give_the_same_numbers(
-    opened: Any, tmp_path: Path, command: Callable[..., int]
+    fitted: Any, tmp_path: Path, command: Callable[..., int]
 ) -> None:
-    client, studio = opened
-    client.post("api/files?name=log.csv", content=table())
-    client.post("api/edit", json={"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}, "unseen": 0.25})
-    number = client.post("api/run").json()["run"]
-    assert finished(client, number)["state"] == "done"
+    client, studio = fitted
+    number = state(client)["runs"][0]["number"]
     shown = client.get(f"api/runs/{number}/shown").json()
     assert shown["ranking"][0]["fit"] > 99
     assert "arx" in shown["sections"]
@@ -296,18 +312,17 @@ def fits(content: bytes) -> Any:
     return found["fits"], found["rows"]
 
 
-def test_a_killed_worker_loses_no_finished_run_and_a_session_is_reopened(tmp_path: Path) -> None:
-    with studio_in(tmp_path / "s") as (client, studio):
-        client.post("api/files?name=log.csv", content=table())
-        client.post("api/edit", json={"models": ["arx"]})
-        first = client.post("api/run").json()["run"]
-        finished(client, first)
+def test_a_killed_worker_loses_no_finished_run_and_a_session_is_reopened(
+    session_of_a_fit: Path, tmp_path: Path
+) -> None:
+    folder = Path(copytree(session_of_a_fit, tmp_path / "s"))
+    with studio_in(folder) as (client, studio):
         second = client.post("api/run").json()["run"]
         while studio.runs._processes.get(second) is None:
             time.sleep(0.01)
         studio.runs._processes[second].kill()  # type: ignore[union-attr]
         assert finished(client, second)["state"] == "ended"
-    with studio_in(tmp_path / "s") as (client, _):
+    with studio_in(folder) as (client, _):
         found = state(client)
         assert [run["state"] for run in found["runs"]] == ["ended", "done"]
         assert found["step"]["models"] == ["arx"]
@@ -529,11 +544,8 @@ def test_the_script_of_files_that_are_read_differently_runs_from_any_folder(
     assert "rigid-motor" in done.stdout
 
 
-def test_results_of_other_data_are_marked(opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch) -> None:
-    client, studio = opened
-    client.post("api/files?name=log.csv", content=table())
-    client.post("api/edit", json={"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}})
-    finished(client, client.post("api/run").json()["run"])
+def test_results_of_other_data_are_marked(fitted: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch) -> None:
+    client, studio = fitted
 
     def stale() -> list[str]:
         (run,) = state(client)["runs"]

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,8 +286,4 @@ def reasons(rows: Sequence[FleetRow]) -> Mapping[str, list[FleetRow]]:
     for row in rows:
         if row.reason:
             found.setdefault(re.sub(r"\S*[/\\]\S*|\d[\d.,e+-]*", "…", row.reason), []).append(row)
-    return dict(sorted(found.items(), key=_by_size))
-
-
-def _by_size(item: tuple[str, list[Any]]) -> int:
-    return -len(item[1])
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))

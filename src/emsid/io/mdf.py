@@ -5,17 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from io import BytesIO
 
-from emsid.io.columns import Columns
 from emsid.io.packing import Packed, read_by
-
-
-def read_mdf(content: bytes) -> Columns:
-    """The channels of an MDF file, with the time column of their group.
-
-    Raises:
-        FormatError: for content that is no MDF file, or where asammdf is not installed.
-    """
-    return read_by(parsed, content, "an MDF file", "asammdf", "mdf")
 
 
 def parsed(content: bytes) -> bytes:
@@ -30,3 +20,7 @@ def parsed(content: bytes) -> bytes:
         name = signal.name if names[signal.name] == 1 else f"{signal.group_index}.{signal.name}"
         packed.add(name, signal.samples, signal.unit or "", signal.timestamps)
     return packed.to_bytes()
+
+
+read_mdf = read_by(parsed, "an MDF file", "asammdf", "mdf")
+"""The channels of an MDF file, with the time column of their group."""

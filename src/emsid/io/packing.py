@@ -95,20 +95,18 @@ def unpacked(content: bytes) -> Columns:
     )
 
 
-def read_by(parser: Callable[[bytes], bytes], content: bytes, what: str, package: str, extra: str) -> Columns:
-    """The columns of a file by a parser that needs an optional package.
+def read_by(parser: Callable[[bytes], bytes], what: str, package: str, extra: str) -> Callable[[bytes], Columns]:
+    """A reader, from the content of a file to its columns, by a parser that needs an optional package.
+
+    It raises `FormatError` where the package is not installed, or the file cannot be parsed.
 
     Args:
         parser: a function of a module, which makes bytes by `Packed.to_bytes`.
-        content: of the file.
         what: the kind of file, for messages: ``a TDMS file``.
         package: the module that the parser imports.
         extra: of this package, with which that is installed.
-
-    Raises:
-        FormatError: where the package is not installed, or the file cannot be parsed.
     """
-    return unpacked(parsed_by(parser, content, what, package, extra))
+    return lambda content: unpacked(parsed_by(parser, content, what, package, extra))
 
 
 def parsed_by(parser: Callable[[bytes], bytes], content: bytes, what: str, package: str, extra: str) -> bytes:

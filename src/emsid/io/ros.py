@@ -17,7 +17,6 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from emsid.io.columns import Columns
 from emsid.io.files import read_bytes
 from emsid.io.nested import MOST_VALUES
 from emsid.io.packing import Packed, read_by
@@ -26,24 +25,6 @@ DESCRIPTION, DATABASES = "metadata.yaml", (".db3", ".mcap")
 """The file that describes a bag of ROS 2, and the suffixes of those with its messages."""
 DEEPEST = 6
 """Messages in messages below this depth are left out."""
-
-
-def read_mcap(content: bytes) -> Columns:
-    """The numbers in an MCAP file, with the time at which they were logged.
-
-    Raises:
-        FormatError: for content that is no MCAP file, or where mcap is not installed.
-    """
-    return read_by(parsed_mcap, content, "an MCAP file", "mcap", "ros")
-
-
-def read_bag(content: bytes) -> Columns:
-    """The numbers in a bag of ROS 1, with the time at which they were logged.
-
-    Raises:
-        FormatError: for content that is no bag, or where rosbags is not installed.
-    """
-    return read_by(parsed_bag, content, "a bag of ROS 1", "rosbags", "ros")
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -63,18 +44,6 @@ def archived(path: Path) -> bytes:
             if file.name == DESCRIPTION or file.suffix in DATABASES:
                 archive.writestr(file.name, read_bytes(file))
     return content.getvalue()
-
-
-def read_bag_folder(content: bytes) -> Columns:
-    """The numbers in a bag of ROS 2, with the time at which they were logged.
-
-    Args:
-        content: from `archived`.
-
-    Raises:
-        FormatError: for a folder that is no bag, or where rosbags is not installed.
-    """
-    return read_by(parsed_bag_folder, content, "a bag of ROS 2", "rosbags", "ros")
 
 
 def parsed_mcap(content: bytes) -> bytes:
@@ -165,3 +134,11 @@ def _packed(samples: dict[str, list[tuple[float, float]]]) -> bytes:
     for name, pairs in samples.items():
         packed.add(name, [value for _, value in pairs], time=[time - first for time, _ in pairs])
     return packed.to_bytes()
+
+
+read_mcap = read_by(parsed_mcap, "an MCAP file", "mcap", "ros")
+"""The numbers in an MCAP file, with the time at which they were logged."""
+read_bag = read_by(parsed_bag, "a bag of ROS 1", "rosbags", "ros")
+"""The same of a bag of ROS 1."""
+read_bag_folder = read_by(parsed_bag_folder, "a bag of ROS 2", "rosbags", "ros")
+"""The same of a bag of ROS 2, as `archived` packs it."""

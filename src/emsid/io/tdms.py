@@ -9,17 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.io.columns import Columns
 from emsid.io.packing import Packed, read_by
-
-
-def read_tdms(content: bytes) -> Columns:
-    """The channels of a TDMS file; those with a waveform have a time column.
-
-    Raises:
-        FormatError: for content that is no TDMS file, or where npTDMS is not installed.
-    """
-    return read_by(parsed, content, "a TDMS file", "nptdms", "tdms")
 
 
 def parsed(content: bytes) -> bytes:
@@ -46,3 +36,7 @@ def _times(samples: int, properties: Mapping[str, Any]) -> NDArray[np.float64] |
     step = float(properties.get("wf_increment", 0.0))
     start = float(properties.get("wf_start_offset", 0.0))
     return start + step * np.arange(samples, dtype=np.float64) if step > 0 else None
+
+
+read_tdms = read_by(parsed, "a TDMS file", "nptdms", "tdms")
+"""The channels of a TDMS file; those with a waveform have a time column."""

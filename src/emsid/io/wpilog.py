@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from emsid.io.columns import Columns
 from emsid.io.packing import Packed, read_by
 
 HEADER = 12
 """Bytes before an additional header: the name of the format, its version, and the length of that header."""
 _NUMBERS = {"double": "getDouble", "float": "getFloat", "int64": "getInteger", "boolean": "getBoolean"}
-
-
-def read_wpilog(content: bytes) -> Columns:
-    """The entries of a WPILOG file that hold numbers or booleans, each with its times.
-
-    Raises:
-        FormatError: for content that is no WPILOG file, or where wpiutil is not installed.
-    """
-    return read_by(parsed, content, "a WPILOG file", "wpiutil", "wpilog")
 
 
 def parsed(content: bytes) -> bytes:
@@ -65,3 +55,7 @@ def _whole_records(content: bytes) -> tuple[int, int]:
             return at, int.from_bytes(content[at + 1 : at + 1 + entry], "little")
         at = end
     return len(content), -1
+
+
+read_wpilog = read_by(parsed, "a WPILOG file", "wpiutil", "wpilog")
+"""The entries of a WPILOG file that hold numbers or booleans, each with its times."""

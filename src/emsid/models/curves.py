@@ -49,8 +49,8 @@ class BandedCurve:
 
     def to_data(self) -> dict[str, Any]:
         """By name, numbers as lists with six digits."""
-        arrays = {name: _six_digits(getattr(self, name)) for name in ("x", "value", "low", "high")}
-        return vars(self) | arrays
+        arrays = {name: getattr(self, name).tolist() for name in ("x", "value", "low", "high")}
+        return vars(self) | {name: [float(f"{value:.6g}") for value in values] for name, values in arrays.items()}
 
 
 def banded_curve(
@@ -88,7 +88,3 @@ def input_of(record: Record, channel: int = 0) -> Quantity:
 def output_of(record: Record, channel: int = 0) -> Quantity:
     """Name and unit of an output."""
     return record.output_names[channel], record.output_units[channel]
-
-
-def _six_digits(values: Array) -> list[float]:
-    return [float(f"{value:.6g}") for value in values.tolist()]

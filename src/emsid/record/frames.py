@@ -65,7 +65,7 @@ def numbers(frame: Any, names: Sequence[str]) -> Array:
     Raises:
         DataError: for a column that is not there or that holds no numbers.
     """
-    columns = [_number_column(frame, name) for name in names]
+    columns = [_as_floats(_column(frame, name), f"column {name!r}") for name in names]
     lengths = {name: len(column) for name, column in zip(names, columns, strict=True)}
     if len(set(lengths.values())) > 1:
         raise DataError(f"columns of different lengths: {lengths}; they must agree")
@@ -103,10 +103,6 @@ def _as_seconds(values: Any, what: str, unit: str | None, name: str = "") -> Arr
         result: Array = (array - array[:1]) / np.timedelta64(1, "s")
         return result
     return seconds_in_unit(name or str(getattr(values, "name", None) or ""), unit) * _as_floats(values, what)
-
-
-def _number_column(frame: Any, name: str) -> Array:
-    return _as_floats(_column(frame, name), f"column {name!r}")
 
 
 def _as_floats(values: Any, what: str) -> Array:

@@ -17,18 +17,20 @@ rumoca = pytest.importorskip("rumoca")
 DT, HELD = 2e-3, 40
 
 
-def simulated(model: GreyBox, levels: list[float], folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """The outputs in Modelica, and those of the model, for an input of steps of `HELD` samples."""
-    emsid.export(model, "modelica", folder, name="plant", dt=DT)
-    u, count = np.repeat(levels, HELD), len(levels)
-    switched = "".join(f"if time < {(k + 1) * HELD * DT!r} then {levels[k]!r} else " for k in range(count - 1))
+def simulated(
+    model: GreyBox, levels: list[float], folder: Path, dt: float = DT, held: int = HELD
+) -> tuple[np.ndarray, np.ndarray]:
+    """The outputs in Modelica, and those of the model, for an input of steps of some samples."""
+    emsid.export(model, "modelica", folder, name="plant", dt=dt)
+    u, count = np.repeat(levels, held), len(levels)
+    switched = "".join(f"if time < {(k + 1) * held * dt!r} then {levels[k]!r} else " for k in range(count - 1))
     text = (folder / "plant.mo").read_text("utf-8")
     text += f"model test\n  plant one;\nequation\n  one.u = {switched}{levels[-1]!r};\nend test;\n"
-    how = rumoca.SimConfig(solver="rk-like", rtol=1e-9, atol=1e-9, dt=DT)
-    result = rumoca.Session().loads(text, model="test").simulate(t=(0.0, DT * (len(u) - 1)), dt=DT, config=how)
-    time, names = DT * np.arange(len(u)), ["y"] if len(model.signals) == 1 else ["y1", "y2"]
+    how = rumoca.SimConfig(solver="rk-like", rtol=1e-9, atol=1e-9, dt=dt)
+    result = rumoca.Session().loads(text, model="test").simulate(t=(0.0, dt * (len(u) - 1)), dt=dt, config=how)
+    time, names = dt * np.arange(len(u)), ["y"] if len(model.signals) == 1 else ["y1", "y2"]
     found = [np.interp(time, np.asarray(result.time), np.asarray(result[f"one.{name}"])) for name in names]
-    return np.column_stack(found), emsid.simulate(model, u, dt=DT).output
+    return np.column_stack(found), emsid.simulate(model, u, dt=dt).output
 
 
 @pytest.mark.parametrize("drop", [0.0, 0.5])

@@ -52,7 +52,8 @@ def modelica(export: Export) -> tuple[Files, list[str]]:
     outer, inside, friction, _, law = sampler.numbers
     if law not in LAWS or len(outer.codes):
         raise ModelError(f"the friction law or the drive of {export.model.name} has no form in Modelica")
-    text = _text(export, plant, (outer, inside, friction), LAWS[law])
+    begin = float(sampler.arrays[1][1])
+    text = _text(export, plant, (outer, inside, friction), LAWS[law], begin)
     return {f"{export.name}.mo": text}, _notes(plant)
 
 
@@ -67,8 +68,8 @@ def _notes(plant: Any) -> list[str]:
     return found
 
 
-def _text(export: Export, plant: Any, numbers: tuple[Any, Any, Any], decay: str) -> str:
-    """The model from the numbers of its drive and sensor, of its inside and of its friction."""
+def _text(export: Export, plant: Any, numbers: tuple[Any, Any, Any], decay: str, begin: float) -> str:
+    """The model from the numbers of its drive and sensor, of its inside and of its friction, and its first position."""
     outer, inside, friction = numbers
     turns = "motor_constant" in plant.handles
     place, speed, force = ("rad", "rad/s", "N.m") if turns else ("m", "m/s", "N")
@@ -77,7 +78,7 @@ def _text(export: Export, plant: Any, numbers: tuple[Any, Any, Any], decay: str)
         *_parameters(inside, friction, turns),
         '  input Real u "command";',
         *(f'  output Real {name} "measured";' for name in names),
-        f'  Real x(start=0.0, fixed=true, unit="{place}") "position";',
+        f'  Real x(start={begin!r}, fixed=true, unit="{place}") "position";',
         f'  Real w(start=0.0, fixed=true, unit="{speed}") "speed";',
         '  Integer mode(start=0, fixed=true) "1 forward, 0 at rest, -1 backward";',
         "protected",

@@ -132,7 +132,7 @@ def same_motion(speed: Array, position: Array, starts: Sequence[int], times: Arr
     run = np.searchsorted(starts, _middle(np.arange(len(speed))), "right")
     speed, position = _middle(speed), _middle(position)
     speed = speed if times is None else speed * np.diff(_middle(times), append=np.nan)
-    for width in (1, 2, 4, 8):  # more rows have less of the steps of an encoder
+    for width in (1, 2, 4, 8, 16, 32):  # more rows have less of the steps of an encoder
         if len(speed) <= width + FEWEST:
             break
         inside = (run[width:] == run[:-width])[LEADS:-LEADS]

@@ -163,7 +163,9 @@ def as_document(look: "FirstLook") -> dict[str, Any]:
         "guesses": {
             "input": {"column": look.roles.input, "confidence": look.roles.input_confidence},
             "output": {"column": look.roles.output, "confidence": look.roles.output_confidence},
-            "time": {"column": look.clock.column, "dt": look.clock.dt, "confidence": look.clock.confidence},
+            "time": {"column": look.clock.column, "dt": look.clock.dt, "confidence": look.clock.confidence}
+            | {"evidence": look.clock.evidence},
+            "kind": {"file": look.kind.kind, "evidence": look.kind.evidence},
             "pairs": [{"input": u, "output": y, "left": left} for u, y, left in look.roles.tried],
         },
         "response": {"delay": look.response.delay, "sign": look.response.sign},

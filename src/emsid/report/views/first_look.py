@@ -85,6 +85,10 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     found = []
     if clock.column and clock.axis is not None:
         found.append(f"time column {clock.column}: {clock.axis}")
+    for what, reasons in (("the time", clock.evidence), (str(look.kind), look.kind.evidence.get(look.kind.kind, {}))):
+        if reasons:
+            shown = ", ".join(f"{reason} {weight:+.1f}" for reason, weight in reasons.items())
+            found.append(f"log-odds of {what}: {shown}")
     if record is not None:
         found.append(f"record: {in_words(record)}")
     if len(look.roles.tried) > 1:

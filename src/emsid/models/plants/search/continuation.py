@@ -305,9 +305,9 @@ def keep_identifiable(identifiability: Identifiability, names: Sequence[str], pr
     return kept
 
 
-def search_once(problem: FreeRunError, task: Task, max_iterations: int = LOOK) -> Minimum:
-    """One round of a search, whatever is identifiable; the default is enough for a start near the minimum."""
-    return _search(problem, task.limits, max_iterations, task.control)
+def search_once(problem: FreeRunError, task: Task) -> Minimum:
+    """One round of a search, whatever is identifiable, which is enough for a start near the minimum."""
+    return _search(problem, task.limits, LOOK, task.control)
 
 
 def _search(problem: FreeRunError, limits: Limits, max_iterations: int, control: Control) -> Minimum:

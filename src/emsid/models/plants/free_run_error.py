@@ -11,7 +11,7 @@ that rad/s and A have equal weight. W may weight errors by their age, see `Recen
 
 The derivative of ŷ is a difference of free runs, which are computed in one call, and of long records in parallel
 threads. The motion is a continuous function of θ, because events are located, and a run takes microseconds.
-Differences are one-sided far from the minimum, and central near it, where they give the intervals. The initial states
+Differences are one-sided during a search, and central at its end, where they give the intervals. The initial states
 of all segments are changed together, because segments are independent; and so is a parameter that differs by record,
 whose column is zero in all other records.
 
@@ -108,8 +108,6 @@ def elsewhere(weighting: Weighting, plant: Plant, segments: Sequence[Record], si
 
 PRECISION = 1e-11
 """The relative precision of a free run: the tolerance of the simulation."""
-NEAR = 1e-4
-"""The relative step of a search below which its derivatives are central differences."""
 AT_ONCE = 10_000
 """The most samples of free runs that are computed at once; more would leave the cache of a core."""
 SHARED_SAMPLES = 2_000
@@ -223,6 +221,22 @@ class FreeRunError:
         moved.sizes = moved._sizes()
         return moved
 
+    def beside(self, plant: Plant, free: Sequence[str], *, same: bool = False) -> FreeRunError:
+        """The problem of other parameters of another plant, from the present initial states, which are not free.
+
+        Args:
+            plant: with its values.
+            free: the parameters.
+            same: whether it runs as the present plant does, as with parameters at values without effect.
+        """
+        other = copy(self)
+        other.plant, other.free, other._places = plant, tuple(free), []
+        other.lower, other.upper = other._bounds([plant.handles[name][2:4] for name in free])
+        other.sizes, other._last, other._linearised_at = other._sizes(), LastRun(), None
+        if same:
+            other._last.at(other.start, lambda: self.residuals(self.start))
+        return other
+
     def residuals(self, theta: Array) -> list[Array]:
         """W·(ŷ − y) of every segment, channel after channel."""
         return self._last.at(theta, lambda: self._simulated(theta))
@@ -231,9 +245,7 @@ class FreeRunError:
         """Residuals and their derivative: one-sided differences during a search, `exactly` at its end."""
         known = self._linearised_at
         if known is None or not np.array_equal(known.theta, theta):
-            central = known is not None and bool((np.abs(theta - known.theta) <= NEAR * self.sizes).all())
-            self._linearised_at = self._differentiated(theta, central)
-            return self._linearised_at.blocks
+            known = self._linearised_at = self._differentiated(theta, False)
         return known.blocks
 
     def exactly(self, theta: Array) -> list[Block]:

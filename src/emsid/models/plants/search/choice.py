@@ -272,13 +272,15 @@ class _Choice:
         """The additions whose promise may be worth a parameter, the best of each effect, the most promising first.
 
         All of them where the present error is no noise: so far from the truth a derivative says little. In the place of
-        what was taken out, only what promises about as much: the same derivatives say what that one promises.
+        what was taken out, only what promises about as much, not what no score can say: the same derivatives say what
+        that one promises.
         """
         self._doing("scoring additions")
-        problem = self._trials.problem(state.plant, state.names, state.states)
+        problem = self._trials.problem_of(state)
         if problem is None:
             return []
-        at = Situation(state.plant, state.names, self._trials.segments, self._trials.signals)
+        exchanged = state.without is not None
+        at = Situation(state.plant, state.names, self._trials.segments, self._trials.signals, scored=exchanged)
         known = {name: self.trial.plant.value(name) for name in self._fixed}
         rows = list(additions(at, self._fixed, self._effects, known))
         score = score_at(problem)

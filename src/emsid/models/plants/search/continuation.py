@@ -306,7 +306,7 @@ def keep_identifiable(identifiability: Identifiability, names: Sequence[str], pr
 
 
 def search_once(problem: FreeRunError, task: Task) -> Minimum:
-    """One round of a search, whatever is identifiable, of steps enough for a start near the minimum."""
+    """One round of a search, whatever is identifiable, which is enough for a start near the minimum."""
     return _search(problem, task.limits, LOOK, task.control)
 
 

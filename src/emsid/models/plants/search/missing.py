@@ -186,15 +186,13 @@ def acting_alike(
     plant = problem.plant
     if not isinstance(plant, DrivenPlant) or not plant.is_one_mass or not names:
         return []
-    at, known = (
-        Situation(plant, tuple(names), task.segments, task.signals, refitted=False),
-        {*task.fixed, *task.asked} - {*names},
-    )
+    at = Situation(plant, tuple(names), task.segments, task.signals, scored=True)
+    known = {*task.fixed, *task.asked} - {*names}
     alike: dict[str, list[tuple[Addition, float]]] = {}
     with suppress(EmsidError, Stopped):
         slopes = np.concatenate([jacobian for _, jacobian in problem.exactly(problem.start)])[:, : len(names)]
         for row in additions(at, known, fixed=task.fixed):
-            if len(row.names) > 1 or row.beside or row.probe or row.instead or row.kept or not row.scored:
+            if len(row.names) > 1 or row.beside or row.probe or row.instead or row.kept:
                 continue
             effect = np.concatenate(effect_of(problem, row.start, row.names))[:, 0]
             for name, slope in zip(names, slopes.T, strict=True):
@@ -243,9 +241,9 @@ def _moves(task: Task, problem: FreeRunError, names: Sequence[str]) -> Iterator[
         return
     held = held_names(task, plant, names)
     if isinstance(plant, DrivenPlant):
-        at = Situation(plant, tuple(names), task.segments, task.signals, refitted=False)
+        at = Situation(plant, tuple(names), task.segments, task.signals, scored=True)
         for row in additions(at, (*task.fixed, *(name for name in task.asked if name not in names)), fixed=task.fixed):
-            yield from _of(task, problem, "effect-missing", row.names, row) if row.scored else ()
+            yield from _of(task, problem, "effect-missing", row.names, row)
     for name in held:
         yield from _of_value(task, problem, name)
     if Signal.POSITION not in task.signals and not isinstance(task.weighting, tuple):

@@ -125,14 +125,14 @@ class Situation:
         free: what is estimated.
         segments: the records.
         signals: of their outputs.
-        refitted: whether what can only be refitted, as it has no score, is wanted too.
+        scored: whether only moves are wanted of which a score can say what they promise.
     """
 
     plant: DrivenPlant
     free: tuple[str, ...]
     segments: Sequence[Record]
     signals: Sequence[Signal]
-    refitted: bool = True
+    scored: bool = False
 
     @cached_property
     def fast(self) -> float:
@@ -271,11 +271,11 @@ def cogging(at: Situation) -> Iterator[Addition]:
     position is the integral, which is not known in a second segment.
     """
     period = HARMONICS[0][0]
-    if not at.plant.is_one_mass:
+    if at.scored or not at.plant.is_one_mass:
         return
     if period in at.free:
         yield Addition("cogging", at.plant, HARMONICS[1])
-    elif at.refitted and period in at.plant.handles and (Signal.POSITION in at.signals[:1] or len(at.segments) == 1):
+    elif period in at.plant.handles and (Signal.POSITION in at.signals[:1] or len(at.segments) == 1):
         found = wave(at.plant, at.segments, at.signals)
         if found is not None:
             values = dict(zip(HARMONICS[0], found[1], strict=True))
@@ -474,6 +474,8 @@ def additions(
             new = {*row.names, *row.beside} - row.sides.keys()
             have = all(name in row.start.handles for name in row.names)
             if not have or not taken.isdisjoint(new) or not row.instead.keys().isdisjoint(known):
+                continue
+            if at.scored and not row.scored:
                 continue
             if all(row.start.value(name) == value for name, value in (fixed or {}).items()) and _is_neutral(at, row):
                 yield row

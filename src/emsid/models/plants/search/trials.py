@@ -47,8 +47,8 @@ Array = NDArray[np.float64]
 KEPT, FINALISTS, FIRST_STEPS = 4, 2, 3
 """The number of starts that take a step, that of those that continue, and the steps after which only the best
 continues."""
-TOLERANCE = 0.02
-"""Of a search, in standard errors."""
+TOLERANCE = 0.1
+"""Of a search, in standard errors: it changes what a criterion compares by a hundredth for each parameter at most."""
 MUCH_WORSE = 10.0
 """A start whose cost is more than this multiple of the best one takes no steps."""
 SHORTER = 0.25 ** np.arange(8)
@@ -70,6 +70,7 @@ class Trial:
         added: what it has in addition to the plant that the search began with.
         without: what was just taken out of it, if another addition may take its place.
         independent: the number of independent errors; None where only their colour shows it.
+        problem: begun at it, with its derivatives.
     """
 
     plant: DrivenPlant
@@ -81,6 +82,7 @@ class Trial:
     added: tuple[Addition, ...] = ()
     without: Addition | None = None
     independent: float | None = None
+    problem: FreeRunError | None = None
 
     @property
     def errors(self) -> StretchErrors:
@@ -221,17 +223,24 @@ class Trials:
         A trial need not be at a minimum, so its covariance may be meaningless: no parameter is moved further than is
             plausible, nor to points of a much larger cost.
         """
-        problem = self.problem(trial.plant, trial.names, trial.states)
+        problem = self.problem_of(trial)
         if problem is None or not len(problem.start):
             return None
         lower, upper = self._within(problem)
         try:
-            slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
+            slopes = np.vstack([jacobian for _, jacobian in problem.linearised(problem.start)])
             step = drawn(slopes, trial.residuals, rng, problem.plausible)
             moved = (problem.begun_at(np.clip(problem.start + part * step, lower, upper)) for part in SHORTER)
             return next((each for each in moved if 0.5 * cost_of(each) <= MUCH_WORSE * trial.cost), None)
         except EmsidError:
             return None
+
+    def problem_of(self, trial: Trial) -> FreeRunError | None:
+        """The problem of a trial, with the derivatives that its search ended with; None as of `problem`."""
+        known = trial.problem
+        if known is None or known.weighting is not self.weighting:
+            return self.problem(trial.plant, trial.names, trial.states)
+        return known
 
     def problem(
         self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None = None
@@ -310,5 +319,6 @@ class Trials:
         assert isinstance(plant, DrivenPlant)
         independent = independent_errors(problem, residuals)
         return Trial(
-            plant, tuple(problem.free), problem.states(problem.start), cost, residuals, independent=independent
-        )
+            plant, tuple(problem.free), problem.states(problem.start), cost, residuals, independent=independent,
+            problem=problem,
+        )  # fmt: skip

@@ -532,6 +532,7 @@ def _confidence(
             and (facts.one_motion(column, other) or facts.one_motion(other, column))
         )
 
-    other = max((score for pair, score in scores.items() if not same(pair[side])), default=-1.0)
+    others = sorted(scores, key=scores.__getitem__, reverse=True)
+    other = next((scores[pair] for pair in others if not same(pair[side])), -1.0)
     margin = min(1.0, max(0.0, scores[chosen] - other))
     return round(min(0.98, 0.3 + 0.45 * max(by_name, explained * margin) + 0.25 * margin), 2)

@@ -158,7 +158,7 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
 ) -> None:
     blocks = (curve, SLOW) if estimator is hammerstein else (FAST, curve, SLOW)
     truth = Cascade(blocks)  # type: ignore[arg-type]
-    fit = estimator(record_of(truth, 4500), None, replace(AT_RATE, static=None))
+    fit = estimator(record_of(truth, 3000), None, replace(AT_RATE, static=None))
     assert {type(block) for block in fit.model.blocks} == {type(curve), Rational}
     assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [
         len(block.denominator) for block in blocks if isinstance(block, Rational)

@@ -183,7 +183,7 @@ def test_a_mass_moves_under_them_as_in_small_steps(name: str) -> None:
     one = np.ones((1, 1))
     loop_for(type(law).level)(
         np.array([0.5]), friction, force[None], np.full((1, len(force)), 0.3), NO_LOAD, np.array([0, len(force)]),
-        np.array([0.02]), 0.0 * one, 8, np.zeros((1, 1, 2)), speeds, positions,
+        np.array([0.02]), 0.0 * one, 8, np.zeros(1), np.zeros((1, 1, 3)), speeds, positions, np.empty_like(speeds),
     )  # fmt: skip
     errors = []
     for steps in (20, 80):

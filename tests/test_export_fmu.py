@@ -101,6 +101,20 @@ def test_steps_of_the_importer_may_be_parts_of_a_sample(version: str, tmp_path: 
 
 
 @needs_gcc
+@pytest.mark.parametrize(("version", "place"), [("3.0", "x86_64-windows"), ("2.0", "win64")])
+def test_a_compiler_for_windows_makes_a_second_binary(
+    version: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here that of this machine stands for it: the archive has what it makes."""
+    cross = "x86_64-w64-mingw32-gcc"
+    monkeypatch.setattr(fmu_format, "which", lambda name: shutil.which("gcc" if name == cross else name))
+    with ZipFile(exported(ARX, tmp_path, version)) as file:
+        assert f"binaries/{place}/model.dll" in file.namelist()
+        assert sum(name.endswith(".so") for name in file.namelist()) == (sys.platform == "linux")
+    assert f"{place}; other machines compile" in (tmp_path / "README.md").read_text("utf-8")
+
+
+@needs_gcc
 @pytest.mark.parametrize("version", ["3.0", "2.0"])
 def test_every_function_of_the_standard_is_in_the_binary(version: str, tmp_path: Path) -> None:
     number = version[0]

@@ -1,8 +1,8 @@
 """A model as an FMU for co-simulation, after FMI 3.0 or 2.0.
 
-``NAME.fmu`` is an archive of the description in XML, the C sources, and a binary for Linux where a C compiler is
-present. Inputs and outputs have the names and units of the record; the parameters of a fit are constants with their
-values. The step of an importer may have any length: the model passes its own samples.
+``NAME.fmu`` is an archive of the description in XML, the C sources, and a binary for Linux and for Windows where a C
+compiler for it is present. Inputs and outputs have the names and units of the record; the parameters of a fit are
+constants with their values. The step of an importer may have any length: the model passes its own samples.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import platform
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from shutil import which
@@ -38,6 +39,10 @@ FOLDERS = {
     ("2.0", "x86_64"): "linux64",
 }
 """Where each standard looks for the binary of a Linux machine."""
+WINDOWS = {"3.0": "x86_64-windows", "2.0": "win64"}
+"""Where it looks for that of Windows."""
+HERE, CROSS = ("cc", "gcc", "clang"), ("x86_64-w64-mingw32-gcc",)
+"""Compilers for this machine, and for Windows on any other (mingw-w64)."""
 BASE = {
     **{name: {name: 1} for name in ("kg", "m", "s", "A", "K", "rad")},
     "N": {"kg": 1, "m": 1, "s": -2},
@@ -91,10 +96,15 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
     if version == "3.0":
         content["sources/buildDescription.xml"] = build(export.name)
     folder = FOLDERS.get((version, platform.machine())) if sys.platform == "linux" else None
-    binary = compiled(export.name, sources) if folder else None
-    if binary:
-        content[f"binaries/{folder}/{export.name}.so"] = binary
-        notes.append(f"The binary is for {folder}; other machines compile the sources, which are in the archive.")
+    machines = []
+    for place, compilers, ending in ((folder, HERE, "so"), (WINDOWS[version], CROSS, "dll")):
+        binary = compiled(export.name, sources, compilers, ending) if place else None
+        if binary:
+            content[f"binaries/{place}/{export.name}.{ending}"] = binary
+            machines.append(str(place))
+    if machines:
+        there = f"There is a binary for {listed(machines)}"
+        notes.append(f"{there}; other machines compile the sources, which are in the archive.")
     else:
         notes.append("There is no binary, as there is no C compiler for Linux here: the importer compiles the sources.")
     if direct(export):
@@ -249,18 +259,18 @@ def _text(root: Any) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def compiled(name: str, sources: Files) -> bytes | None:
-    """A shared library of the sources; None without a C compiler, or where it fails."""
-    compiler = next(filter(None, map(which, ("cc", "gcc", "clang"))), None)
+def compiled(name: str, sources: Files, compilers: Sequence[str], ending: str) -> bytes | None:
+    """A shared library of the sources; None without one of the compilers, or where it fails."""
+    compiler = next(filter(None, map(which, compilers)), None)
     if compiler is None:
         return None
     with TemporaryDirectory() as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(str(text), "utf-8")
         inputs = [file for file in sources if file.endswith(".c")]
-        words = [compiler, *COMPILER, "-o", f"{name}.so", *inputs, "-lm"]
+        words = [compiler, *COMPILER, "-o", f"{name}.{ending}", *inputs, "-lm"]
         done = subprocess.run(words, cwd=folder, capture_output=True, check=False)
-        made = Path(folder) / f"{name}.so"
+        made = Path(folder) / f"{name}.{ending}"
         return made.read_bytes() if done.returncode == 0 and made.exists() else None
 
 

@@ -3,8 +3,8 @@
 The kernels are restricted Python: numbers, arrays, tuples, loops. An argument of the call is known, as the constants of
 a plant are, or an array of C. What is known is computed here: branches that it decides disappear, tables are written
 where an index is not known. The other statements stay as they are, so the numbers in double precision are those of the
-kernel. A function is written once for every set of known arguments and shapes; whole numbers and zero count as known,
-other real numbers do not.
+kernel; of a division of whole numbers, none may be negative. A function is written once for every set of known
+arguments and shapes; whole numbers and zero count as known, other real numbers do not.
 """
 
 from __future__ import annotations
@@ -352,8 +352,7 @@ class _Function:
                 self.say(f"{as_text(self.of(value))};")
             case ast.Assign(targets, value):
                 found = self.of(value, targets[0])
-                for target in targets:
-                    self.assign([(target, found)])
+                self.assign([(target, found) for target in targets])
             case ast.AugAssign(target, op, value):
                 self._place_of(target, self._calculated(op, self.of(_loaded(target)), self.of(value)), say=True)
             case ast.Return(value):

@@ -44,12 +44,14 @@ EXAMPLE = Case(
 """The motor of the figures."""
 
 
-def records(case: Case, settings: Settings, bench: Bench | None = None) -> tuple[Record, Record]:
-    """Identification data and unseen data of a motor of the family."""
+def records(case: Case, settings: Settings, bench: Bench | None = None, sign: float = 1.0) -> tuple[Record, Record]:
+    """Identification data and unseen data of a motor of the family; ``sign`` −1 turns the sign of the inputs."""
     rng = np.random.default_rng(settings.seed)
     samples, driven = round(settings.duration / settings.dt), bench or settings.bench
     first, second = (
-        driven.run(case.motor, case.scale * sines(samples, settings.dt, *INPUTS[kind]), settings.dt, rng, name=kind)
+        driven.run(
+            case.motor, sign * case.scale * sines(samples, settings.dt, *INPUTS[kind]), settings.dt, rng, name=kind
+        )
         for kind in (IDENTIFICATION, UNSEEN)
     )
     return first, second

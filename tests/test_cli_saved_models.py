@@ -152,6 +152,7 @@ def test_a_model_run_on_other_channels_is_reported(result, run):
     assert status == 0
     (other,) = json.loads(out)["records"]
     assert [(each["code"], each["data"].get("what")) for each in other["findings"]] == [
+        ("no-response", None),  # of an input to its output
         ("channels-differ", "inputs"),
         ("channels-differ", "outputs"),
         ("worse-than-mean", None),

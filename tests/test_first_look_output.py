@@ -115,6 +115,8 @@ def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:
     (record,) = document["records"]
     assert record["guesses"]["input"]["column"] == "u"
     assert record["response"] == {"delay": 1, "sign": -1}
+    assert record["guesses"]["time"]["evidence"]["its name"] == 4.0
+    assert record["guesses"]["kind"]["file"] == "a dynamic record"
     assert {"response-negative", "excitation-sufficient"} <= {finding["code"] for finding in record["findings"]}
     assert document["commands"] == [f"emsid identify {path} --input u --output y --time t --scale u=-1"]
     page = (tmp_path / "page" / "report.html").read_text()

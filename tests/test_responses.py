@@ -96,6 +96,31 @@ def test_a_speed_and_its_position_are_one_motion_and_a_command_is_none():
     assert not same_motion(u, speed, ())
 
 
+@pytest.mark.parametrize("delay", [5, 40, 150])
+def test_a_delay_is_found_to_a_row_in_noise(delay):
+    u = steps(each=10)
+    found = response_of(emsid.Record(u, noisy(lag(u, delay=delay), share=0.3), DT))
+    assert abs(found.delay - delay) <= 1
+
+
+def test_chance_is_no_response():
+    """Of unrelated columns with 30 to 120 levels."""
+    seen = 0
+    for seed in range(20):
+        u, other = steps(seed, each=10 + 10 * (seed % 4)), steps(seed + 100, each=10 + 10 * (seed % 4))
+        seen += response_of(emsid.Record(u, noisy(lag(other)), DT)).delay is not None
+    assert seen <= 2
+
+
+def test_displacements_over_many_rows_show_the_motion_of_a_coarse_encoder():
+    rng, n = np.random.default_rng(0), 400
+    times = np.cumsum(rng.choice([0.005, 0.007, 0.03], n))
+    speed = 30 * (1 - np.exp(-times / 0.3))
+    position = np.round(np.cumsum(speed * np.diff(times, prepend=0.0)))
+    assert same_motion(speed, position, (), times)
+    assert not same_motion(rng.permutation(speed), position, (), times)
+
+
 # --- files -----------------------------------------------------------------------------------------------------------
 
 

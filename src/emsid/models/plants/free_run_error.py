@@ -221,22 +221,6 @@ class FreeRunError:
         moved.sizes = moved._sizes()
         return moved
 
-    def beside(self, plant: Plant, free: Sequence[str], *, same: bool = False) -> FreeRunError:
-        """The problem of other parameters of another plant, from the present initial states, which are not free.
-
-        Args:
-            plant: with its values.
-            free: the parameters.
-            same: whether it runs as the present plant does, as with parameters at values without effect.
-        """
-        other = copy(self)
-        other.plant, other.free, other._places = plant, tuple(free), []
-        other.lower, other.upper = other._bounds([plant.handles[name][2:4] for name in free])
-        other.sizes, other._last, other._linearised_at = other._sizes(), LastRun(), None
-        if same:
-            other._last.at(other.start, lambda: self.residuals(self.start))
-        return other
-
     def residuals(self, theta: Array) -> list[Array]:
         """W·(ŷ − y) of every segment, channel after channel."""
         return self._last.at(theta, lambda: self._simulated(theta))

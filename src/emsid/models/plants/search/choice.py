@@ -275,12 +275,15 @@ class _Choice:
         what was taken out, only what promises about as much, not what no score can say: the same derivatives say what
         that one promises.
         """
+        if state.without is not None and not state.without.scored:
+            return []
         self._doing("scoring additions")
         problem = self._trials.problem_of(state)
         if problem is None:
             return []
-        exchanged = state.without is not None
-        at = Situation(state.plant, state.names, self._trials.segments, self._trials.signals, scored=exchanged)
+        at = Situation(
+            state.plant, state.names, self._trials.segments, self._trials.signals, scored=state.without is not None
+        )
         known = {name: self.trial.plant.value(name) for name in self._fixed}
         rows = list(additions(at, self._fixed, self._effects, known))
         score = score_at(problem)

@@ -48,27 +48,32 @@ def score_at(
 
 
 def effect_of(
-    problem: FreeRunError,
-    plant: Plant,
-    names: Sequence[str],
-    probe: Mapping[str, float] | None = None,
+    problem: FreeRunError, plant: Plant, names: Sequence[str], probe: Mapping[str, float] | None = None
 ) -> list[Array]:
     """(Nᵢ, k) the derivative of the residual by some parameters, of every segment and channel.
 
     Args:
         problem: that is fitted; it gives segments, initial states and weighting.
-        plant: with the values at which the derivative is taken, where it runs as that of the problem.
+        plant: with the values at which the derivative is taken.
         names: of the parameters.
         probe: the value of one parameter to which a difference is taken; none for the derivative itself.
 
     Raises:
         EmsidError: where the plant cannot be simulated with them.
     """
+    states = problem.states(problem.start)
+    fixed: list[tuple[int, ...]] = [() for _ in states]
+
+    def run(plant: Plant, free: Sequence[str]) -> FreeRunError:
+        return FreeRunError(
+            plant, problem.signals, problem.segments, free, states, fixed, problem.weighting, problem.threads
+        )
+
     if not probe:
-        other = problem.beside(plant, names, same=True)
+        other = run(plant, names)
         return [part for _, jacobian in other.linearised(other.start) for part in by_channel(problem, jacobian)]
     ((name, value),) = probe.items()
-    here, there = problem.beside(plant, (), same=True), problem.beside(plant.with_values(probe), ())
+    here, there = (run(each, ()) for each in (plant, plant.with_values(probe)))
     way = value - plant.value(name)
     both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
     return [part for a, b in both for part in by_channel(problem, ((b - a) / way)[:, None])]

@@ -153,6 +153,12 @@ class _DrivenSampler:
             raise ModelError("a motor with codes among its commands or a bridge that coasts has no form in C")
 
     @property
+    def motion(self) -> Array:
+        """The present motion: speed and position; of a motor with shaft or inductance its current, the speeds of rotor
+        and load, the twist and the position. The next sample changes it."""
+        return self._motion
+
+    @property
     def state(self) -> PlantState:
         """The present state."""
         kept = self._rows[1:].copy()

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compensation import Compensation
-from emsid.controllers.cascade import Cascade, Settings
+from emsid.controllers.cascade import RunningCascade, Settings
 from emsid.controllers.loops import Plants
 from emsid.controllers.region import FRICTION, with_friction
 from emsid.errors import ModelError
@@ -50,7 +50,7 @@ PIECES = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class BenchRun:
     """A run of a loop.
 
     Attributes:
@@ -72,7 +72,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class ControlBench:
     """The bench of a plant.
 
     Attributes:
@@ -121,7 +121,7 @@ class Bench:
         }
 
     @cached_property
-    def runs(self) -> dict[tuple[str, str, str], Run]:
+    def runs(self) -> dict[tuple[str, str, str], BenchRun]:
         """By controller, reference and plant: ``friction × 1``, ``× 0.7``, ``× 1.3``, and ``backlash``."""
         plants: dict[str, tuple[Any, float]] = {
             f"friction × {factor:g}": (with_friction(self.model, factor), 0.0) for factor in FACTORS
@@ -217,7 +217,7 @@ class Bench:
         left = 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
         return left / (s.proportional * max(s.position, 1.0 if s.position == 0 else 0.0))
 
-    def run(self, settings: Settings, name: str, model: Any, backlash: float = 0.0) -> Run:
+    def run(self, settings: Settings, name: str, model: Any, backlash: float = 0.0) -> BenchRun:
         """A cascade over a reference.
 
         Args:
@@ -237,7 +237,7 @@ class Bench:
         rest = -settings.offset
         late = [rest if not current else 0.0] * round(self.delay / h)
         fast = [rest]  # the current loop computes for one of its samples
-        cascade, n = Cascade(settings), len(wanted)
+        cascade, n = RunningCascade(settings), len(wanted)
         y, u = np.empty(len(sampler_signals(sampler))), np.empty(1)
         actual, commands = np.empty(n), np.empty(n)
         load, follows = 0.0, settings.position > 0
@@ -270,7 +270,7 @@ class Bench:
             signs = np.sign(commands[counted] - rest)
             signs = signs[signs != 0]
             changes = float(np.count_nonzero(np.diff(signs)) / (np.count_nonzero(counted) * self.dt))
-        return Run(self.dt * np.arange(n), reference, actual, commands, error, overshoot, changes)
+        return BenchRun(self.dt * np.arange(n, dtype=float), reference, actual, commands, error, overshoot, changes)
 
 
 def sampler_signals(sampler: Any) -> Any:
@@ -288,7 +288,7 @@ def motion_of(sampler: Any) -> tuple[float, float, float]:
 
 def fitted_bench(
     model: Any, inverse: Compensation, plants: Plants, dt: float, limit: float | None, delay: float, current_dt: float
-) -> Bench:
+) -> ControlBench:
     """The bench for a plant, from its own sizes.
 
     The largest speed of the slow sine is that at which the linear part needs the voltage (force) that dead zone and
@@ -327,4 +327,4 @@ def fitted_bench(
             f"a limit of {most:.4g} is below the {need:.4g} that a speed of {speed:.4g} takes; raise it",
             arguments=("limit",),
         )
-    return Bench(model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, plants=plants)
+    return ControlBench(model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, plants=plants)

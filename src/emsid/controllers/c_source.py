@@ -1,6 +1,6 @@
 """The cascade in C99, for any plant: ``cascade.h`` and ``cascade.c``, with the gains of one plant in a header.
 
-No heap, no globals, float; ``-DCASCADE_REAL=double`` makes it double. The operations are those of `Cascade`.
+No heap, no globals, float; ``-DCASCADE_REAL=double`` makes it double. The operations are those of `RunningCascade`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The controller that runs: position, speed and current loop, feed-forward, friction, dead zone, anti-windup.
 
-`Cascade` is the same sequence of operations as the C of `emsid.controllers.c_source`, in double precision.
+`RunningCascade` is the same sequence of operations as the C of `emsid.controllers.c_source`, in double precision.
 
 - Feed-forward: ``per_speed·v + per_acceleration·a + load``, and the dry friction against the reference speed, from a
   table over the root of the speed. A reference at rest that begins to move gets the break-away level of the direction
@@ -80,8 +80,12 @@ class Settings:
         return bare if keep_zone else replace(bare, zone_low=0.0, zone_high=0.0, slope_low=1.0, slope_high=1.0)
 
 
-class Cascade:
-    """A cascade that runs; `step` once every sample, and `current` once every sample of the current loop."""
+class RunningCascade:
+    """A cascade that runs; `step` once every sample, and `current` once every sample of the current loop.
+
+    Args:
+        settings: its gains.
+    """
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

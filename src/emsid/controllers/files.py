@@ -66,7 +66,16 @@ def readme(found: Controller, name: str) -> str:
     s, way = found.settings, "m" if found.linear else "rad"
     units = units_of(plain_unit(found.unit), way)
     lines = [f"# {name}: cascade", "", *summary(found), "", "## Gains", "", "| gain | value | unit |", "|---|---|---|"]
-    shown = ("position", "proportional", "integral", "smoothing", "prefilter", "per_speed", "per_acceleration", "load")
+    shown: tuple[str, ...] = (
+        "position",
+        "proportional",
+        "integral",
+        "smoothing",
+        "prefilter",
+        "per_speed",
+        "per_acceleration",
+        "load",
+    )
     shown += ("zone_low", "zone_high", "zone_width", "speed_width", "limit", "band")
     if s.current_dt > 0:
         shown += ("current_dt", "current_proportional", "current_integral", "current_limit")

@@ -54,7 +54,7 @@ def models_of_region(model: Any, seed: int, draws: int = DRAWS) -> list[Any]:
         seed: of the directions in which the points lie.
         draws: how many points.
     """
-    subject = as_model(model)
+    subject: Any = as_model(model)
     if not (isinstance(model, Fit) and model.has_intervals):
         return [subject]
     from scipy.special import chdtri

@@ -54,7 +54,7 @@ MOST_SAMPLES = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class Loops:
+class LoopResponses:
     """The loops of a cascade at the frequencies ``w``, for P plants.
 
     Attributes:
@@ -73,7 +73,7 @@ class Loops:
     closed: Complex
 
     @classmethod
-    def of(cls, response: Complex, w: Array, settings: Settings) -> Loops:
+    def of(cls, response: Complex, w: Array, settings: Settings) -> LoopResponses:
         """From the response (P, F) of the plants."""
         pi = pi_response(w, settings.dt, settings.proportional, settings.integral)
         path = speed_filter(w, settings.dt, settings.smoothing)
@@ -129,7 +129,7 @@ def shaped(
 
 def judged(plants: Plants, sampled: Sampled, response: Complex, w: Array, settings: Settings, ratio: float) -> Tuned:
     """What a cascade reaches."""
-    loops = Loops.of(response, w, settings)
+    loops = LoopResponses.of(response, w, settings)
     found = loops.margins
     width = bandwidth(w, loops.closed[0])
     overshoot = inf

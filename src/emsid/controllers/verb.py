@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from emsid.arguments import as_names_with_commas
 from emsid.compensation import Compensation
-from emsid.controllers.bench import Bench, fitted_bench
-from emsid.controllers.cascade import Cascade, Settings, knots
+from emsid.controllers.bench import ControlBench, fitted_bench
+from emsid.controllers.cascade import RunningCascade, Settings, knots
 from emsid.controllers.gains import Row, firmware, torque_loop
 from emsid.controllers.loops import Margins, Plants, Sampled, frequencies
 from emsid.controllers.region import (
@@ -25,7 +25,7 @@ from emsid.controllers.region import (
     models_of_region,
     plants_of,
 )
-from emsid.controllers.tuning import LEAST, Loops, Tuned, current_loop, fastest
+from emsid.controllers.tuning import LEAST, LoopResponses, Tuned, current_loop, fastest
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import refuse_assumed
@@ -81,7 +81,7 @@ class Controller:
     current_margins: Margins | None
     plants: Plants
     draws: int
-    bench: Bench
+    bench: ControlBench
     firmware: Mapping[str, list[Row]]
 
     def __repr__(self) -> str:
@@ -93,16 +93,16 @@ class Controller:
         """Whether its bandwidth is below what was asked for, or below what the estimate alone would allow."""
         return self.bandwidth < 0.97 * (self.wanted_bandwidth or self.nominal_bandwidth)
 
-    def start(self) -> Cascade:
+    def start(self) -> RunningCascade:
         """The cascade, ready to run sample by sample."""
-        return Cascade(self.settings)
+        return RunningCascade(self.settings)
 
     @cached_property
-    def loops(self) -> Loops:
+    def loops(self) -> LoopResponses:
         """The frequency responses of its loops, for all plants of the region."""
         sampled = Sampled.of(self.plants, self.settings.dt, self.delay)
         w = frequencies(self.settings.dt)
-        return Loops.of(sampled.response(w), w, self.settings)
+        return LoopResponses.of(sampled.response(w), w, self.settings)
 
     def to_data(self) -> dict[str, Any]:
         """Gains, margins and the table of the bench in built-in types."""
@@ -194,10 +194,11 @@ def control(
     """
     if loop not in ("position", "speed"):
         raise ModelError(f"loop {loop!r}; give position or speed", arguments=("loop",))
-    subject = as_model(model)
+    subject: Any = as_model(model)
     step = dt if dt is not None else subject.dt
-    if step is None and isinstance(model, Fit) and getattr(model, "segments", ()):
-        step = model.segments[0].dt  # type: ignore[attr-defined]
+    segments = getattr(model, "segments", None) or ()
+    if step is None and segments:
+        step = segments[0].dt
     for name, value in (
         ("dt", step),
         ("bandwidth", bandwidth),
@@ -229,7 +230,7 @@ def control(
     if current and electrics is None:
         raise ModelError(
             f"a current loop needs resistance and inductance, which are not known of {subject.name}; identify it with "
-            "--free inductance, or leave the current loop out",
+            "the inductance estimated, or leave the current loop out",
             arguments=("current",),
         )
     cascaded = electrics is not None if current is None else current
@@ -293,7 +294,7 @@ def smoothed(settings: Settings, resolution: float) -> Settings:
 def _nominal(found: Tuned, plants: Plants, delay: float) -> Margins:
     w = frequencies(found.settings.dt)
     response = Sampled.of(plants.nominal, found.settings.dt, delay).response(w)
-    return Loops.of(response, w, found.settings).margins
+    return LoopResponses.of(response, w, found.settings).margins
 
 
 def _unit(model: Any, current: bool) -> str:
@@ -325,7 +326,7 @@ def _without_gains(
     delay: float,
     fast: float,
     current: bool,
-) -> tuple[Settings, float, Bench]:
+) -> tuple[Settings, float, ControlBench]:
     """Feed-forward, friction and dead zone of a cascade, the resolution, and the bench without gains."""
     inside, zone = cautious.inside, cautious.zone
     gain, offset, _, _, _, loss, *_ = cautious.outer.drive.tolist()

@@ -38,9 +38,10 @@ def control_report(found: Controller) -> Report:
         title=f"Control of {found.name}",
         summary=tuple(lines),
         sections=(
-            Section("Loops", figures=(bode_figure(found),)),
+            Section("LoopResponses", figures=(bode_figure(found),)),
             Section(
-                "Bench", tables=(Table(header, tuple(rows), caption="RMS error of the true motion", text_columns=2),)
+                "ControlBench",
+                tables=(Table(header, tuple(rows), caption="RMS error of the true motion", text_columns=2),),
             ),
             *(
                 Section(f"Bench: {reference}", figures=(bench_figure(found, reference),))

@@ -13,7 +13,7 @@ from emsid.controllers.c_source import sources
 from emsid.controllers.cascade import RunningCascade, Settings
 from emsid.controllers.files import write
 from emsid.controllers.loops import Sampled, step_responses
-from emsid.controllers.region import models_of_region, with_friction
+from emsid.controllers.region import models_of_region, scaled
 from emsid.estimation.fit import Ending, Fit
 from emsid.models.verbs import as_model
 
@@ -128,7 +128,7 @@ def test_the_current_loop_follows_from_resistance_and_inductance():
 
 def test_on_the_bench_the_cascade_tracks_better_than_usual_rules(found):
     errors = {(row["controller"], row["reference"], row["plant"]): row["error"] for row in found.bench.table}
-    for plant in ("friction × 1", "friction × 0.7", "friction × 1.3", "backlash"):
+    for plant in ("as identified", "friction × 0.7", "friction × 1.3", "backlash"):
         for rule in ("symmetric optimum", "SIMC", "cascade without compensation"):
             for reference in ("reversal", "sine"):
                 assert errors["cascade", reference, plant] < 0.5 * errors[rule, reference, plant]
@@ -146,7 +146,7 @@ def test_on_the_bench_the_cascade_tracks_better_than_usual_rules(found):
 
 def test_friction_is_scaled_in_all_its_parts():
     model = motor(**{"rotor_viscous": 1e-4, "rotor_friction.stribeck": 0.01, "load_friction.coulomb.backward": 0.02})
-    lower = with_friction(model, 0.7).plant
+    lower = scaled(model, "friction", 0.7).plant
     for name in (
         "rotor_viscous",
         "rotor_friction.stribeck",

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from emsid.compensation import Compensation
 from emsid.controllers.cascade import RunningCascade, Settings
 from emsid.controllers.loops import Plants
-from emsid.controllers.region import FRICTION, with_friction
+from emsid.controllers.region import FRICTION, scaled
 from emsid.errors import ModelError
 from emsid.models.starting import start
 
@@ -39,8 +39,11 @@ TIMES, LEAST_SAMPLES, MOST_SAMPLES = 40.0, 400, 20_000
 """A period of the slow sine in time constants of the plant, and the fewest and the most samples of it."""
 COUNTS = 10.0
 """Counts in a sample at the largest speed, of an encoder that is not given."""
-FACTORS = (1.0, 1.0 - FRICTION, 1.0 + FRICTION)
+FACTORS = (1.0 - FRICTION, 1.0 + FRICTION)
 """Friction on the bench, as a multiple of that identified."""
+REFERENCES = ("hold", "reversal", "step", "sine")
+AS_IS = "as identified"
+"""The plant that is the model."""
 REST = 1.0
 """Length in s of the rest that is counted."""
 CASCADE, BARE, OPTIMUM, SIMC = "cascade", "cascade without compensation", "symmetric optimum", "SIMC"
@@ -86,6 +89,8 @@ class ControlBench:
         settings: the cascade; None before it is designed.
         plants: the plants of its region.
         whole_delay: delay of the loop with that of the drive in s.
+        names: of the controllers that run.
+        wrong: what of the plant is 30 % lower and higher than identified: friction, dead zone.
     """
 
     model: Any
@@ -100,6 +105,8 @@ class ControlBench:
     settings: Settings | None = None
     plants: Plants | None = None
     whole_delay: float = 0.0
+    names: tuple[str, ...] = (CASCADE, BARE, OPTIMUM, SIMC)
+    wrong: tuple[str, ...] = ("friction",)
 
     @property
     def controllers(self) -> dict[str, Settings]:
@@ -122,16 +129,18 @@ class ControlBench:
 
     @cached_property
     def runs(self) -> dict[tuple[str, str, str], BenchRun]:
-        """By controller, reference and plant: ``friction × 1``, ``× 0.7``, ``× 1.3``, and ``backlash``."""
-        plants: dict[str, tuple[Any, float]] = {
-            f"friction × {factor:g}": (with_friction(self.model, factor), 0.0) for factor in FACTORS
-        }
+        """By controller, reference and plant: ``as identified``, ``friction × 0.7``, ``backlash`` and so on."""
+        plants: dict[str, tuple[Any, float]] = {AS_IS: (self.model, 0.0)}
+        for what in self.wrong:
+            changed = ((factor, scaled(self.model, what, factor)) for factor in FACTORS)
+            plants |= {f"{what} × {factor:g}": (model, 0.0) for factor, model in changed if model is not None}
         if self.backlash > 0:
             plants["backlash"] = (self.model, self.backlash)
         return {
             (name, reference, plant): self.run(settings, reference, model, gap)
             for name, settings in self.controllers.items()
-            for reference in ("hold", "reversal", "step", "sine")
+            if name in self.names
+            for reference in REFERENCES
             for plant, (model, gap) in plants.items()
         }
 
@@ -281,13 +290,20 @@ def sampler_signals(sampler: Any) -> Any:
 def motion_of(sampler: Any) -> tuple[float, float, float]:
     """Position, speed and current of a plant; the current of one mass without inductance is not a number."""
     motion = sampler.motion.tolist()
-    if len(motion) == 2:
-        return motion[1], motion[0], float("nan")
-    return motion[4], motion[2], motion[0]
+    if len(motion) == 5:  # a motor with a shaft
+        return motion[4], motion[2], motion[0]
+    return motion[1], motion[0], motion[2] / sampler.numbers[1].per_ampere if len(motion) == 3 else float("nan")
 
 
 def fitted_bench(
-    model: Any, inverse: Compensation, plants: Plants, dt: float, limit: float | None, delay: float, current_dt: float
+    model: Any,
+    inverse: Compensation,
+    plants: Plants,
+    dt: float,
+    limit: float | None,
+    delay: float,
+    current_dt: float,
+    amplitude: float | None = None,
 ) -> ControlBench:
     """The bench for a plant, from its own sizes.
 
@@ -295,7 +311,7 @@ def fitted_bench(
     break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives.
 
     Raises:
-        ModelError: for a limit that does not reach the break-away, or that is missing.
+        ModelError: for a limit that does not reach the break-away, or is missing; for a speed that is not positive.
     """
     inside, zone = inverse.inside, inverse.zone
     per_volt = inside.after * inside.before
@@ -316,7 +332,9 @@ def fitted_bench(
             )
         jump = 0.1 * most * abs(float(inverse.outer.drive[0]))
     tau = min(tau, MOST_SAMPLES * dt / TIMES)
-    speed = jump * per_volt * tau / inside.mass
+    if amplitude is not None and not (isfinite(amplitude) and amplitude > 0):
+        raise ModelError(f"an amplitude of {amplitude!r}; give a positive speed", arguments=("amplitude",))
+    speed = jump * per_volt * tau / inside.mass if amplitude is None else amplitude
     samples = int(min(max(TIMES * tau / dt, LEAST_SAMPLES), MOST_SAMPLES))
     reference = speed * np.sin(2 * np.pi * np.arange(samples) / samples)
     need = float(np.max(np.abs(inverse.feedforward(reference))))
@@ -324,7 +342,24 @@ def fitted_bench(
         most = 2 * need
     if need > most:
         raise ModelError(
-            f"a limit of {most:.4g} is below the {need:.4g} that a speed of {speed:.4g} takes; raise it",
-            arguments=("limit",),
+            f"a limit of {most:.4g} is below the {need:.4g} that a speed of {speed:.4g} takes; raise it, or give a "
+            "smaller amplitude",
+            arguments=("limit", "amplitude"),
         )
     return ControlBench(model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, plants=plants)
+
+
+def rows_of(bench: ControlBench) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The table of a bench as text: its header, and a row for every reference and controller.
+
+    Errors are RMS; the last column is the most changes of the sign of the command per second, at hold.
+    """
+    plants = list(dict.fromkeys(plant for _, _, plant in bench.runs))
+    rows = []
+    for reference in REFERENCES:
+        for name in bench.names:
+            each = [bench.runs[name, reference, plant] for plant in plants]
+            changes = max(run.changes for run in each)
+            cells = (f"{run.error:.3g}" for run in each)
+            rows.append((reference, name, *cells, "" if changes != changes else f"{changes:.2g}"))
+    return ("reference", "controller", *plants, "changes of sign/s"), rows

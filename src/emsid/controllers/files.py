@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from emsid.controllers.bench import ControlBench, rows_of
 from emsid.controllers.c_source import sketch, sources, units_of
 from emsid.controllers.verb import Controller
 from emsid.errors import FormatError
@@ -91,11 +92,7 @@ def readme(found: Controller, name: str) -> str:
             "and voltage are those of the record: of a brushless motor they must be those of the q axis.",
         ]
     lines += ["", "## Bench", "", "RMS error of the true motion.", ""]
-    plants = list(dict.fromkeys(plant for _, _, plant in found.bench.runs))
-    lines += ["| controller | reference | " + " | ".join(plants) + " |", "|---" * (2 + len(plants)) + "|"]
-    for controller, reference in dict.fromkeys((each[0], each[1]) for each in found.bench.runs):
-        cells = [f"{found.bench.runs[controller, reference, plant].error:.4g}" for plant in plants]
-        lines.append(f"| {controller} | {reference} | " + " | ".join(cells) + " |")
+    lines += bench_lines(found.bench)
     lines += [
         "",
         "## On the target",
@@ -115,6 +112,12 @@ def readme(found: Controller, name: str) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def bench_lines(bench: ControlBench) -> list[str]:
+    """The table of a bench in Markdown."""
+    header, rows = rows_of(bench)
+    return [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
 
 
 def summary(found: Controller) -> list[str]:

@@ -77,16 +77,28 @@ def models_of_region(model: Any, seed: int, draws: int = DRAWS) -> list[Any]:
     return [subject, *(subject.with_estimates(names, point) for point in points)]
 
 
-def with_friction(model: Any, factor: float) -> Any:
-    """A model whose dry, viscous and quadratic friction is changed by a factor."""
+def scaled(model: Any, what: str, factor: float) -> Any:
+    """A model whose dry, viscous and quadratic friction, or whose dead zone, is changed by a factor; None without any.
+
+    Args:
+        model: of a plant.
+        what: friction or dead zone.
+        factor: of its values.
+    """
     handles = model.plant.handles
     acts = (Measure.FORCE, Measure.DAMPING, Measure.QUADRATIC)
-    names = [
-        name
-        for name, handle in handles.items()
-        if handle.measure in acts and ("friction." in name or "viscous" in name) and f"{name}.forward" not in handles
-    ]
-    return model.with_estimates(names, np.array([factor * model.plant.value(name) for name in names]))
+    if what == "friction":
+        names = [
+            name
+            for name, handle in handles.items()
+            if handle.measure in acts
+            and ("friction." in name or "viscous" in name)
+            and f"{name}.forward" not in handles
+        ]
+    else:
+        names = [name for name in handles if name.endswith(("dead_zone.b_l", "dead_zone.b_r"))]
+    values = np.array([factor * model.plant.value(name) for name in names])
+    return model.with_estimates(names, values) if values.any() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,25 +134,6 @@ def electrics_of(models: list[Any]) -> Electrics | None:
     if channels is None or not channels.bridge or not (found > 0).all():
         return None
     return Electrics(found[:, 0], found[:, 1])
-
-
-def lower_ends(model: Any) -> Any:
-    """The model of a fit with every level of friction and width of a dead zone at the lower end of its 95 % interval.
-
-    What is compensated there is not more than what is known to act.
-    """
-    if not (isinstance(model, Fit) and model.has_intervals):
-        return as_model(model)
-    handles, lower = model.model.plant.handles, {}
-    for name, ends in zip(model.names, model.interval().tolist(), strict=True):
-        handle, value = handles.get(name), model.model.plant.value(name) if name in handles else 0.0
-        if handle is None or not all(np.isfinite(ends)):
-            continue
-        if "dead_zone" in name and "m_" not in name:
-            lower[name] = max(ends[0], 0.0) if value >= 0 else min(ends[1], 0.0)
-        elif handle.measure is Measure.FORCE and "friction." in name:
-            lower[name] = max(ends[0], 0.0)
-    return model.model.with_estimates(list(lower), np.array(list(lower.values())))
 
 
 def inverse_of(model: Any, dt: float) -> Compensation:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.arguments import as_names_with_commas
-from emsid.compensation import Compensation
-from emsid.controllers.bench import ControlBench, fitted_bench
+from emsid.compensation import Compensation, compensate
+from emsid.compensation.inverse import lower_ends
+from emsid.controllers.bench import BARE, CASCADE, ControlBench, fitted_bench
 from emsid.controllers.cascade import RunningCascade, Settings, knots
 from emsid.controllers.gains import Row, firmware, torque_loop
 from emsid.controllers.loops import Margins, Plants, Sampled, frequencies
@@ -21,7 +22,6 @@ from emsid.controllers.region import (
     check_identified,
     electrics_of,
     inverse_of,
-    lower_ends,
     models_of_region,
     plants_of,
 )
@@ -247,7 +247,8 @@ def control(
     whole_delay = late + drive_delay + (1.5 * fast if cascaded else 0.0)
 
     cautious = inverse_of(lower_ends(model), step)
-    base, resolution, bench = _without_gains(subject, cautious, plants, step, encoder, limit, late, fast, cascaded)
+    base, bench = without_gains(subject, cautious, plants, encoder, limit, late, fast if cascaded else 0.0)
+    resolution = bench.resolution
     base = replace(base, current_proportional=kp, current_integral=ki)
     follows = loop == "position"
     wanted = inf if bandwidth is None else 2 * pi * bandwidth
@@ -288,6 +289,7 @@ def smoothed(settings: Settings, resolution: float) -> Settings:
     """
     shown = settings.smoothing * resolution / settings.dt
     volts = settings.proportional * (shown + settings.position * resolution)
+    volts *= settings.current_proportional if settings.current_dt > 0 else 1.0
     return replace(settings, zone_width=volts, speed_width=shown, band=resolution)
 
 
@@ -316,43 +318,102 @@ def _backlash(model: Any, given: float | None, resolution: float) -> float:
     return max(values.get("backlash", 0.0), values.get("sensor.backlash", 0.0)) or 3 * resolution
 
 
-def _without_gains(
+def without_gains(
     model: Any,
-    cautious: Compensation,
+    inverse: Compensation,
     plants: Plants,
-    dt: float,
     encoder: float | None,
     limit: float | None,
     delay: float,
-    fast: float,
-    current: bool,
-) -> tuple[Settings, float, ControlBench]:
-    """Feed-forward, friction and dead zone of a cascade, the resolution, and the bench without gains."""
-    inside, zone = cautious.inside, cautious.zone
-    gain, offset, _, _, _, loss, *_ = cautious.outer.drive.tolist()
+    current_dt: float,
+    amplitude: float | None = None,
+) -> tuple[Settings, ControlBench]:
+    """Feed-forward, friction and dead zone of a cascade, and the bench with its encoder, without gains.
+
+    Args:
+        model: the plant.
+        inverse: its friction and dead zone as they are compensated.
+        plants: those of the region.
+        encoder, limit, delay: as for `control`.
+        current_dt: sample time of the current loop in s; 0 for none.
+        amplitude: the largest speed of the bench in rad/s (m/s); by default one of its own.
+    """
+    inside, zone, dt = inverse.inside, inverse.zone, inverse.dt
+    gain, offset, _, _, _, loss, *_ = inverse.outer.drive.tolist()
     force, damping, mass = float(plants.force[0]), float(plants.damping[0]), float(plants.mass[0])
-    bench = fitted_bench(model, cautious, plants, dt, limit, delay, fast if current else 0.0)
-    linear = model.name == "linear-axis"
-    turn = 1.0 if linear else 2 * pi
-    resolution = bench.resolution if encoder is None else turn / encoder
+    bench = fitted_bench(model, inverse, plants, dt, limit, delay, current_dt, amplitude)
+    if encoder is not None:
+        bench = replace(bench, resolution=(1.0 if model.name == "linear-axis" else 2 * pi) / encoder)
     rate = damping / mass
     hold = dt if rate * dt < 1e-9 else float(-np.expm1(-rate * dt) / rate)
-    speeds = knots(2 * bench.speed)
-    nearly = speeds + 1e-12 * bench.speed  # a reference that moves; the level of the first knot is the break-away level
+    exact, speeds, moves = replace(inverse, speed_width=0.0), knots(2 * bench.speed), 1e-12 * bench.speed
     table = []
     for way in (1.0, -1.0):
-        level = np.abs(cautious.friction_force(way * nearly)) / force
-        level[0] = np.abs(float(cautious.friction_force(0.0, way * 1e-12 * bench.speed))) / force
+        level = np.abs(exact.friction_force(way * (speeds + moves))) / force
+        level[0] = np.abs(float(exact.friction_force(0.0, way * moves))) / force  # break-away
         table.append(tuple(level.tolist()))
     settings = Settings(
         dt=dt, position=0.0, proportional=0.0, integral=0.0,
         per_speed=damping / force, per_acceleration=mass * dt / hold / force, load=inside.load / force,
         friction=(table[0], table[1]), friction_speed=float(speeds[-1]),
         zone_low=zone.b_l, zone_high=zone.b_r, slope_low=zone.m_l, slope_high=zone.m_r,
-        gain=gain * (1.0 - loss), offset=offset, limit=bench.limit,
-        current_dt=fast if current else 0.0,
+        gain=gain * (1.0 - loss), offset=offset, limit=bench.limit, current_dt=current_dt,
     )  # fmt: skip
-    if current:
+    if current_dt > 0:
         resistance = float(model.parameter_values()["resistance"])
         settings = replace(settings, current_limit=abs(gain) * bench.limit / resistance)
-    return settings, resolution, replace(bench, resolution=resolution)
+    return settings, bench
+
+
+def compensated(
+    model: Any,
+    *,
+    dt: float,
+    encoder: float | None = None,
+    zone_width: float | None = None,
+    speed_width: float | None = None,
+    limit: float | None = None,
+    delay: int = 1,
+    amplitude: float | None = None,
+) -> tuple[Compensation, ControlBench]:
+    """The inverse of a plant, and a cascade on the bench with it and without.
+
+    The cascade is the fastest that keeps its margins at the estimate and with friction 30 % off; on the bench friction
+    and dead zone are each 30 % off.
+
+    Args:
+        model: a plant of one mass, or a fit of one.
+        dt: sample time in s.
+        encoder: counts per revolution (per m); by default one with ten counts in a sample at the bench's speed.
+        zone_width, speed_width: as for `emsid.compensate`.
+        limit: the largest command.
+        delay: in samples.
+        amplitude: the largest speed of the bench in rad/s (m/s).
+
+    Raises:
+        ModelError: as `emsid.compensate`, and where no cascade keeps its margins.
+    """
+    subject: Any = as_model(model)
+    plants = plants_of([inverse_of(subject, dt)], False)
+    if encoder is None:
+        whole = without_gains(subject, inverse_of(subject, dt), plants, None, limit, delay * dt, 0.0, amplitude)[1]
+        encoder = (1.0 if subject.name == "linear-axis" else 2 * pi) / whole.resolution
+    inverse = compensate(model, dt=dt, encoder=encoder, zone_width=zone_width, speed_width=speed_width)
+    assert isinstance(inverse, Compensation)
+    base, bench = without_gains(subject, inverse, plants, encoder, limit, delay * dt, 0.0, amplitude)
+    whole_delay = delay * dt + float(subject.plant.drive.delay)
+    found = fastest(plants, base, whole_delay, OVERSHOOT)
+    if found is None:
+        raise ModelError(
+            f"no position loop of {subject.name} keeps its margins at a sample time of {dt:g} s and a delay of {delay} "
+            "samples; sample faster",
+            arguments=("dt", "delay"),
+        )
+    settings = replace(
+        found.settings, zone_width=inverse.zone_width, speed_width=inverse.speed_width, band=inverse.count
+    )
+    wrong = ("friction", "dead zone")
+    bench = replace(
+        bench, settings=settings, plants=plants, whole_delay=whole_delay, names=(CASCADE, BARE), wrong=wrong
+    )
+    return inverse, bench

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from emsid.controllers import Controller
-from emsid.controllers.bench import BARE, CASCADE, SIMC
+from emsid.controllers.bench import AS_IS, BARE, CASCADE, REFERENCES, SIMC, ControlBench, rows_of
 from emsid.controllers.files import summary
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Level, Line, Mark, Plot, Report, Section, Stroke, Table
 from emsid.report.views.timeline import TIME
@@ -17,23 +17,7 @@ INKS = {CASCADE: Ink.BLUE, BARE: Ink.GREY, SIMC: Ink.ORANGE}
 def control_report(found: Controller) -> Report:
     """The page of a controller."""
     lines = summary(found)
-    bench = found.bench
-    plants = list(dict.fromkeys(plant for _, _, plant in bench.runs))
-    rows = []
-    for controller, reference in dict.fromkeys((each[0], each[1]) for each in bench.runs):
-        runs = [bench.runs[controller, reference, plant] for plant in plants]
-        changes = max(run.changes for run in runs)
-        overshoot = max(run.overshoot for run in runs)
-        rows.append(
-            (
-                controller,
-                reference,
-                *(f"{run.error:.3g}" for run in runs),
-                "" if np.isnan(overshoot) else f"{100 * overshoot:.1f} %",
-                "" if np.isnan(changes) else f"{changes:.3g}",
-            )
-        )
-    header = ("controller", "reference", *plants, "overshoot", "changes of sign per s")
+    header, rows = rows_of(found.bench)
     return Report(
         title=f"Control of {found.name}",
         summary=tuple(lines),
@@ -44,8 +28,8 @@ def control_report(found: Controller) -> Report:
                 tables=(Table(header, tuple(rows), caption="RMS error of the true motion", text_columns=2),),
             ),
             *(
-                Section(f"Bench: {reference}", figures=(bench_figure(found, reference),))
-                for reference in ("step", "sine", "reversal", "hold")
+                Section(f"Bench: {reference}", figures=(bench_figure(found.bench, reference),))
+                for reference in REFERENCES
             ),
         ),
         imprint="emsid control",
@@ -78,34 +62,40 @@ def bode_figure(found: Controller) -> Figure:
     return Figure("bode", caption, plots, columns=2, shared_x=True)
 
 
-def bench_figure(found: Controller, reference: str) -> Figure:
-    """A reference on the bench: motion, error and command, with friction as identified and 30 % off."""
-    unit = ("m" if found.linear else "rad") + ("" if found.settings.position > 0 else "/s")
-    quantity = "Position" if found.settings.position > 0 else "Speed"
-    runs = found.bench.runs
-    first = runs[CASCADE, reference, "friction × 1"]
-    motion: list[Mark] = [Line(first.time, first.reference, "reference", Stroke(Ink.BLACK, Dash.DASHED, 0.8))]
-    errors: list[Mark] = []
-    commands: list[Mark] = []
-    others = [
-        runs[CASCADE, reference, plant].reference - runs[CASCADE, reference, plant].actual
-        for plant in dict.fromkeys(each[2] for each in runs)
-    ]
-    errors.append(Band(first.time, np.min(others, axis=0), np.max(others, axis=0), "cascade, all plants", Ink.BLUE))
-    for name, ink in INKS.items():
-        run = runs[name, reference, "friction × 1"]
-        motion.append(Line(run.time, run.actual, name, Stroke(ink)))
-        errors.append(Line(run.time, run.reference - run.actual, name, Stroke(ink)))
-        commands.append(Line(run.time, run.command, name, Stroke(ink, width=0.8), stairs=True))
-    plots = (
-        Plot(tuple(motion), TIME, Axis(quantity, unit)),
-        Plot(tuple(errors), TIME, Axis("Error", unit)),
-        Plot(tuple(commands), TIME, Axis("Command")),
+def bench_figure(bench: ControlBench, *references: str, name: str = "") -> Figure:
+    """Motion, error and command on the bench for some references.
+
+    Args:
+        bench: with its runs.
+        references: of `REFERENCES`.
+        name: of the figure; by default that of the reference.
+    """
+    assert bench.settings is not None
+    follows = bench.settings.position > 0
+    unit = ("m" if bench.model.name == "linear-axis" else "rad") + ("" if follows else "/s")
+    quantity = "Position" if follows else "Speed"
+    plots = []
+    for reference in references:
+        runs = {(name, plant): run for (name, each, plant), run in bench.runs.items() if each == reference}
+        first = runs[CASCADE, AS_IS]
+        motion: list[Mark] = [Line(first.time, first.reference, "reference", Stroke(Ink.BLACK, Dash.DASHED, 0.8))]
+        every = [run.reference - run.actual for (name, _), run in runs.items() if name == CASCADE]
+        errors: list[Mark] = [Band(first.time, np.min(every, axis=0), np.max(every, axis=0), "cascade, all plants")]
+        commands: list[Mark] = []
+        for name_, ink in INKS.items():
+            if (name_, AS_IS) in runs:
+                run = runs[name_, AS_IS]
+                motion.append(Line(run.time, run.actual, name_, Stroke(ink)))
+                errors.append(Line(run.time, run.reference - run.actual, name_, Stroke(ink)))
+                commands.append(Line(run.time, run.command, name_, Stroke(ink, width=0.8), stairs=True))
+        plots += [
+            Plot(tuple(motion), TIME, Axis(f"{quantity}, {reference}", unit)),
+            Plot(tuple(errors), TIME, Axis("Error", unit)),
+            Plot(tuple(commands), TIME, Axis("Command")),
+        ]
+    wrong = " and ".join(bench.wrong)
+    caption = (
+        f"{' and '.join(references).capitalize()} on the bench, as identified; the band is the error of the cascade "
+        f"with {wrong} 30 % lower and higher{' and with backlash' if bench.backlash > 0 else ''}."
     )
-    return Figure(
-        f"bench-{reference}",
-        f"{reference.capitalize()} on the bench, with friction as identified; the band is the error of the cascade "
-        "with friction 30 % lower and higher and with backlash.",
-        plots,
-        shared_x=True,
-    )
+    return Figure(name or f"bench-{references[0]}", caption, tuple(plots), shared_x=len(references) == 1)

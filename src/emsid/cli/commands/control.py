@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, names, quantity, sample_time
 from emsid.cli.terminal import Align, plain_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder
 
 if TYPE_CHECKING:
-    from emsid.controllers import Controller
+    from emsid.controllers import ControlBench, Controller
 
 
 def percent(text: str | float) -> float:
@@ -112,8 +111,7 @@ def control(
         current_max=current_max, assume=names(assume, "--assume"), seed=seed,
     )  # fmt: skip
     page = report_files(control_report(found), formats=())
-    with INTERRUPTION.put_off():
-        written = write(found, out, name=name, force=force, more=page)
+    written = write(found, out, name=name, force=force, more=page)
     if json:
         say_json(as_json({"schema": 1, "files": [str(path) for path in written], **found.to_data()}))
         return
@@ -134,16 +132,15 @@ def _say(found: "Controller") -> None:
         f"gains: {position}speed {s.proportional:.4g} {unit} per {way}/s and {s.integral:.4g} {unit} per {way}; "
         f"feed-forward {s.per_speed:.4g} {unit} per {way}/s, {s.per_acceleration:.4g} {unit} per {way}/s^2"
     )
-    runs = found.bench.runs
-    plants = list(dict.fromkeys(plant for _, _, plant in runs))
-    headings: dict[str, Align] = {"reference": "left", "controller": "left", **dict.fromkeys(plants, "right")}
-    headings |= {"changes of sign/s": "right"}
-    rows = []
-    for reference in dict.fromkeys(each[1] for each in runs):
-        for controller in dict.fromkeys(each[0] for each in runs):
-            each = [runs[controller, reference, plant] for plant in plants]
-            changes = max(run.changes for run in each)
-            cells = (f"{run.error:.3g}" for run in each)
-            rows.append((reference, controller, *cells, "" if changes != changes else f"{changes:.3g}"))
-    quantity = "position" if s.position > 0 else "speed"
+    say_bench(found.bench)
+
+
+def say_bench(bench: "ControlBench") -> None:
+    """Print the table of a bench."""
+    from emsid.controllers.bench import rows_of
+
+    assert bench.settings is not None
+    header, rows = rows_of(bench)
+    headings: dict[str, Align] = {name: "left" if k < 2 else "right" for k, name in enumerate(header)}
+    quantity = "position" if bench.settings.position > 0 else "speed"
     show(plain_table(f"RMS error of the true {quantity} on the bench", headings, rows))

@@ -154,8 +154,8 @@ class _DrivenSampler:
 
     @property
     def motion(self) -> Array:
-        """The present motion: speed and position; of a motor with shaft or inductance its current, the speeds of rotor
-        and load, the twist and the position. The next sample changes it."""
+        """The present motion, see `advance`; of a motor with a shaft its current, the speeds of rotor and load, the
+        twist and the position. The next sample changes it."""
         return self._motion
 
     @property

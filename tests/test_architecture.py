@@ -37,6 +37,7 @@ LAYERS = (
     {"io", "live"},
     {"exports"},
     {"compensation", "experiment_design"},  # what is done with a model
+    {"controllers"},
     {"first_look"},  # what a file holds, before anything is identified
     {"identification"},
     {"study"},

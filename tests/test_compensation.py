@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.compensation.bench import setting, try_out
 from emsid.compensation.files import write
+from emsid.controllers.verb import compensated
+from emsid.estimation.fit import Fit
 from emsid.models.blocks.filters import Rational
 from emsid.models.verbs import as_model
 
@@ -76,27 +77,71 @@ def test_knee_and_offset_of_the_drive_are_inverted():
     assert inverse.zone(volts) == pytest.approx([-3.0, -0.3, 0.4, 3.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("values", [FRICTION, STRIBECK])
-def test_on_the_bench_the_error_through_the_reversal_is_five_times_lower_and_never_higher(values):
-    model = motor(**values)
-    for widths in ({}, {"zone_width": 0.05, "speed_width": 0.2}):
-        inverse = emsid.compensate(model, dt=DT, **widths)
-        trial = try_out(model, inverse, setting(inverse))
-        assert trial.gain("sine") > 5.0
-        assert len(trial.wrong) == 8
-        for name, before in trial.before.items():
-            assert before.stuck > 0.1
-            assert trial.after[name].stuck < 0.2 * before.stuck
-            assert all(runs[name].rmse < before.rmse for runs in trial.wrong.values())
+AXIS = {"mass": 2.0, "friction.coulomb": 5.0, "viscous_friction": 10.0}
 
 
-def test_an_inductance_is_neglected_by_the_inverse_and_not_by_the_bench():
+@pytest.mark.parametrize(
+    ("model", "dt", "encoder"),
+    [
+        (motor(), DT, 8192),
+        (motor(), 1e-3, 2000),
+        (motor(**STRIBECK), 1e-3, 2000),
+        (motor(**FRICTION, inductance=2e-3), 1e-3, 2000),
+        (as_model(emsid.plants.rigid_motor().with_values({"voltage_dead_zone.half_width": 0.5})), 1e-3, 2000),
+        (as_model(emsid.plants.linear_axis().with_values(AXIS)), 1e-3, 200_000),
+    ],
+    ids=["coulomb, 2 ms", "coulomb, 1 ms", "stribeck", "inductance", "dead zone only", "axis"],
+)
+def test_on_the_bench_it_does_no_harm(model, dt, encoder):
+    _, bench = compensated(model, dt=dt, encoder=encoder)
+    errors = {key: run.error for key, run in bench.runs.items()}
+    plants = {key[2] for key in errors}
+    assert {"friction × 0.7", "friction × 1.3"} <= plants or model.plant.value("rotor_friction.coulomb") == 0
+    for plant in plants:
+        run = bench.runs["cascade", "reversal", plant]
+        assert run.error < errors["cascade without compensation", "reversal", plant]
+        hold = bench.runs["cascade", "hold", plant]
+        assert hold.changes == 0
+        assert hold.error < max(1.5 * bench.resolution, errors["cascade without compensation", "hold", plant])
+    assert (
+        errors["cascade", "reversal", "as identified"]
+        < 0.2 * errors["cascade without compensation", "reversal", "as identified"]
+    )
+
+
+def test_widths_are_what_a_count_does_in_a_sample():
+    count = 2 * np.pi / 2000
+    inverse = emsid.compensate(motor(), dt=DT, encoder=2000)
+    assert inverse.count == pytest.approx(count)
+    assert inverse.speed_width == pytest.approx(count / DT)
+    values = motor().parameter_values()
+    inertia = values["rotor_inertia"] + values["load_inertia"]
+    volts = values["resistance"] / values["motor_constant"] * inertia / (10 * DT) * count / DT
+    assert inverse.zone_width == pytest.approx(volts)
+    given = emsid.compensate(motor(), dt=DT, encoder=2000, zone_width=0.1, speed_width=0.0)
+    assert (given.zone_width, given.speed_width) == (0.1, 0.0)
+    assert inverse.at_rest([count, 2 * count, count, count], [0, 0, 1, 0], [0, 0, 0, count]) == pytest.approx(
+        [0, 2 * count, count, count]
+    )
+
+
+def test_of_a_fit_the_lower_ends_of_the_intervals_are_compensated():
+    names = ("rotor_friction.coulomb", "voltage_dead_zone.half_width", "rotor_inertia")
+    estimate = np.array([0.02, 0.5, 2e-5])
+    fit = Fit(motor(), names, estimate, np.diag((0.05 * estimate) ** 2), 1.0, 100.0, 1.0, 3)
+    inverse, exact = emsid.compensate(fit, dt=DT), emsid.compensate(fit.model, dt=DT)
+    lower = 1 - 0.05 * 1.959964
+    assert inverse.friction_force(5.0) == pytest.approx(0.02 * lower)
+    assert inverse.zone.b_r == pytest.approx(0.5 * lower)
+    assert inverse.zone.b_l == pytest.approx(-0.5 * lower)
+    assert inverse.inside.mass == exact.inside.mass
+    assert exact.friction_force(5.0) == pytest.approx(0.02)
+
+
+def test_an_inductance_is_neglected_by_the_inverse():
     model = motor(**FRICTION, inductance=2e-3)
     inverse = emsid.compensate(model, dt=DT)
     assert inverse.feedforward([1.0, 2.0]) == pytest.approx(emsid.compensate(motor(), dt=DT).feedforward([1.0, 2.0]))
-    trial = try_out(model, inverse, setting(inverse))
-    assert trial.gain("sine") > 5.0
-    assert all(runs["sine"].rmse < trial.before["sine"].rmse for runs in trial.wrong.values())
 
 
 def test_a_map_of_a_cascade_is_inverted():
@@ -120,8 +165,8 @@ int main(void)
     double v, w, x;
     while (scanf("%lf %lf %lf", &v, &w, &x) == 3) {
         m_compensation_real a = (m_compensation_real)v, b = (m_compensation_real)w, c = (m_compensation_real)x;
-        printf("%.17g %.17g %.17g\\n", (double)m_dead_zone_inverse(a), (double)m_friction(a, b),
-               (double)m_feedforward(a, b, c));
+        printf("%.17g %.17g %.17g %.17g\\n", (double)m_dead_zone_inverse(a), (double)m_friction(a, b),
+               (double)m_feedforward(a, b, c), (double)m_at_rest(b, a, c));
     }
     return 0;
 }
@@ -129,7 +174,9 @@ int main(void)
 
 
 @needs_gcc
-@pytest.mark.parametrize(("widths", "single"), [({}, False), ({"zone_width": 0.1, "speed_width": 0.5}, True)])
+@pytest.mark.parametrize(
+    ("widths", "single"), [({"encoder": 2000}, False), ({"zone_width": 0.1, "speed_width": 0.5}, True)]
+)
 def test_c_gives_the_numbers_of_the_compensation(widths, single, tmp_path):
     model = motor(**STRIBECK, **{"rotor_viscous": 1e-5, "load_torque": 0.001, "drive.gain": 0.5, "drive.knee": 2.0})
     inverse = emsid.compensate(model, dt=DT, **widths)
@@ -145,6 +192,7 @@ def test_c_gives_the_numbers_of_the_compensation(widths, single, tmp_path):
     done = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True)
     found = np.array([[float(each) for each in line.split()] for line in done.stdout.splitlines()])
     expected = [inverse.dead_zone_inverse(v), inverse.friction_force(v, w), inverse.command(inverse.wanted(v, w))]
+    expected.append(inverse.at_rest(w, v, 0.0))
     assert found == pytest.approx(np.column_stack(expected), abs=1e-4 if single else 1e-12)
 
 
@@ -169,9 +217,11 @@ def test_bad_arguments_are_refused():
         emsid.compensate(motor())
     with pytest.raises(emsid.DataError, match="reference of shape"):
         emsid.compensate(motor(), dt=DT).feedforward([[1.0]])
+    with pytest.raises(emsid.ModelError, match="encoder"):
+        emsid.compensate(motor(), dt=DT, encoder=0)
     frictionless = as_model(emsid.plants.rigid_motor().with_values(dict.fromkeys(FRICTION, 0.0)))
-    with pytest.raises(emsid.ModelError, match="nothing to compensate"):
-        setting(emsid.compensate(frictionless, dt=DT))
+    with pytest.raises(emsid.ModelError, match="neither dead zone nor friction"):
+        compensated(frictionless, dt=DT)
 
 
 def test_the_command_writes_c_and_a_figure_and_overwrites_nothing(tmp_path, run):
@@ -179,8 +229,12 @@ def test_the_command_writes_c_and_a_figure_and_overwrites_nothing(tmp_path, run)
     emsid.save(motor(), model)
     status, out, err = run("compensate", model, "--out", inverse, "--dt", "2ms", "--json")
     assert status == 0, err
-    found = json.loads(out)["trial"]["sine"]
-    assert found["before"]["rmse"] > 5 * found["after"]["rmse"]
+    runs = [each for each in json.loads(out)["bench"]["runs"] if each["reference"] == "reversal"]
+    error = {each["controller"]: each["error"] for each in runs if each["plant"] == "as identified"}
+    assert error["cascade without compensation"] > 5 * error["cascade"]
+    text = (inverse / "COMPENSATION.md").read_text()
+    assert "command = rigid_motor_command(" in text
+    assert "| reversal | cascade |" in text
     assert (inverse / "compensation.svg").read_text().startswith("<?xml")
     status, _, err = run("compensate", model, "--out", inverse, "--dt", "2ms")
     assert (status, "exists" in err) == (2, True)

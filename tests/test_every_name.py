@@ -125,6 +125,7 @@ VERBS = {
     "validate": lambda model, log, out: ("validate", model, log, *read(log), "--out", out),
     "simulate": lambda model, log, out: ("simulate", model, log, "--input", "u", "--dt", DT, "--out", f"{out}.csv"),
     "compensate": lambda model, log, out: ("compensate", model, "--out", out, "--dt", DT),
+    "control": lambda model, log, out: ("control", model, "--out", out, "--dt", DT),
     "motors": lambda model, log, out: ("motors", out, "--add", f"one={model}", "--record", log, "--command", "none"),
     **{
         f"export to {name}": lambda model, log, out, to=name: ("export", model, "--to", to, "--out", out, "--dt", DT)

@@ -1,5 +1,6 @@
 from . import blocks as blocks
 from . import compensation as compensation
+from . import controllers as controllers
 from . import estimation as estimation
 from . import excitation as excitation
 from . import experiment_design as experiment_design
@@ -16,6 +17,8 @@ from . import validation as validation
 from .compensation import Compensation as Compensation
 from .compensation import MapInverse as MapInverse
 from .compensation import compensate as compensate
+from .controllers import Controller as Controller
+from .controllers import control as control
 from .errors import DataError as DataError
 from .errors import EmsidError as EmsidError
 from .errors import FormatError as FormatError

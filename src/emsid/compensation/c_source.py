@@ -53,6 +53,10 @@ real NAME_wanted(real speed, real following, real position);
 /* The command for a voltage (force) wanted behind the dead zone: feed-forward plus that of the controller. */
 real NAME_command(real wanted);
 
+/* The error of a position that a controller counts: 0 where the reference has no speed, the encoder has not moved since
+   the sample before, and the error is at most a count; then its integral stands, too. */
+real NAME_at_rest(real error, real speed, real moved);
+
 /* The command that leads from one reference speed to the next; position matters with cogging or gravity only. */
 real NAME_feedforward(real speed, real following, real position);
 """
@@ -81,13 +85,13 @@ real NAME_friction(real speed, real following)
 {
     const real middle = K(0.5) * (speed + following);
     const real size = (speed > K(0.0) || speed < K(0.0)) ? FABS(middle) : K(0.0);
-    return FACTOR * direction(middle) * (level(size, middle < K(0.0)) + QUADRATIC * size * size);
+    return direction(middle) * (level(size, middle < K(0.0)) + QUADRATIC * size * size);
 }
 
 real NAME_wanted(real speed, real following, real position)
 {
     const real middle = K(0.5) * (speed + following);
-    const real r = (BRAKING + FACTOR * (VISCOUS + (middle >= K(0.0) ? FORWARD : BACKWARD))) / MASS;
+    const real r = (BRAKING + VISCOUS + (middle >= K(0.0) ? FORWARD : BACKWARD)) / MASS;
     const real phi = r * DT < SMALL ? DT : -EXPM1(-r * DT) / r;
     real force = MASS * ((following - speed) / phi + r * speed) + NAME_friction(speed, following) + LOAD;
 WAVES    return (force + DROP * sign_of(force - BRAKING * middle)) / PER_VOLT;
@@ -97,6 +101,12 @@ real NAME_command(real wanted)
 {
     real volts = NAME_dead_zone_inverse(wanted) / LEFT;
 KNEE    return volts / GAIN - OFFSET;
+}
+
+real NAME_at_rest(real error, real speed, real moved)
+{
+    const int rests = !(speed < K(0.0) || speed > K(0.0)) && !(moved < K(0.0) || moved > K(0.0));
+    return rests && error <= COUNT && error >= -COUNT ? K(0.0) : error;
 }
 
 real NAME_feedforward(real speed, real following, real position)
@@ -114,8 +124,8 @@ def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
         "DT": found.dt, "MASS": inside.mass, "BRAKING": inside.braking, "VISCOUS": inside.viscous,
         "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": inside.load,
         "PER_VOLT": inside.after * inside.before, "ZONE_BEGIN": zone.b_l, "ZONE_END": zone.b_r, "ZONE_LEFT": zone.m_l,
-        "ZONE_RIGHT": zone.m_r, "FACTOR": found.friction_factor, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
-        "SMALL": SERIES, "DROP": float(friction.drop),
+        "ZONE_RIGHT": zone.m_r, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
+        "SMALL": SERIES, "COUNT": found.count, "DROP": float(friction.drop),
     }  # fmt: skip
     defines = "".join(f"#define {key} {number(value)}\n" for key, value in values.items())
     waves = "".join(

@@ -17,13 +17,21 @@ moves on, and at the break-away level; a reference that stands and stays gets no
 
 **Smoothing.** D⁻¹ jumps by the width of the zone at 0 and s by 2. A measured signal that passes through 0 with noise
 would make the command chatter. With a width w > 0 both jumps become straight lines from −w to w: of the wanted voltage
-for D⁻¹, and of the reference speed for s. D⁻¹ is exact beyond its width; within it, D(D⁻¹(z)) is smaller than z.
+for D⁻¹, and of the reference speed for s. D⁻¹ is exact beyond its width; within it, D(D⁻¹(z)) is smaller than z. With
+an encoder the widths are what one count does in a sample: the speed that it shows, and the voltage with which a loop of
+`LOOP` samples answers it.
+
+**Level.** Of a fit, friction and dead zone are those at the lower ends of their 95 % intervals: what is not known to
+act is not compensated, as too much of it drives the plant away from its reference and too little does not.
+
+**Rest.** A controller at rest beside its reference, by a count of its encoder, drives the integral to and fro. While
+the reference and the encoder stand and the error is at most a count, the error counts as zero (`at_rest`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import isfinite
+from dataclasses import dataclass
+from math import isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -31,10 +39,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.compensation.map_inverse import MapInverse
 from emsid.errors import DataError, ModelError
-from emsid.models.plants.sampling import Inside, Outer
+from emsid.estimation.fit import Fit
+from emsid.models.plants.sampling import Outer
 from emsid.models.starting import start
 from emsid.models.verbs import as_model
-from emsid.plant import DeadZoneLaw
+from emsid.plant import DeadZoneLaw, Measure
 from emsid.plant.friction import Level, sees_load
 
 Array = NDArray[np.float64]
@@ -51,9 +60,9 @@ class Compensation:
         inside: mass, damping and factors.
         outer: drive.
         friction, law: the friction and its law.
-        friction_factor: of all friction; 1 unless a wrong model is tried.
         zone_width: width in V over which the inverse of the dead zone is smoothed; 0 for the exact one.
         speed_width: width in rad/s (m/s) over which the direction of friction is smoothed; 0 for none.
+        count: of the encoder in rad (m); 0 where it is not known.
     """
 
     name: str
@@ -63,9 +72,9 @@ class Compensation:
     outer: Any
     friction: Any
     law: Level
-    friction_factor: float = 1.0
     zone_width: float = 0.0
     speed_width: float = 0.0
+    count: float = 0.0
 
     def dead_zone_inverse(self, wanted: ArrayLike) -> Array:
         """The value before the dead zone for the value wanted after it, of any shape; 0 for 0."""
@@ -94,9 +103,7 @@ class Compensation:
         """
         now, then = np.asarray(speed, dtype=float), np.asarray(following, dtype=float)
         middle, friction = 0.5 * (now + then), self.friction
-        viscous = self.friction_factor * (
-            self.inside.viscous + np.where(middle >= 0, friction.viscous[0], friction.viscous[1])
-        )
+        viscous = self.inside.viscous + np.where(middle >= 0, friction.viscous[0], friction.viscous[1])
         r = (self.inside.braking + viscous) / self.inside.mass
         phi = np.where(r * self.dt < SERIES, self.dt, -np.expm1(-r * self.dt) / np.maximum(r, SERIES / self.dt))
         made = self.inside.mass * ((then - now) / phi + r * now) + self._dry(now, then) + self.inside.load
@@ -135,17 +142,17 @@ class Compensation:
         at = position + np.concatenate([[0.0], np.cumsum(0.5 * self.dt * (speed + then))[:-1]])
         return self.command(self.wanted(speed, then, at))
 
-    def scaled(self, friction: float = 1.0, dead_zone: float = 1.0, inertia: float = 1.0) -> Compensation:
-        """The compensation of a model whose parameters are wrong by these factors.
+    def at_rest(self, error: ArrayLike, speed: ArrayLike, moved: ArrayLike) -> Array:
+        """The error of a position that a controller counts: 0 at rest within a count, else the error itself.
 
         Args:
-            friction: of dry, viscous and quadratic friction.
-            dead_zone: of the break points.
-            inertia: of the mass.
+            error: of the position in rad (m).
+            speed: reference speed in rad/s (m/s).
+            moved: way of the encoder since the sample before in rad (m).
         """
-        zone = replace(self.zone, b_l=self.zone.b_l * dead_zone, b_r=self.zone.b_r * dead_zone)
-        inside = self.inside._replace(mass=self.inside.mass * inertia, zone=Inside.numbers_of(zone))
-        return replace(self, zone=zone, inside=inside, friction_factor=self.friction_factor * friction)
+        e = np.asarray(error, dtype=float)
+        rests = (np.asarray(speed) == 0) & (np.asarray(moved) == 0) & (np.abs(e) <= self.count)
+        return np.where(rests, 0.0, e)
 
     def _dry(self, now: Array, then: Array) -> Array:
         """Dry and quadratic friction between two reference speeds; from a standstill at the break-away level."""
@@ -157,30 +164,43 @@ class Compensation:
         ]
         level = np.reshape(np.array(each, dtype=float), np.shape(middle)) + self.friction.quadratic * size**2
         way = np.sign(middle) if self.speed_width == 0 else np.clip(middle / self.speed_width, -1.0, 1.0)
-        return np.asarray(self.friction_factor * way * level)
+        return np.asarray(way * level)
 
 
 SERIES = 1e-9
 """Below this part of a time constant, (1 − e^{−rh})/r is h to rounding."""
 
 
+LOOP = 10.0
+"""Time constant in samples of the loop whose answer to a count the dead zone's inverse is smoothed over."""
+
+
 def compensate(
-    model: Any, *, dt: float | None = None, zone_width: float = 0.0, speed_width: float = 0.0
+    model: Any,
+    *,
+    dt: float | None = None,
+    encoder: float | None = None,
+    zone_width: float | None = None,
+    speed_width: float | None = None,
 ) -> Compensation | MapInverse:
     """The inverse of a model, to be put before its plant.
 
     Args:
-        model: a plant of one mass, or a fit of one; or a cascade, whose static map is inverted.
+        model: a plant of one mass, or a fit of one; or a cascade, whose static map is inverted. Of a fit, friction and
+            dead zone are those at the lower ends of their 95 % intervals; give ``fit.model`` for the estimates.
         dt: sample time in s of the controller, for a plant.
+        encoder: counts per revolution (per m) of its encoder.
         zone_width: the wanted voltage (force) up to which the inverse of the dead zone is a straight line in place of
-            its jump, so that noise does not make the command chatter; 0 for the exact inverse.
-        speed_width: the reference speed up to which the direction of friction is a straight line; 0 for none.
+            its jump, so that noise does not make the command chatter; 0 for the exact inverse. By default from the
+            encoder, and 0 without one.
+        speed_width: the reference speed up to which the direction of friction is a straight line; 0 for none. By
+            default from the encoder, and 0 without one.
 
     Returns:
         A `Compensation` of a plant; a `MapInverse` of a cascade.
 
     Raises:
-        ModelError: for a model without an inverse, with the reason, or a width that is negative.
+        ModelError: for a model without an inverse, with the reason, or a width or an encoder that is not positive.
 
     >>> import emsid
     >>> motor = emsid.plants.rigid_motor()
@@ -189,9 +209,11 @@ def compensate(
     array([-1.5,  0. ,  0.7])
     """
     for name, width in (("zone_width", zone_width), ("speed_width", speed_width)):
-        if not (isfinite(width) and width >= 0):
+        if width is not None and not (isfinite(width) and width >= 0):
             raise ModelError(f"a smoothing width of {width!r}; give zero or a positive number", arguments=(name,))
-    subject = as_model(model)
+    if encoder is not None and not (isfinite(encoder) and encoder > 0):
+        raise ModelError(f"an encoder of {encoder!r} counts; give a positive number", arguments=("encoder",))
+    subject = lower_ends(model)
     if hasattr(subject, "blocks"):
         return MapInverse.of(subject)
     if dt is not None and not (isfinite(dt) and dt > 0):
@@ -206,10 +228,30 @@ def compensate(
         )
     outer, inside, friction, _, law = sampler.numbers
     check_invertible(subject.name, outer, law)
-    zone = DeadZoneLaw(*inside.zone.tolist())
-    return Compensation(
-        subject.name, float(outer.timing[0]), zone, inside, outer, friction, law, 1.0, zone_width, speed_width
-    )
+    zone, step = DeadZoneLaw(*inside.zone.tolist()), float(outer.timing[0])
+    turn = 1.0 if subject.name == "linear-axis" else 2 * pi
+    count = 0.0 if encoder is None else turn / encoder
+    volts = inside.mass / (inside.after * inside.before * LOOP * step) * count / step
+    widths = (volts if zone_width is None else zone_width), (count / step if speed_width is None else speed_width)
+    return Compensation(subject.name, step, zone, inside, outer, friction, law, *widths, count)
+
+
+def lower_ends(model: Any) -> Any:
+    """The model of a fit with friction levels and ends of dead zones at the lower ends of their 95 % intervals."""
+    subject: Any = as_model(model)
+    handles = getattr(getattr(subject, "plant", None), "handles", {})
+    if not (isinstance(model, Fit) and model.has_intervals and handles):
+        return subject
+    lower = {}
+    for name, ends in zip(model.names, model.interval().tolist(), strict=True):
+        handle = handles.get(name)
+        if handle is None or not all(map(isfinite, ends)):
+            continue
+        if "dead_zone" in name and "m_" not in name:
+            lower[name] = max(ends[0], 0.0) if subject.plant.value(name) >= 0 else min(ends[1], 0.0)
+        elif handle.measure is Measure.FORCE and "friction." in name:
+            lower[name] = max(ends[0], 0.0)
+    return subject.with_estimates(list(lower), np.array(list(lower.values())))
 
 
 def inductance_of(model: Any) -> float:

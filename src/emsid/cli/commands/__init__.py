@@ -1,12 +1,13 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
 from emsid.cli.commands import demo, describe, identify, validate, simulate  # noqa: I001
-from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, design, motors
+from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, control, design, motors
 from emsid.cli.commands import parameters, names
 
 __all__ = [
     "bench",
     "compensate",
+    "control",
     "demo",
     "describe",
     "design",

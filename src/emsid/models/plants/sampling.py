@@ -153,6 +153,12 @@ class _DrivenSampler:
             raise ModelError("a motor with codes among its commands or a bridge that coasts has no form in C")
 
     @property
+    def motion(self) -> Array:
+        """The present motion, see `advance`; of a motor with a shaft its current, the speeds of rotor and load, the
+        twist and the position. The next sample changes it."""
+        return self._motion
+
+    @property
     def state(self) -> PlantState:
         """The present state."""
         kept = self._rows[1:].copy()

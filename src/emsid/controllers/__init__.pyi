@@ -1,0 +1,9 @@
+from .bench import BenchRun as BenchRun
+from .bench import ControlBench as ControlBench
+from .cascade import RunningCascade as RunningCascade
+from .cascade import Settings as Settings
+from .loops import Margins as Margins
+from .loops import Plants as Plants
+from .tuning import LoopResponses as LoopResponses
+from .verb import Controller as Controller
+from .verb import control as control

@@ -1,0 +1,365 @@
+"""The bench: a cascade and usual rules in closed loop with the plant, over the same references.
+
+The plant is the model itself with its sticking, dead zone, drive and inductance. A controller reads a quantised
+encoder; its command acts a delay later and is limited. Friction is as identified, 30 % lower and 30 % higher; with a
+backlash the encoder is behind it, on a load that friction holds while the motor crosses the gap.
+
+References: **hold** (a short move, then a long rest), **reversal** (a slow sine, counted where it is slow), **step**,
+and **sine** (a sine at a fifth of the bandwidth). Beside the cascade run, with the same velocity feed-forward,
+
+- symmetric optimum: Kp = M/(2·f·T), T_i = 4·T, position gain 1/(8·T),
+- SIMC (Skogestad, J. Process Control 13, 2003): τ_c = T, Kp = M/(2·f·T), T_i = min(M/D, 8·T), position gain 1/(4·T),
+
+where T is the sum of the delays: that of the command, one and a half samples and the lag of a current loop; and the
+cascade without the compensation of friction and dead zone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.compensation import Compensation
+from emsid.controllers.cascade import RunningCascade, Settings
+from emsid.controllers.loops import Plants
+from emsid.controllers.region import FRICTION, scaled
+from emsid.errors import ModelError
+from emsid.models.starting import start
+
+Array = NDArray[np.float64]
+
+SLOW = 0.25
+"""The part of the largest speed below which a reference is in its reversal."""
+TIMES, LEAST_SAMPLES, MOST_SAMPLES = 40.0, 400, 20_000
+"""A period of the slow sine in time constants of the plant, and the fewest and the most samples of it."""
+COUNTS = 10.0
+"""Counts in a sample at the largest speed, of an encoder that is not given."""
+FACTORS = (1.0 - FRICTION, 1.0 + FRICTION)
+"""Friction on the bench, as a multiple of that identified."""
+REFERENCES = ("hold", "reversal", "step", "sine")
+AS_IS = "as identified"
+"""The plant that is the model."""
+REST = 1.0
+"""Length in s of the rest that is counted."""
+CASCADE, BARE, OPTIMUM, SIMC = "cascade", "cascade without compensation", "symmetric optimum", "SIMC"
+"""The controllers."""
+PIECES = 10
+"""Pieces of a sample in which a delay that is no multiple of it is counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class BenchRun:
+    """A run of a loop.
+
+    Attributes:
+        time: (N,) in s.
+        reference, actual: (N,) true position in rad (m), without a position loop true speed.
+        command: (N,) what the drive gets.
+        error: RMS of reference − actual where it is counted.
+        overshoot: after a step, as a part of it; NaN elsewhere.
+        changes: changes of the sign of the command per second during the rest; NaN elsewhere.
+    """
+
+    time: Array
+    reference: Array
+    actual: Array
+    command: Array
+    error: float
+    overshoot: float
+    changes: float
+
+
+@dataclass(frozen=True, eq=False)
+class ControlBench:
+    """The bench of a plant.
+
+    Attributes:
+        model: the plant.
+        dt, delay, current_dt: sample time, delay and sample time of the current loop in s; 0 for no current loop.
+        limit: the largest command.
+        speed: the largest reference speed of the slow sine in rad/s (m/s).
+        period: of the slow sine in s.
+        resolution: a count of the encoder in rad (m).
+        backlash: in rad (m).
+        settings: the cascade; None before it is designed.
+        plants: the plants of its region.
+        whole_delay: delay of the loop with that of the drive in s.
+        names: of the controllers that run.
+        wrong: what of the plant is 30 % lower and higher than identified: friction, dead zone.
+    """
+
+    model: Any
+    dt: float
+    delay: float
+    current_dt: float
+    limit: float
+    speed: float
+    period: float
+    resolution: float
+    backlash: float = 0.0
+    settings: Settings | None = None
+    plants: Plants | None = None
+    whole_delay: float = 0.0
+    names: tuple[str, ...] = (CASCADE, BARE, OPTIMUM, SIMC)
+    wrong: tuple[str, ...] = ("friction",)
+
+    @property
+    def controllers(self) -> dict[str, Settings]:
+        """The cascade and what stands beside it."""
+        s, plants = self.settings, self.plants
+        assert s is not None
+        assert plants is not None
+        bare = s.feedback_only()
+        total = self.whole_delay + 1.5 * s.dt + plants.lag
+        gain = float(plants.mass[0] / (2 * plants.force[0] * total))
+        tau = float(plants.mass[0] / plants.damping[0]) if plants.damping[0] > 0 else inf
+        follows = s.position > 0
+        rule = replace(bare, smoothing=1.0, prefilter=1.0, band=0.0, proportional=gain)
+        return {
+            CASCADE: s,
+            BARE: replace(bare, band=0.0),
+            OPTIMUM: replace(rule, integral=gain / (4 * total), position=follows / (8 * total)),
+            SIMC: replace(rule, integral=gain / min(tau, 8 * total), position=follows / (4 * total)),
+        }
+
+    @cached_property
+    def runs(self) -> dict[tuple[str, str, str], BenchRun]:
+        """By controller, reference and plant: ``as identified``, ``friction × 0.7``, ``backlash`` and so on."""
+        plants: dict[str, tuple[Any, float]] = {AS_IS: (self.model, 0.0)}
+        for what in self.wrong:
+            changed = ((factor, scaled(self.model, what, factor)) for factor in FACTORS)
+            plants |= {f"{what} × {factor:g}": (model, 0.0) for factor, model in changed if model is not None}
+        if self.backlash > 0:
+            plants["backlash"] = (self.model, self.backlash)
+        return {
+            (name, reference, plant): self.run(settings, reference, model, gap)
+            for name, settings in self.controllers.items()
+            if name in self.names
+            for reference in REFERENCES
+            for plant, (model, gap) in plants.items()
+        }
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """A row for every run: controller, reference, plant, error, overshoot and changes of sign per second."""
+        return [
+            {
+                "controller": name, "reference": reference, "plant": plant,
+                "error": run.error, "overshoot": run.overshoot, "changes": run.changes,
+            }
+            for (name, reference, plant), run in self.runs.items()
+        ]  # fmt: skip
+
+    def to_data(self) -> dict[str, Any]:
+        """The bench and its table in built-in types."""
+        rows = [{key: None if value != value else value for key, value in row.items()} for row in self.table]
+        return {
+            "limit": self.limit, "speed": self.speed, "period": self.period, "resolution": self.resolution,
+            "backlash": self.backlash, "runs": rows,
+        }  # fmt: skip
+
+    def reference(self, name: str) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Position, speed and acceleration (N,) of a reference, and where its error is counted."""
+        s, dt = self.settings, self.dt
+        assert s is not None
+        if name in ("reversal", "sine"):
+            fast = name == "sine"
+            period = max(5 / max(self._width, 1e-9), 40 * dt) if fast else self.period
+            rate = 2 * np.pi / period
+            # a fast sine has the speed of the slow one, unless its acceleration takes more than half of the limit
+            most = self.speed if not fast else min(self.speed, self._fastest(rate))
+            time = dt * np.arange(round((4 if fast else 2) * period / dt))
+            position = most / rate * (1 - np.cos(rate * time))
+            speed, counted = most * np.sin(rate * time), time > period / 4
+            if not fast:
+                counted &= np.abs(speed) < SLOW * most
+            return position, speed, np.append(np.diff(speed), 0.0) / dt, counted
+        settle = 10 / max(self._width, 1e-9)
+        rest, move = max(REST, settle), max(settle, 40 * dt)
+        time = dt * np.arange(round((move + settle + rest) / dt))
+        if name == "hold":  # a smooth move, then rest
+            part = np.clip(time / move, 0.0, 1.0)
+            distance = 0.5 * min(self.speed, self._fastest(2 * np.pi / move)) * move
+            speed = distance / move * (1 - np.cos(2 * np.pi * part)) * (part < 1)
+            position = distance * (part - np.sin(2 * np.pi * part) / (2 * np.pi))
+            if not s.position > 0:
+                speed = speed * (time < move)
+            return position, speed, np.append(np.diff(speed), 0.0) / dt, time >= move + settle
+        height = self._step_height()
+        zero, begun = np.zeros(len(time)), time >= 5 * dt
+        if s.position > 0:
+            return np.where(begun, height, 0.0), zero, zero, begun
+        return zero, np.where(begun, height, 0.0), zero, begun
+
+    @property
+    def _width(self) -> float:
+        """About the bandwidth in Hz."""
+        s, plants = self.settings, self.plants
+        assert s is not None
+        assert plants is not None
+        inner = s.proportional * float(plants.force[0] / plants.mass[0])
+        return (min(s.position, inner) if s.position > 0 else inner) / (2 * np.pi)
+
+    def _fastest(self, rate: float) -> float:
+        """The speed of a sine of this rate whose force takes half of what is left beside friction and dead zone."""
+        plants, s = self.plants, self.settings
+        assert s is not None
+        assert plants is not None
+        most = s.current_limit if s.current_dt > 0 else abs(s.gain) * s.limit
+        zone = 0.0 if s.current_dt > 0 else max(s.zone_high, -s.zone_low)
+        left = 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
+        return float(left * plants.force[0] / np.hypot(plants.mass[0] * rate, plants.damping[0]))
+
+    def _step_height(self) -> float:
+        """A step whose first command is half of what is left, so that its overshoot is that of the loop."""
+        s = self.settings
+        assert s is not None
+        plants = self.plants
+        assert plants is not None
+        most = s.current_limit if s.current_dt > 0 else abs(s.gain) * s.limit
+        zone = 0.0 if s.current_dt > 0 else max(s.zone_high, -s.zone_low)
+        left = 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
+        return left / (s.proportional * max(s.position, 1.0 if s.position == 0 else 0.0))
+
+    def run(self, settings: Settings, name: str, model: Any, backlash: float = 0.0) -> BenchRun:
+        """A cascade over a reference.
+
+        Args:
+            settings: the cascade.
+            name: hold, reversal, step or sine.
+            model: the plant.
+            backlash: in rad (m).
+        """
+        wanted, speed, acceleration, counted = self.reference(name)
+        current = settings.current_dt > 0
+        pieces = max(round(self.dt / self.current_dt), 1) if current else PIECES
+        if not current and abs(self.delay / self.dt - round(self.delay / self.dt)) < 1e-9:
+            pieces = 1
+        h = self.dt / pieces
+        sampler: Any = getattr(start(model, dt=h), "sampler", None)
+        assert sampler is not None
+        rest = -settings.offset
+        late = [rest if not current else 0.0] * round(self.delay / h)
+        fast = [rest]  # the current loop computes for one of its samples
+        cascade, n = RunningCascade(settings), len(wanted)
+        y, u = np.empty(len(sampler_signals(sampler))), np.empty(1)
+        actual, commands = np.empty(n), np.empty(n)
+        load, follows = 0.0, settings.position > 0
+        for k in range(n):
+            where, turning, _ = motion_of(sampler)
+            load = min(max(load, where - 0.5 * backlash), where + 0.5 * backlash)
+            shown = load if backlash > 0 else where
+            actual[k] = (where if backlash == 0 else load) if follows else turning
+            counts = np.floor(shown / self.resolution + 0.5) * self.resolution
+            made = cascade.step(float(counts), float(wanted[k]), float(speed[k]), float(acceleration[k]))
+            commands[k] = made
+            for _ in range(pieces):
+                late.append(made)
+                acting = late.pop(0)
+                if current:
+                    where, turning, amps = motion_of(sampler)
+                    fast.append(cascade.current(acting, amps))
+                    commands[k] = acting = fast.pop(0)
+                u[0] = acting
+                sampler.advance(u, y)
+                if backlash > 0:
+                    where = motion_of(sampler)[0]
+                    load = min(max(load, where - 0.5 * backlash), where + 0.5 * backlash)
+        reference = wanted if follows else speed
+        error = float(np.sqrt(np.mean((reference - actual)[counted] ** 2)))
+        overshoot = changes = float("nan")
+        if name == "step":
+            overshoot = max(float(np.max(actual) / reference[-1]) - 1.0, 0.0)
+        if name == "hold":
+            signs = np.sign(commands[counted] - rest)
+            signs = signs[signs != 0]
+            changes = float(np.count_nonzero(np.diff(signs)) / (np.count_nonzero(counted) * self.dt))
+        return BenchRun(self.dt * np.arange(n, dtype=float), reference, actual, commands, error, overshoot, changes)
+
+
+def sampler_signals(sampler: Any) -> Any:
+    """The signals that a sampler reads."""
+    return sampler.numbers[0].signals
+
+
+def motion_of(sampler: Any) -> tuple[float, float, float]:
+    """Position, speed and current of a plant; the current of one mass without inductance is not a number."""
+    motion = sampler.motion.tolist()
+    if len(motion) == 5:  # a motor with a shaft
+        return motion[4], motion[2], motion[0]
+    return motion[1], motion[0], motion[2] / sampler.numbers[1].per_ampere if len(motion) == 3 else float("nan")
+
+
+def fitted_bench(
+    model: Any,
+    inverse: Compensation,
+    plants: Plants,
+    dt: float,
+    limit: float | None,
+    delay: float,
+    current_dt: float,
+    amplitude: float | None = None,
+) -> ControlBench:
+    """The bench for a plant, from its own sizes.
+
+    The largest speed of the slow sine is that at which the linear part needs the voltage (force) that dead zone and
+    break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives.
+
+    Raises:
+        ModelError: for a limit that does not reach the break-away, or is missing; for a speed that is not positive.
+    """
+    inside, zone = inverse.inside, inverse.zone
+    per_volt = inside.after * inside.before
+    friction = float(np.max(inverse.friction.breakaway))
+    jump = max(zone.b_r, -zone.b_l) + friction / per_volt
+    damping = inside.braking + inside.viscous + float(np.max(inverse.friction.viscous))
+    tau = inside.mass / damping if damping > 0 else inf
+    supply = float(inverse.outer.drive[4]) / abs(float(inverse.outer.drive[0]))
+    if limit is not None and not (isfinite(limit) and limit > 0):
+        raise ModelError(f"a limit of {limit!r}; give a positive number", arguments=("limit",))
+    most = min(limit if limit is not None else supply, supply)
+    if not jump > 0:
+        if not isfinite(most):
+            raise ModelError(
+                f"{inverse.name} has neither dead zone nor friction nor a supply, so that the size of a move is not "
+                "known; give the largest command",
+                arguments=("limit",),
+            )
+        jump = 0.1 * most * abs(float(inverse.outer.drive[0]))
+    tau = min(tau, MOST_SAMPLES * dt / TIMES)
+    if amplitude is not None and not (isfinite(amplitude) and amplitude > 0):
+        raise ModelError(f"an amplitude of {amplitude!r}; give a positive speed", arguments=("amplitude",))
+    speed = jump * per_volt * tau / inside.mass if amplitude is None else amplitude
+    samples = int(min(max(TIMES * tau / dt, LEAST_SAMPLES), MOST_SAMPLES))
+    reference = speed * np.sin(2 * np.pi * np.arange(samples) / samples)
+    need = float(np.max(np.abs(inverse.feedforward(reference))))
+    if not isfinite(most):
+        most = 2 * need
+    if need > most:
+        raise ModelError(
+            f"a limit of {most:.4g} is below the {need:.4g} that a speed of {speed:.4g} takes; raise it, or give a "
+            "smaller amplitude",
+            arguments=("limit", "amplitude"),
+        )
+    return ControlBench(model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, plants=plants)
+
+
+def rows_of(bench: ControlBench) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The table of a bench as text: its header, and a row for every reference and controller.
+
+    Errors are RMS; the last column is the most changes of the sign of the command per second, at hold.
+    """
+    plants = list(dict.fromkeys(plant for _, _, plant in bench.runs))
+    rows = []
+    for reference in REFERENCES:
+        for name in bench.names:
+            each = [bench.runs[name, reference, plant] for plant in plants]
+            changes = max(run.changes for run in each)
+            cells = (f"{run.error:.3g}" for run in each)
+            rows.append((reference, name, *cells, "" if changes != changes else f"{changes:.2g}"))
+    return ("reference", "controller", *plants, "changes of sign/s"), rows

@@ -1,0 +1,154 @@
+"""The files of a controller: the cascade in C, an Arduino sketch, gains for firmware, and its margins and bench."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from math import pi
+from pathlib import Path
+
+import msgspec
+
+from emsid.controllers.bench import ControlBench, rows_of
+from emsid.controllers.c_source import sketch, sources, units_of
+from emsid.controllers.verb import Controller
+from emsid.errors import FormatError
+from emsid.exports.verb import c_name
+from emsid.io.files import atomic_write, write_several
+from emsid.units import plain_unit
+
+README, JSON = "CONTROL.md", "control.json"
+
+
+def write(
+    found: Controller,
+    path: str | os.PathLike[str],
+    *,
+    name: str | None = None,
+    force: bool = False,
+    more: Mapping[str, str | bytes] | None = None,
+) -> list[Path]:
+    """Write a controller: ``cascade.c`` and ``.h``, ``NAME_gains.h``, ``NAME.ino``, ``CONTROL.md``, ``control.json``.
+
+    Args:
+        found: the controller.
+        path: folder.
+        name: of the gains in C; by default that of the model.
+        force: whether files that exist are replaced.
+        more: further files.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        ModelError: for a name that C cannot hold.
+        FormatError: where files exist or cannot be written.
+    """
+    called = c_name(name or found.name)
+    way = "m" if found.linear else "rad"
+    files: dict[str, str | bytes] = {
+        **sources(found.settings, called, found.unit, way),
+        f"{called}.ino": sketch(found.settings, called, way, found.resolution),
+        README: readme(found, called),
+        JSON: msgspec.json.format(msgspec.json.encode({"schema": 1, **found.to_data()}), indent=2) + b"\n",
+        **(more or {}),
+    }
+    folder = Path(path)
+    there = [file for file in files if (folder / file).exists()]
+    if there and not force:
+        raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
+    paths = [folder / file for file in files]
+    write_several(atomic_write, paths, files.values())
+    return paths
+
+
+def readme(found: Controller, name: str) -> str:
+    """What the loops are, their margins, the bench, and the gains for firmware."""
+    s, way = found.settings, "m" if found.linear else "rad"
+    units = units_of(plain_unit(found.unit), way)
+    lines = [f"# {name}: cascade", "", *summary(found), "", "## Gains", "", "| gain | value | unit |", "|---|---|---|"]
+    shown: tuple[str, ...] = (
+        "position",
+        "proportional",
+        "integral",
+        "smoothing",
+        "prefilter",
+        "per_speed",
+        "per_acceleration",
+        "load",
+    )
+    shown += ("zone_low", "zone_high", "zone_width", "speed_width", "limit", "band")
+    if s.current_dt > 0:
+        shown += ("current_dt", "current_proportional", "current_integral", "current_limit")
+    lines += [f"| {row} | {getattr(s, row):.6g} | {units[row] or '–'} |" for row in ("dt", *shown)]
+    for firmware, rows in found.firmware.items():
+        lines += ["", f"## {firmware}", "", "| setting | value | unit |", "|---|---|---|"]
+        lines += [f"| {row} | {value:.6g} | {unit or '–'} |" for row, value, unit in rows]
+    if "ODrive" in found.firmware:
+        lines += [
+            "",
+            "All gains are on the side of the motor. Those of ODrive and VESC command a current: they are designed for "
+            "the motor without the braking of its back EMF, at the same sample time and delay. Resistance, constant "
+            "and voltage are those of the record: of a brushless motor they must be those of the q axis.",
+        ]
+    lines += ["", "## Bench", "", "RMS error of the true motion.", ""]
+    lines += bench_lines(found.bench)
+    lines += [
+        "",
+        "## On the target",
+        "",
+        "```c",
+        f'#include "{name}_gains.h"',
+        "",
+        "static cascade_state state;  /* cascade_reset(&state) once, with the drive at rest */",
+        "",
+        f"/* every {s.dt:g} s */",
+        f"command = cascade_step(&{name}_gains, &state, position, wanted, speed, acceleration);",
+        "```",
+        "",
+        "The first steps: limit the command (`limit`) to a tenth, move by hand and see that the position counts in the "
+        "direction in which a positive command moves it, hold, then raise the limit. `speed` and `acceleration` are "
+        "the derivatives of `wanted`; without them there is no feed-forward and no compensation of friction.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def bench_lines(bench: ControlBench) -> list[str]:
+    """The table of a bench in Markdown."""
+    header, rows = rows_of(bench)
+    return [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
+
+
+def summary(found: Controller) -> list[str]:
+    """Bandwidth, margins and how they were reached, a sentence each."""
+    what = "position" if found.settings.position > 0 else "speed"
+    m = found.margins
+    region = f"{found.draws} points of the 95 % region of the estimates, each with " if found.draws else ""
+    over = f"over {region}friction 30 % lower and higher"
+    lines = [
+        f"The {what} loop has a bandwidth of {found.bandwidth:.3g} Hz at a sample time of {found.settings.dt:g} s and "
+        f"a delay of {found.delay:.4g} s.",
+        f"The worst {over}: gain margin {m.gain:.2f}, phase margin {m.phase:.1f}°, sensitivity peak "
+        f"{m.sensitivity:.2f}, overshoot of a step {100 * found.overshoot:.1f} %.",
+    ]
+    if not found.draws:
+        lines.append("The model has no intervals, so that the margins do not contain errors of its estimates.")
+    if found.wanted_bandwidth is not None and found.bandwidth < 0.97 * found.wanted_bandwidth:
+        lines.append(
+            f"{found.wanted_bandwidth:g} Hz were wanted; the bandwidth is reduced to {found.bandwidth:.3g} Hz, so that "
+            "the margins hold."
+        )
+    elif found.reduced:
+        lines.append(
+            f"At the estimate alone {found.nominal_bandwidth:.3g} Hz would keep the margins; the bandwidth is reduced, "
+            "so that they hold everywhere in the region."
+        )
+    if found.current_margins is not None:
+        c = found.current_margins
+        lines.append(
+            f"The current loop, every {found.settings.current_dt:g} s, has a bandwidth of about "
+            f"{1 / (2 * pi * found.plants.lag):.3g} Hz, a gain margin of {c.gain:.2f} and a phase margin of "
+            f"{c.phase:.1f}°."
+        )
+    return lines

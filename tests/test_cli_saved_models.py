@@ -158,7 +158,7 @@ def test_a_model_run_on_other_channels_is_reported(result, run):
         ("worse-than-mean", None),
     ]
     named = [
-        [channel["name"] for channel in other["findings"][0]["data"][side]] for side in ("identified_with", "channels")
+        [channel["name"] for channel in other["findings"][1]["data"][side]] for side in ("identified_with", "channels")
     ]
     assert named == [["u"], ["y"]]
     assert "the model was identified with the inputs u; log.csv has y.\n" in run(*words, "y", "--output", "u")[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS, Column
-from emsid.first_look.levels import PART
+from emsid.first_look.levels import PART, SAMPLES
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.responses import CLEAR, answers
 from emsid.first_look.roles import Roles
@@ -79,7 +79,8 @@ def per_change(speed: Column, position: Column) -> float:
     """The ratio of a speed to the change of a position from row to row; 0 where the speed is not computed from it."""
     if len(speed.values) != len(position.values) or len(speed.values) < FEWEST_LEVELS:
         return 0.0
-    change, said = np.diff(position.signal), speed.signal[1:]
+    rows = slice(max(len(speed.values) - SAMPLES, 0) // 2, (len(speed.values) + SAMPLES) // 2)
+    change, said = np.diff(position.signal[rows]), speed.signal[rows][1:]
     known = np.isfinite(change) & np.isfinite(said)
     if not (known.any() and np.ptp(change[known]) and np.ptp(said[known])):
         return 0.0

@@ -180,7 +180,7 @@ class ControlBench:
                 counted &= np.abs(speed) < SLOW * most
             return position, speed, np.append(np.diff(speed), 0.0) / dt, counted
         settle = 10 / max(self._width, 1e-9)
-        rest, move = max(REST, settle), max(settle, 40 * dt)
+        rest, move = (max(REST, settle), max(settle, 40 * dt)) if name == "hold" else (0.0, 0.0)
         time = dt * np.arange(round((move + settle + rest) / dt))
         if name == "hold":  # a smooth move, then rest
             part = np.clip(time / move, 0.0, 1.0)

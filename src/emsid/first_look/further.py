@@ -10,7 +10,7 @@ from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS, Column
 from emsid.first_look.levels import PART, SAMPLES
 from emsid.first_look.names import ColumnQuantity
-from emsid.first_look.responses import CLEAR, answers
+from emsid.first_look.responses import ANSWERED, answers
 from emsid.first_look.roles import Roles
 
 DERIVED = 0.999
@@ -72,7 +72,7 @@ def _acts(load: Column, u: Column, y: Column) -> bool:
     table = np.column_stack([each.signal for each in (u, load, y)])
     found = answers(table[np.isfinite(table).all(axis=1)], inputs=[0, 1])
     clear = {pair: answer.clear for pair, answer in found.items()}
-    return clear.get((1, 2), 0.0) >= CLEAR > clear.get((0, 1), 0.0)
+    return clear.get((1, 2), 0.0) >= ANSWERED > clear.get((0, 1), 0.0)
 
 
 def per_change(speed: Column, position: Column) -> float:

@@ -41,8 +41,8 @@ stretches judge even ones, and the reverse."""
 SEEN = 3.0
 """From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
 ANSWERED = 12.0
-"""Of 300 columns that have nothing to do with one another, with levels held for 1 to 40 rows, 1.3 % were clearer; of 300
-responses with as much noise as motion, 4 % were not as clear."""
+"""Of 300 columns that have nothing to do with one another, with levels held for 1 to 40 rows, 1.3 % were clearer; of
+300 responses with as much noise as motion, 4 % were not as clear."""
 SAME_MOTION, LEADS = 0.95, 4
 """The share of displacements that the speed of a motion explains, and rows by which clocks of the two may differ."""
 WITHIN, WITHIN_PERIODIC = 0.15, 0.5
@@ -71,7 +71,7 @@ class Answer:
         ambiguous: whether a response of the other sign is as good.
         periodic: whether the other one is periodic, so that later delays are as good.
         scale: the rows that were averaged, of which the delay is a multiple.
-        clear: twice the evidence by all independent rows, where the inputs are given; from `ANSWERED` on it is no chance.
+        clear: twice the evidence by all independent rows, where the inputs are given; from `ANSWERED` on no chance.
     """
 
     evidence: float

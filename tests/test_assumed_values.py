@@ -149,14 +149,13 @@ def test_a_built_in_value_is_assumed_like_one_that_was_kept(record: Record) -> N
         emsid.export(fit, "mujoco", "nowhere", assume="resistence")
 
 
-def test_an_unknown_inductance_is_a_comment_in_firmware_never_zero(
+def test_an_unknown_inductance_is_left_out_of_firmware_and_named(
     measured: emsid.plants.GreyBoxFit, tmp_path: Path
 ) -> None:
     for name, file in (("odrive", "rigid_motor_odrive.py"), ("vesc", "rigid_motor_vesc.yaml")):
-        text = contents(emsid.export(measured, name, tmp_path / name, **WINDING))[file]
-        (line,) = (line for line in text.splitlines() if "inductance" in line or "motor_l" in line)
-        assert line.startswith("#")
-        assert "not known" in line
+        written = contents(emsid.export(measured, name, tmp_path / name, **WINDING))
+        assert not any(word in written[file] for word in ("inductance", "motor_l", "current_kp"))
+        assert "does not show the inductance" in written[README]
     text = contents(emsid.export(measured, "simplefoc", tmp_path / "simplefoc", **WINDING))["rigid_motor_simplefoc.h"]
     assert ", NOT_SET)" in text
     known = replace(measured, model=measured.model.with_estimates(["inductance"], np.array([2e-3])))

@@ -22,9 +22,9 @@ def control_report(found: Controller) -> Report:
         title=f"Control of {found.name}",
         summary=tuple(lines),
         sections=(
-            Section("LoopResponses", figures=(bode_figure(found),)),
+            Section("Margins", figures=(bode_figure(found),)),
             Section(
-                "ControlBench",
+                "Bench",
                 tables=(Table(header, tuple(rows), caption="RMS error of the true motion", text_columns=2),),
             ),
             *(
@@ -87,7 +87,7 @@ def bench_figure(bench: ControlBench, *references: str, name: str = "") -> Figur
                 run = runs[name_, AS_IS]
                 motion.append(Line(run.time, run.actual, name_, Stroke(ink)))
                 errors.append(Line(run.time, run.reference - run.actual, name_, Stroke(ink)))
-                commands.append(Line(run.time, run.command, name_, Stroke(ink, width=0.8), stairs=True))
+                commands.append(Line(run.time, run.command, name_, Stroke(ink), stairs=True))
         plots += [
             Plot(tuple(motion), TIME, Axis(f"{quantity}, {reference}", unit)),
             Plot(tuple(errors), TIME, Axis("Error", unit)),

@@ -130,6 +130,7 @@ def test_a_full_disk_leaves_the_older_files_of_a_verb_as_they_were(
         assert tree(out) == before
 
 
+@pytest.mark.usefixtures("ctrl_c_heard")
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("verb", ["c99", "compensate", "motors", "demo", "simulate motor", "describe"])
 def test_a_signal_while_a_verb_writes_leaves_all_files_or_none(

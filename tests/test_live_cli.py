@@ -142,6 +142,7 @@ def test_an_interrupted_bench_run_writes_what_it_recorded_and_says_so(tmp_path: 
     assert not list(tmp_path.glob("*.tmp"))
 
 
+@pytest.mark.usefixtures("ctrl_c_heard")
 def test_an_interrupted_bench_run_without_a_sample_says_that_nothing_is_confirmed(
     tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +159,7 @@ def test_an_interrupted_bench_run_without_a_sample_says_that_nothing_is_confirme
     assert not (tmp_path / "record.csv").exists()
 
 
+@pytest.mark.usefixtures("ctrl_c_heard")
 def test_tracking_a_file_that_is_interrupted_is_not_done(
     tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:

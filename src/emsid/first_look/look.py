@@ -283,10 +283,15 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
 
 def _with_hanging_angle(look: FirstLook, parsed: ParsedFile, given: set[str]) -> FirstLook:
     """The look with a position as its output where that is an angle that hangs, which its speed alone does not show."""
-    position = look.roles.output
-    if "output" in given or not look.reading.get("input") or look.reading.get("output") != f"d({position})":
+    position = next((each for each in look.columns if each.name == look.roles.output), None)
+    if (
+        "output" in given
+        or not look.reading.get("input")
+        or position is None
+        or position.meaning.quantity is not _POSITION
+    ):
         return look
-    reading = {**look.reading, "output": position}
+    reading = {**look.reading, "output": position.name}
     with suppress(EmsidError):
         units = as_angle(read(parsed, **reading))
         if units is not None:

@@ -85,10 +85,11 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     found = []
     if clock.column and clock.axis is not None:
         found.append(f"time column {clock.column}: {clock.axis}")
-    for what, reasons in (("the time", clock.evidence), (str(look.kind), look.kind.evidence.get(look.kind.kind, {}))):
+    kind = look.kind.evidence.get(look.kind.kind, {})
+    for what, reasons in ((f"{clock.column or 'none'} is the time", clock.evidence), (f"it is {look.kind}", kind)):
         if reasons:
-            shown = ", ".join(f"{reason} {weight:+.1f}" for reason, weight in reasons.items())
-            found.append(f"log-odds of {what}: {shown}")
+            shown = ", ".join(f"{reason} {weight:+.2g}" for reason, weight in reasons.items())
+            found.append(f"why {what}, in log-odds: {shown}")
     if record is not None:
         found.append(f"record: {in_words(record)}")
     if len(look.roles.tried) > 1:

@@ -29,6 +29,8 @@ from emsid.live.tracking import Tracker
 from emsid.wording import sentence
 from live_sessions import DT, PLAIN, SentBoard, lines, served, url
 
+pytestmark = pytest.mark.usefixtures("ctrl_c_heard")
+
 
 def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: object) -> None:
     (tmp_path / "log.csv").write_bytes(lines(4000, step=3500, dt=0.01))
@@ -142,7 +144,6 @@ def test_an_interrupted_bench_run_writes_what_it_recorded_and_says_so(tmp_path: 
     assert not list(tmp_path.glob("*.tmp"))
 
 
-@pytest.mark.usefixtures("ctrl_c_heard")
 def test_an_interrupted_bench_run_without_a_sample_says_that_nothing_is_confirmed(
     tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,7 +160,6 @@ def test_an_interrupted_bench_run_without_a_sample_says_that_nothing_is_confirme
     assert not (tmp_path / "record.csv").exists()
 
 
-@pytest.mark.usefixtures("ctrl_c_heard")
 def test_tracking_a_file_that_is_interrupted_is_not_done(
     tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -127,10 +127,10 @@ def attempted(*works: Callable[[], object]) -> EmsidError | None:
 
 
 def as_json(content: Any) -> bytes:
-    """A document as indented JSON."""
-    import msgspec
+    """A document as indented JSON; what it is made by is loaded at the first call."""
+    from emsid.io.files import indented_json
 
-    return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
+    return indented_json(content)
 
 
 def completed(result: "Identification") -> "tuple[Identification, dict[str, Any]]":

@@ -10,11 +10,10 @@ from typing import Any
 from emsid.compensation.c_source import sources
 from emsid.compensation.inverse import Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
-from emsid.errors import FormatError
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import sentences
 from emsid.exports.verb import c_name, export
-from emsid.io.files import atomic_write, together, write_several
+from emsid.io.files import together, write_new
 from emsid.models.verbs import as_model
 
 README = "COMPENSATION.md"
@@ -98,12 +97,6 @@ def write(
     if isinstance(found, Compensation):
         lines += [*_on_target(found, called), *(["## On the bench", "", BENCH, "", *bench, ""] if bench else [])]
     files: dict[str, str | bytes] = {**texts, README: "\n".join(lines), **(more or {})}
-    folder = Path(path)
-    there = [file for file in files if (folder / file).exists()]
-    if there and not force:
-        raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
-    paths = [folder / file for file in files]
     with together():
-        written = export(model, "c99", folder, name=called, dt=dt, force=force, single=single)
-        write_several(atomic_write, paths, files.values())
-    return [*written, *paths]
+        paths = write_new(files, path, force=force)
+        return [*export(model, "c99", path, name=called, dt=dt, force=force, single=single), *paths]

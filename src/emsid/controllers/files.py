@@ -7,14 +7,11 @@ from collections.abc import Mapping
 from math import pi
 from pathlib import Path
 
-import msgspec
-
 from emsid.controllers.bench import ControlBench, rows_of
 from emsid.controllers.c_source import sketch, sources, units_of
 from emsid.controllers.verb import Controller
-from emsid.errors import FormatError
 from emsid.exports.verb import c_name
-from emsid.io.files import atomic_write, write_several
+from emsid.io.files import indented_json, write_new
 from emsid.units import plain_unit
 
 README, JSON = "CONTROL.md", "control.json"
@@ -50,16 +47,10 @@ def write(
         **sources(found.settings, called, found.unit, way),
         f"{called}.ino": sketch(found.settings, called, way, found.resolution),
         README: readme(found, called),
-        JSON: msgspec.json.format(msgspec.json.encode({"schema": 1, **found.to_data()}), indent=2) + b"\n",
+        JSON: indented_json({"schema": 1, **found.to_data()}),
         **(more or {}),
     }
-    folder = Path(path)
-    there = [file for file in files if (folder / file).exists()]
-    if there and not force:
-        raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
-    paths = [folder / file for file in files]
-    write_several(atomic_write, paths, files.values())
-    return paths
+    return write_new(files, path, force=force)
 
 
 def readme(found: Controller, name: str) -> str:
@@ -134,7 +125,7 @@ def summary(found: Controller) -> list[str]:
     ]
     if not found.draws:
         lines.append("The model has no intervals, so that the margins do not contain errors of its estimates.")
-    if found.wanted_bandwidth is not None and found.bandwidth < 0.97 * found.wanted_bandwidth:
+    if found.reduced and found.wanted_bandwidth is not None:
         lines.append(
             f"{found.wanted_bandwidth:g} Hz were wanted; the bandwidth is reduced to {found.bandwidth:.3g} Hz, so that "
             "the margins hold."

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from emsid.arguments import as_names_with_commas
-from emsid.errors import FormatError, ModelError, listed
+from emsid.errors import ModelError, listed
 from emsid.estimation.estimates import Status
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import assumed, refuse_assumed, sentences
 from emsid.exports.formats import Export, Files
 from emsid.exports.quality import quality
 from emsid.exports.registry import format_of
-from emsid.io.files import atomic_write, write_several
+from emsid.io.files import write_new
 from emsid.models.kinds import capabilities_of
 from emsid.models.verbs import as_model
 from emsid.record import Record
@@ -87,13 +87,7 @@ def export(
     if kind.physical:
         files = {file: commented(file, content, sentences(fit)) for file, content in files.items()}
     files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
-    folder = Path(path)
-    there = [file for file in files if (folder / file).exists()]
-    if there and not force:
-        raise FormatError(f"{folder / there[0]} exists; name another folder, or replace it", arguments=("force",))
-    written = [folder / file for file in files]
-    write_several(atomic_write, written, files.values())
-    return written
+    return write_new(files, path, force=force)
 
 
 COMMENTS = {".xml": "<!-- {} -->", ".mo": "// {}", ".h": "// {}", ".py": "# {}", ".yaml": "# {}"}

@@ -35,7 +35,7 @@ from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of, source_
 from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
-from emsid.io.files import not_written, together
+from emsid.io.files import indented_json, not_written, together
 from emsid.models.refitting import specification
 from emsid.record.frames import frame as made_frame
 
@@ -405,4 +405,4 @@ def _write(result: Fleet, folder: Path) -> None:
     result.to_frame().write_parquet(content)
     with together():
         atomic_write(folder / RESULT, content.getvalue())
-        atomic_write(folder / SUMMARY, msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2) + b"\n")
+        atomic_write(folder / SUMMARY, indented_json(result.to_data()))

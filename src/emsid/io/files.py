@@ -7,7 +7,7 @@ import json
 import os
 import stat
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar, copy_context
@@ -18,6 +18,8 @@ from io import BytesIO
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
+
+import msgspec
 
 from emsid.errors import FormatError
 from emsid.replacing import is_source, note_result, note_source
@@ -290,6 +292,33 @@ def write_several(write: Callable[..., object], *arguments: Iterable[Any]) -> No
         written = [pool.submit(copy_context().run, write, *each) for each in zip(*arguments, strict=False)]
         for each in written:
             each.result()
+
+
+def write_new(files: Mapping[str, str | bytes], folder: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
+    """Write files into a folder, all or none; those that exist are replaced with ``force`` only.
+
+    Args:
+        files: their contents by name.
+        folder: where to.
+        force: whether files that exist are replaced.
+
+    Returns:
+        Their paths.
+
+    Raises:
+        FormatError: where a file exists, or cannot be written.
+    """
+    paths = [Path(folder) / name for name in files]
+    there = [path for path in paths if path.exists()]
+    if there and not force:
+        raise FormatError(f"{there[0]} exists; name another folder, or replace it", arguments=("force",))
+    write_several(atomic_write, paths, files.values())
+    return paths
+
+
+def indented_json(content: Any) -> bytes:
+    """A document as indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 
 
 def _reason(problem: Exception) -> str:

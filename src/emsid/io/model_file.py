@@ -38,7 +38,7 @@ from msgspec.structs import asdict
 from emsid.errors import EmsidError, FormatError, ModelError, listed
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
-from emsid.io.files import atomic_write, read_bytes
+from emsid.io.files import atomic_write, indented_json, read_bytes
 from emsid.io.fit_data import FitData, fit_data, fit_of
 from emsid.io.limits import check_limits
 from emsid.record.channels import ChannelNames
@@ -171,7 +171,7 @@ def save(
     _check_texts(msgspec.to_builtins(estimated))
     document = _Document(FORMAT, SCHEMA, name, data, "", source, how, estimated)
     document.sha256 = _checksum(document)
-    atomic_write(path, msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n")
+    atomic_write(path, indented_json(document))
 
 
 def load(path: str | os.PathLike[str]) -> Model | Fit[Any]:

@@ -26,7 +26,7 @@ from pathlib import Path
 import msgspec
 
 from emsid.errors import DataError, FormatError, listed
-from emsid.io.files import atomic_write, read_bytes, together
+from emsid.io.files import atomic_write, indented_json, read_bytes, together
 from emsid.io.model_file import load
 
 FORMAT, SCHEMA = "emsid motor", 1
@@ -102,7 +102,7 @@ def add_actuator(
     entry = Actuator(FORMAT, SCHEMA, _sha256(content), known, command)
     with together():
         atomic_write(home / f"{name}.json", content)
-        atomic_write(home / f"{name}{ENDING}", msgspec.json.format(msgspec.json.encode(entry), indent=2) + b"\n")
+        atomic_write(home / f"{name}{ENDING}", indented_json(entry))
 
 
 def _named(records: Sequence[str | os.PathLike[str]]) -> list[str]:

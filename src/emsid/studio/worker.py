@@ -29,7 +29,7 @@ from emsid.exports.assumptions import assumed, sentences
 from emsid.findings import Finding, plain
 from emsid.identification import Identification
 from emsid.io import atomic_write, save
-from emsid.io.files import NotWritten, together
+from emsid.io.files import NotWritten, indented_json, together
 from emsid.report.document import Report, Section, Table
 from emsid.report.identification_page import report
 from emsid.report.numbers import number
@@ -122,7 +122,7 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
             save(fit, run / f"{fit.model.name}.json", result.data_of(fit), reading)
         if result.is_usable:
             save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
-        atomic_write(run / "result.json", msgspec.json.format(msgspec.json.encode(result.to_data()), indent=2))
+        atomic_write(run / "result.json", indented_json(result.to_data()))
     with collected() as noted:
         with border("free runs"):
             write_runs(result, run)

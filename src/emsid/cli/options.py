@@ -197,4 +197,5 @@ Debug = Annotated[
 ]
 Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+Encoder = Annotated[float | None, typer.Option(metavar="N", help="Counts of the encoder per revolution (per m).")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]

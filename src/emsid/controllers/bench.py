@@ -109,11 +109,16 @@ class ControlBench:
     wrong: tuple[str, ...] = ("friction",)
 
     @property
+    def _designed(self) -> tuple[Settings, Plants]:
+        """The cascade and the plants of its region."""
+        assert self.settings is not None
+        assert self.plants is not None
+        return self.settings, self.plants
+
+    @property
     def controllers(self) -> dict[str, Settings]:
         """The cascade and what stands beside it."""
-        s, plants = self.settings, self.plants
-        assert s is not None
-        assert plants is not None
+        s, plants = self._designed
         bare = s.feedback_only()
         total = self.whole_delay + 1.5 * s.dt + plants.lag
         gain = float(plants.mass[0] / (2 * plants.force[0] * total))
@@ -165,8 +170,7 @@ class ControlBench:
 
     def reference(self, name: str) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """Position, speed and acceleration (N,) of a reference, and where its error is counted."""
-        s, dt = self.settings, self.dt
-        assert s is not None
+        s, dt = self._designed[0], self.dt
         if name in ("reversal", "sine"):
             fast = name == "sine"
             period = max(5 / max(self._width, 1e-9), 40 * dt) if fast else self.period
@@ -199,32 +203,27 @@ class ControlBench:
     @property
     def _width(self) -> float:
         """About the bandwidth in Hz."""
-        s, plants = self.settings, self.plants
-        assert s is not None
-        assert plants is not None
+        s, plants = self._designed
         inner = s.proportional * float(plants.force[0] / plants.mass[0])
         return (min(s.position, inner) if s.position > 0 else inner) / (2 * np.pi)
 
-    def _fastest(self, rate: float) -> float:
-        """The speed of a sine of this rate whose force takes half of what is left beside friction and dead zone."""
-        plants, s = self.plants, self.settings
-        assert s is not None
-        assert plants is not None
+    @property
+    def _spare(self) -> float:
+        """Half of what is left of the largest command beside friction and dead zone, in u of `Settings`."""
+        s = self._designed[0]
         most = s.current_limit if s.current_dt > 0 else abs(s.gain) * s.limit
         zone = 0.0 if s.current_dt > 0 else max(s.zone_high, -s.zone_low)
-        left = 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
-        return float(left * plants.force[0] / np.hypot(plants.mass[0] * rate, plants.damping[0]))
+        return 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
+
+    def _fastest(self, rate: float) -> float:
+        """The speed of a sine of this rate whose force takes half of what is left beside friction and dead zone."""
+        plants = self._designed[1]
+        return float(self._spare * plants.force[0] / np.hypot(plants.mass[0] * rate, plants.damping[0]))
 
     def _step_height(self) -> float:
         """A step whose first command is half of what is left, so that its overshoot is that of the loop."""
-        s = self.settings
-        assert s is not None
-        plants = self.plants
-        assert plants is not None
-        most = s.current_limit if s.current_dt > 0 else abs(s.gain) * s.limit
-        zone = 0.0 if s.current_dt > 0 else max(s.zone_high, -s.zone_low)
-        left = 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
-        return left / (s.proportional * max(s.position, 1.0 if s.position == 0 else 0.0))
+        s = self._designed[0]
+        return self._spare / (s.proportional * (s.position or 1.0))
 
     def run(self, settings: Settings, name: str, model: Any, backlash: float = 0.0) -> BenchRun:
         """A cascade over a reference.

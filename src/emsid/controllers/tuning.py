@@ -51,6 +51,7 @@ ALIKE = 0.95
 HORIZON = 40.0
 """Length of a step response in units of 1/ω, times ρ."""
 MOST_SAMPLES = 2000
+"""Of a step response; a slower loop is judged by its first so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +111,7 @@ class Tuned:
     overshoot: float
 
 
-def shaped(
-    plants: Plants, response: Complex, w: Array, base: Settings, crossover: float, beta: float, ratio: float
-) -> Settings:
+def shaped(response: Complex, w: Array, base: Settings, crossover: float, beta: float, ratio: float) -> Settings:
     """The cascade of a shape, whose nominal speed loop has this crossover."""
     alpha = base.dt / (SMOOTHING / crossover + base.dt)
     unit = response[0] * pi_response(w, base.dt, 1.0, crossover / beta) * speed_filter(w, base.dt, alpha)
@@ -127,7 +126,7 @@ def shaped(
     )
 
 
-def judged(plants: Plants, sampled: Sampled, response: Complex, w: Array, settings: Settings, ratio: float) -> Tuned:
+def judged(sampled: Sampled, response: Complex, w: Array, settings: Settings) -> Tuned:
     """What a cascade reaches."""
     loops = LoopResponses.of(response, w, settings)
     found = loops.margins
@@ -152,7 +151,6 @@ def fastest(
     *,
     position: bool = True,
     wanted: float = inf,
-    least: Margins = LEAST,
 ) -> Tuned | None:
     """The fastest cascade whose margins and overshoot hold for all plants, or that of a wanted bandwidth.
 
@@ -163,7 +161,6 @@ def fastest(
         overshoot: the largest part of a step.
         position: whether there is a position loop.
         wanted: bandwidth in rad/s.
-        least: the margins.
 
     Returns:
         The cascade; None where no bandwidth holds.
@@ -171,7 +168,7 @@ def fastest(
     w, sampled = frequencies(base.dt), Sampled.of(plants, base.dt, delay)
     response = sampled.response(w)
     shapes = [(beta, ratio) for ratio in (RATIOS if position else (inf,)) for beta in INTEGRAL]
-    each = (_of_shape(plants, sampled, response, w, base, *shape, overshoot, wanted) for shape in shapes)
+    each = (_of_shape(sampled, response, w, base, *shape, overshoot, wanted) for shape in shapes)
     found = [tuned for tuned in each if tuned is not None]
     if wanted < inf and found:
         best = max(tuned.bandwidth for tuned in found)
@@ -180,7 +177,6 @@ def fastest(
 
 
 def _of_shape(
-    plants: Plants,
     sampled: Sampled,
     response: Complex,
     w: Array,
@@ -193,12 +189,10 @@ def _of_shape(
     """The fastest cascade of a shape, not faster than wanted, by bisection of the logarithm of its crossover."""
 
     def good(crossover: float) -> Tuned | None:
-        settings = shaped(plants, response, w, base, crossover, beta, ratio)
+        settings = shaped(response, w, base, crossover, beta, ratio)
         for prefilter in (1.0,) if ratio < inf else prefilters(crossover, base.dt):
-            tuned = judged(plants, sampled, response, w, replace(settings, prefilter=prefilter), ratio)
-            if tuned.bandwidth > wanted * 1.005:
-                return None
-            if not tuned.margins.hold(LEAST):
+            tuned = judged(sampled, response, w, replace(settings, prefilter=prefilter))
+            if tuned.bandwidth > wanted * 1.005 or not tuned.margins.hold(LEAST):
                 return None
             if tuned.overshoot <= overshoot:
                 return tuned

@@ -7,11 +7,12 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.commands.control import say_bench
-from emsid.cli.options import Force, Json, quantity, sample_time
+from emsid.cli.options import Encoder, Force, Json, quantity, sample_time
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
 
 if TYPE_CHECKING:
+    from emsid.compensation import Compensation, MapInverse
     from emsid.controllers import ControlBench
 
 
@@ -23,9 +24,7 @@ def compensate(
         float | None,
         typer.Option(metavar="S", parser=sample_time, help="Sample time of the controller.  [default: of the record]"),
     ] = None,
-    encoder: Annotated[
-        float | None, typer.Option(metavar="N", help="Counts of the encoder per revolution (per m).")
-    ] = None,
+    encoder: Encoder = None,
     smooth: Annotated[
         float | None,
         typer.Option(
@@ -85,11 +84,13 @@ def compensate(
     subject = as_model(loaded)
     if dt is None:
         dt = subject.dt if subject.dt is not None or source is None else source.dt
-    found = invert(loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed)
-    check_stable(subject, dt)
+    found: Compensation | MapInverse
     bench: ControlBench | None = None
     more, lines = {}, []
-    if dt is not None and not hasattr(subject, "blocks"):
+    if dt is None or hasattr(subject, "blocks"):
+        found = invert(loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed)
+        check_stable(subject, dt)
+    else:
         found, bench = compensated(
             loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed, limit=limit, delay=delay,
             amplitude=amplitude,

@@ -6,20 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Force, Json, names, quantity, sample_time
+from emsid.cli.options import Encoder, Force, Json, names, quantity, sample_time
 from emsid.cli.terminal import Align, plain_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder
 
 if TYPE_CHECKING:
     from emsid.controllers import ControlBench, Controller
-
-
-def percent(text: str | float) -> float:
-    """A part, ``5%`` or ``0.05``, for the parser of options."""
-    return quantity("1")(text)
-
-
-percent.__name__ = "part or percentage"
 
 
 @app.command()
@@ -31,7 +23,7 @@ def control(
         typer.Option(metavar="HZ", parser=quantity("Hz"), help="Bandwidth of the closed loop.  [default: the fastest]"),
     ] = None,
     overshoot: Annotated[
-        float, typer.Option(metavar="X", parser=percent, help="Largest overshoot of a step, 5% or 0.05.")
+        float, typer.Option(metavar="X", parser=quantity("1"), help="Largest overshoot of a step, 5% or 0.05.")
     ] = 0.05,
     dt: Annotated[
         float | None,
@@ -43,9 +35,7 @@ def control(
             help="Sample time of the controller.  [default: of the record]",
         ),
     ] = None,
-    encoder: Annotated[
-        float | None, typer.Option(metavar="N", help="Counts of the encoder per revolution (per m).")
-    ] = None,
+    encoder: Encoder = None,
     delay: Annotated[
         float | None,
         typer.Option(metavar="S", parser=quantity("s"), help="From measurement to command.  [default: one sample]"),

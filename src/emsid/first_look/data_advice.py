@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from emsid.estimation.linear.least_squares import LARGEST, settles
+from emsid.estimation.linear.least_squares import settles
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
@@ -21,7 +21,7 @@ from emsid.excitation.duty import full_duty
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.dynamics import acts_in_its_own_row, correlation, feedback
-from emsid.first_look.examined import Examined, Response, is_position, response_of, units_of
+from emsid.first_look.examined import Examined, Response, is_position, out_of_scale, response_of, units_of
 from emsid.first_look.hanging import hangs
 from emsid.first_look.levels import CHANCE, FEWEST_SAMPLES, MOST, PART, UNSURE
 from emsid.first_look.measurement import outliers, resolution, sampling
@@ -74,8 +74,7 @@ def useless(record: Record) -> Iterable[Finding]:
     units, u = units_of(record), record.input[:, 0]
     for name in record.input_names + record.output_names:
         x = record.channel(name)
-        largest = float(np.max(np.abs(x)))
-        if largest and not 1 / LARGEST < largest < LARGEST:
+        if largest := out_of_scale(x):
             yield Finding("channel-out-of-scale", name, {"largest": largest})
         if np.ptp(x):
             continue

@@ -45,6 +45,12 @@ class Response:
     integral: float = 0.0
 
 
+def out_of_scale(x: Array) -> float:
+    """The largest value of a channel (N,) that is too large or too small to compute with; 0 for any other."""
+    largest = float(np.max(np.abs(x)))
+    return largest if largest and not 1 / LARGEST < largest < LARGEST else 0.0
+
+
 def response_of(record: Record) -> Response | None:
     """How the first output answers the first input; None where too little changes, or is too large to compute with.
 
@@ -57,8 +63,7 @@ def response_of(record: Record) -> Response | None:
     if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
         return None
     table = np.column_stack([record.input[:, 0], without_outliers(record).output[:, 0]])
-    largest = np.max(np.abs(table), axis=0)
-    if np.any((largest > 0) & ((largest <= 1 / LARGEST) | (largest >= LARGEST))):
+    if any(map(out_of_scale, table.T)):
         return None
     answer = answers(table, [0, *record.breaks], [0]).get((0, 1))
     found = Response(None, 0, 0.0)

@@ -11,6 +11,7 @@ from typing import Any
 from emsid.first_look.levels import MOST
 from emsid.first_look.look import FirstLook
 from emsid.first_look.together import Group, describe_files, groups
+from emsid.io.reading import parsed_file
 
 LISTED = 3
 """At most this many pairs are listed."""
@@ -82,8 +83,8 @@ def of_pairs(
         given: the other arguments of `emsid.read` that are known.
         pairs: names of an input and an output each.
     """
-    found = []
+    found, files = [], [parsed_file(path) for path in paths] if pairs else []
     for u, y in pairs:
-        divided = groups(describe_files(paths, **given, input=u, output=y)[0])
+        divided = groups(describe_files(files, **given, input=u, output=y)[0])
         found += [_hypothesis(group) for group in divided[:1]]
     return found

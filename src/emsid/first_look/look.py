@@ -281,9 +281,15 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     return replace(look, mends=further, record=record, response=found, findings=tuple(findings))
 
 
+def _channels(look: FirstLook) -> tuple[Column | None, Column | None]:
+    """The columns of the guessed input and output."""
+    named = {column.name: column for column in look.columns}
+    return named.get(look.roles.input), named.get(look.roles.output)
+
+
 def _with_hanging_angle(look: FirstLook, parsed: ParsedFile, given: set[str]) -> FirstLook:
     """The look with a position as its output where that is an angle that hangs, which its speed alone does not show."""
-    position = next((each for each in look.columns if each.name == look.roles.output), None)
+    _, position = _channels(look)
     if (
         "output" in given
         or not look.reading.get("input")
@@ -301,8 +307,7 @@ def _with_hanging_angle(look: FirstLook, parsed: ParsedFile, given: set[str]) ->
 
 def _acts_in_its_own_row(look: FirstLook, response: Response) -> bool:
     """Whether a held input moves the output in its own row already: it acts before the row that it is written into."""
-    named = {column.name: column for column in look.columns}
-    u, y = named.get(look.roles.input), named.get(look.roles.output)
+    u, y = _channels(look)
     if u is None or y is None or len(u.values) != len(y.values) or not response.sign:
         return False
     answer = _steps(y.signal) if look.reading["output"] == f"d({y.name})" else y.signal
@@ -439,7 +444,7 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
 
 def _is_stuck(look: FirstLook, output: Column, stretch: Stretch) -> bool:
     """Whether an output stays at one value although its input changes."""
-    u = next((column for column in look.columns if column.name == look.roles.input), None)
+    u, _ = _channels(look)
     if u is None or len(u.values) != len(output.values):
         return False
     return is_stuck(u.signal, output.signal, stretch)

@@ -65,11 +65,11 @@ def masked_outliers(columns: Sequence[Column], output: Column | None) -> Iterabl
         output: one of them.
     """
     for column in columns:
-        y = column.signal
-        inputs = [other.signal for other in columns if other is not output and len(other.signal) == len(y)]
         if column.period or column.kind != "numbers":
             continue
+        y = column.signal
         if column is output:
+            inputs = [other.signal for other in columns if other is not output and len(other.signal) == len(y)]
             found, away = outliers_of_answer(y, inputs[0]) if inputs else outliers_of(y)
         else:
             found, away = impossible_commands(y)

@@ -6,7 +6,6 @@ dead zone and friction well.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -135,7 +134,7 @@ def _of_all(alike: Sequence[FirstLook], still: Sequence[FirstLook]) -> Iterable[
 
 
 def describe_files(
-    paths: Sequence[str | os.PathLike[str]], *, tolerance: float = TOLERANCE, **reading: Any
+    paths: Sequence[Any], *, tolerance: float = TOLERANCE, **reading: Any
 ) -> tuple[list[FirstLook], list[Finding]]:
     """Look at several files, and at what they have in common.
 
@@ -143,7 +142,7 @@ def describe_files(
     same times, if they have any, and where their times differ, overlap, and the signals are of different quantities.
 
     Args:
-        paths: the files.
+        paths: the files, or what they were parsed to.
         tolerance, reading: as for `describe`.
 
     Returns:

@@ -116,6 +116,18 @@ class ControlBench:
         return self.settings, self.plants
 
     @property
+    def motion(self) -> tuple[str, str]:
+        """What follows the references, position or speed, and its unit."""
+        follows = self._designed[0].position > 0
+        way = "m" if self.model.name == "linear-axis" else "rad"
+        return ("position", way) if follows else ("speed", f"{way}/s")
+
+    @property
+    def command_unit(self) -> str:
+        """The unit of what the drive gets; none where its gain makes another one of it, as of a duty."""
+        return unit_of(self.model) if abs(self._designed[0].gain) == 1 else ""
+
+    @property
     def controllers(self) -> dict[str, Settings]:
         """The cascade and what stands beside it."""
         s, plants = self._designed
@@ -279,6 +291,13 @@ class ControlBench:
             signs = signs[signs != 0]
             changes = float(np.count_nonzero(np.diff(signs)) / (np.count_nonzero(counted) * self.dt))
         return BenchRun(self.dt * np.arange(n, dtype=float), reference, actual, commands, error, overshoot, changes)
+
+
+def unit_of(model: Any) -> str:
+    """The unit of what drives a plant: V, A, N*m or N."""
+    if model.name == "linear-axis":
+        return "N"
+    return {"voltage": "V", "current": "A", "torque": "N*m"}.get(model.plant.feed.value, "V")
 
 
 def sampler_signals(sampler: Any) -> Any:

@@ -82,7 +82,7 @@ def readme(found: Controller, name: str) -> str:
             "the motor without the braking of its back EMF, at the same sample time and delay. Resistance, constant "
             "and voltage are those of the record: of a brushless motor they must be those of the q axis.",
         ]
-    lines += ["", "## Bench", "", "RMS error of the true motion.", ""]
+    lines += ["", "## Bench", "", f"RMS error of the true {found.bench.motion[0]} in {found.bench.motion[1]}.", ""]
     lines += bench_lines(found.bench)
     lines += [
         "",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names_with_commas
 from emsid.compensation import Compensation, compensate
 from emsid.compensation.inverse import lower_ends
-from emsid.controllers.bench import BARE, CASCADE, ControlBench, fitted_bench
+from emsid.controllers.bench import BARE, CASCADE, ControlBench, fitted_bench, unit_of
 from emsid.controllers.cascade import RunningCascade, Settings, knots
 from emsid.controllers.gains import Row, firmware, torque_loop
 from emsid.controllers.loops import Margins, Plants, Sampled, frequencies
@@ -267,7 +267,7 @@ def control(
     settings = smoothed(found.settings, resolution)
     widest = _backlash(subject, backlash, resolution)
     bench = replace(bench, settings=settings, backlash=widest, plants=plants, whole_delay=whole_delay)
-    unit, values = _unit(subject, cascaded), subject.parameter_values()
+    unit, values = "A" if cascaded else unit_of(subject), subject.parameter_values()
     constant = float(values.get("motor_constant", 0.0)) if unit in ("V", "A") else 0.0
     commands_current = settings if unit == "A" else None
     if unit == "V" and constant > 0:
@@ -300,15 +300,6 @@ def _nominal(found: Tuned, plants: Plants, delay: float) -> Margins:
     w = frequencies(found.settings.dt)
     response = Sampled.of(plants.nominal, found.settings.dt, delay).response(w)
     return LoopResponses.of(response, w, found.settings).margins
-
-
-def _unit(model: Any, current: bool) -> str:
-    """The unit of what the speed loop commands."""
-    if current:
-        return "A"
-    if model.name == "linear-axis":
-        return "N"
-    return {"voltage": "V", "current": "A", "torque": "N*m"}.get(model.plant.feed.value, "V")
 
 
 def _backlash(model: Any, given: float | None, resolution: float) -> float:

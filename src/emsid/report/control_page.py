@@ -9,6 +9,7 @@ from emsid.controllers.bench import AS_IS, BARE, CASCADE, REFERENCES, SIMC, Cont
 from emsid.controllers.files import summary
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Level, Line, Mark, Plot, Report, Section, Stroke, Table
 from emsid.report.views.timeline import TIME
+from emsid.units import plain_unit
 
 INKS = {CASCADE: Ink.BLUE, BARE: Ink.GREY, SIMC: Ink.ORANGE}
 """What is drawn of the bench."""
@@ -18,6 +19,7 @@ def control_report(found: Controller) -> Report:
     """The page of a controller."""
     lines = summary(found)
     header, rows = rows_of(found.bench)
+    quantity, unit = found.bench.motion
     return Report(
         title=f"Control of {found.name}",
         summary=tuple(lines),
@@ -25,7 +27,9 @@ def control_report(found: Controller) -> Report:
             Section("Margins", figures=(bode_figure(found),)),
             Section(
                 "Bench",
-                tables=(Table(header, tuple(rows), caption="RMS error of the true motion", text_columns=2),),
+                tables=(
+                    Table(header, tuple(rows), caption=f"RMS error of the true {quantity} in {unit}", text_columns=2),
+                ),
             ),
             *(
                 Section(f"Bench: {reference}", figures=(bench_figure(found.bench, reference),))
@@ -70,10 +74,7 @@ def bench_figure(bench: ControlBench, *references: str, name: str = "") -> Figur
         references: of `REFERENCES`.
         name: of the figure; by default that of the reference.
     """
-    assert bench.settings is not None
-    follows = bench.settings.position > 0
-    unit = ("m" if bench.model.name == "linear-axis" else "rad") + ("" if follows else "/s")
-    quantity = "Position" if follows else "Speed"
+    quantity, unit = bench.motion
     plots = []
     for reference in references:
         runs = {(name, plant): run for (name, each, plant), run in bench.runs.items() if each == reference}
@@ -89,9 +90,9 @@ def bench_figure(bench: ControlBench, *references: str, name: str = "") -> Figur
                 errors.append(Line(run.time, run.reference - run.actual, name_, Stroke(ink)))
                 commands.append(Line(run.time, run.command, name_, Stroke(ink), stairs=True))
         plots += [
-            Plot(tuple(motion), TIME, Axis(f"{quantity}, {reference}", unit)),
+            Plot(tuple(motion), TIME, Axis(f"{quantity.capitalize()}, {reference}", unit)),
             Plot(tuple(errors), TIME, Axis("Error", unit)),
-            Plot(tuple(commands), TIME, Axis("Command")),
+            Plot(tuple(commands), TIME, Axis("Command", plain_unit(bench.command_unit))),
         ]
     wrong = " and ".join(bench.wrong)
     caption = (

@@ -129,8 +129,7 @@ def say_bench(bench: "ControlBench") -> None:
     """Print the table of a bench."""
     from emsid.controllers.bench import rows_of
 
-    assert bench.settings is not None
     header, rows = rows_of(bench)
     headings: dict[str, Align] = {name: "left" if k < 2 else "right" for k, name in enumerate(header)}
-    quantity = "position" if bench.settings.position > 0 else "speed"
-    show(plain_table(f"RMS error of the true {quantity} on the bench", headings, rows))
+    quantity, unit = bench.motion
+    show(plain_table(f"RMS error of the true {quantity} on the bench in {unit}", headings, rows))

@@ -86,7 +86,10 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     if clock.column and clock.axis is not None:
         found.append(f"time column {clock.column}: {clock.axis}")
     kind = look.kind.evidence.get(look.kind.kind, {})
-    for what, reasons in ((f"{clock.column or 'none'} is the time", clock.evidence), (f"it is {look.kind}", kind)):
+    for what, reasons in (
+        (f"{clock.column or 'none'} is the time column", clock.evidence),
+        (f"it is {look.kind}", kind),
+    ):
         if reasons:
             shown = ", ".join(f"{reason} {weight:+.2g}" for reason, weight in reasons.items())
             found.append(f"why {what}, in log-odds: {shown}")

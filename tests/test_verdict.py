@@ -308,6 +308,31 @@ def test_a_pole_faster_than_the_sampling_is_implausible():
     assert implausible(linear()) == {}
 
 
+@pytest.mark.parametrize("to", ["speed", "position"])
+def test_a_gain_of_the_other_sign_than_that_of_the_response_is_implausible(to):
+    """The sign at rest, or of the drift of a position; a map that turns, as a magnitude, has none."""
+    u = held(0)
+    y = lfilter([0.0, 0.1], np.polymul([1.0, -0.9], [1.0, -1.0] if to == "position" else [1.0]), u)
+    known = emsid.Record(u, y + 0.01 * np.random.default_rng(0).standard_normal(len(u)), DT)
+    lag = [-1.9, 0.9] if to == "position" else [-0.9]
+    for gain, found in ((0.1, set()), (-0.1, {"gain-of-other-sign"})):
+        model = emsid.Cascade((Rational([0.0, gain], lag),), name="filter")
+        assert set(implausible(as_fit(model), known)) & {"gain-of-other-sign"} == found
+    magnitude = emsid.Cascade((Polynomial([0.0, 0.0, -1.0]), Rational([0.0, 0.1], lag)), name="filter")
+    assert "gain-of-other-sign" not in implausible(as_fit(magnitude), known)
+
+
+def test_half_a_period_of_delay_gives_a_gain_of_the_other_sign():
+    """A sine with a little noise: with a delay of half a period a model of the wrong sign fits as well."""
+    rng = np.random.default_rng(5)
+    u = np.sin(0.1 * np.arange(1200)) + 0.1 * rng.standard_normal(1200)
+    known = emsid.Record(u, lfilter([0.0, 0.1], [1.0, -0.9], u) + 0.01 * rng.standard_normal(1200), DT)
+    for nk, wrong in ((1, False), (32, True)):
+        result = emsid.identify(known, models="output-error", options=Options(na=1, nb=1, nk=nk))
+        assert ("gain-of-other-sign" in {finding.code for finding in result.findings}) == wrong
+        assert (result.model_verdicts[0].code == "model-implausible") == wrong
+
+
 def test_a_pole_that_a_zero_cancels_is_a_remark_in_a_regression_too():
     structure = emsid.arx(2, 2)  # (1 - 0.5q⁻¹)(1 - 0.9q⁻¹) over q⁻¹(1 - 0.5q⁻¹)
     cancelled = structure.model(np.array([-1.4, 0.45, 0.1, -0.05]), record())

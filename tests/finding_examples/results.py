@@ -195,6 +195,7 @@ EXAMPLES: tuple[Finding, ...] = (
     # plausibility
     Finding("map-turns-without-data", "wiener", {"model": "wiener", "block": 2, "at": 1.571}),
     Finding("map-leaves-range", "wiener", {"model": "wiener", **LEAVES}),
+    Finding("gain-of-other-sign", data={"model": "arx", "input": "voltage", "output": "speed", "sign": -1}),
     Finding("faster-than-sampling", data={"model": "output-error", "pole": 0.1, "samples": 0.434}),
     Finding("diverges-beyond-range", "polynomial-narx", {"model": "polynomial-narx", "factor": 1.2}),
     Finding("diverges-on-constant-input", "feedback", {"model": "feedback"}),

@@ -2,9 +2,9 @@
 
 A static map that turns or leaves the range of the output where there are hardly any data, poles faster than the
 sampling, and a delay longer than the response of the drive are signs that the structure is too rich, or that it
-imitates something else. A pole that a zero nearly cancels is a remark: the model is larger than it need be, and does
-what a smaller one does. A free run that diverges on a larger input, on one that steps within its
-range, or while the largest or the smallest input is held, is another.
+imitates something else. So is a gain whose sign is not that of the response in the record. A pole that a zero nearly
+cancels is a remark: the model is larger than it need be, and does what a smaller one does. A free run that diverges
+on a larger input, on one that steps within its range, or while the largest or the smallest input is held, is another.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
-from emsid.first_look.examined import response_of
+from emsid.first_look.examined import Response, response_of
 from emsid.identification.delay import LONGEST_SEARCHED
 from emsid.identification.determined import Probes
 from emsid.models.capabilities import MapInUse, Modes
-from emsid.models.extrapolation import LARGER, Extremes, diverges, diverges_held
+from emsid.models.extrapolation import HELD, LARGER, Extremes, diverges, diverges_held, with_other_inputs
 from emsid.models.free_run import free_run
 from emsid.models.kinds import capabilities_of
 from emsid.record import Record
@@ -56,6 +56,7 @@ IMPLAUSIBLE = frozenset(
         "delay-longer-than-rise",
         "diverges-on-steps",
         "faster-than-sampling",
+        "gain-of-other-sign",
         "knots-without-data",
         "map-leaves-range",
         "map-turns-without-data",
@@ -96,6 +97,7 @@ class Plausibility:
         found += [each for used in kind.judged_maps(model, self.record) for each in self._of_map(model.name, used)]
         modes = kind.modes(model)
         found += [*_cancelled(modes), *_too_fast(modes.poles), *self._too_late(modes.delay)]
+        found += self._of_other_sign(model)
         return [each.about(model.name) for each in found]
 
     def _running_away(self, model: Any) -> Iterator[Finding]:
@@ -135,12 +137,32 @@ class Plausibility:
             dt = self.record.dt
             yield Finding("delay-longer-than-rise", "", {"delay": delay * dt, "rise": self.rise * dt, "samples": delay})
 
+    def _of_other_sign(self, model: Any) -> Iterator[Finding]:
+        """A gain whose sign is not that of the response in the record.
+
+        Its sign is that of the difference of two runs that begin alike, one with the largest input of the record held,
+        and one with the smallest; a map that turns in between, as a magnitude, has none.
+        """
+        if self.response is None or not self.response.sign:
+            return
+        u = self.record.input
+        levels = (u.min(), 0.5 * (u.min() + u.max()), u.max())
+        inputs = (np.full((model.memory + HELD, 1), level) for level in levels)
+        runs = [free_run(model, with_other_inputs(self.record, each)).output[-HELD // 2 :, 0] for each in inputs]
+        halves = np.mean(np.diff(runs, axis=0), axis=1) / np.diff(levels)
+        if np.all(self.response.sign * halves < 0):
+            channels = {"input": self.record.input_names[0], "output": self.record.output_names[0]}
+            yield Finding("gain-of-other-sign", "", channels | {"sign": -self.response.sign})
+
+    @cached_property
+    def response(self) -> Response | None:
+        """How the output of the record answers its input."""
+        return response_of(self.record)
+
     @cached_property
     def rise(self) -> float | None:
         """Delay and rise time of the record in samples, by the small linear model of the first look."""
-        record = self.record
-        seen = response_of(record)
-        linear = baseline(record, seen.delay if seen else None)
+        linear = baseline(self.record, self.response.delay if self.response else None)
         if linear is None or not linear.fit > 0 or not np.isfinite(linear.time_constant):
             return None
         return RISE * linear.time_constant + linear.delay

@@ -143,6 +143,8 @@ faster-than-sampling warning: the pole at {pole:.3g} has a time constant of {sam
     or sample faster
 delay-longer-than-rise warning: its delay of {delay:.3g} s is longer than the whole response of the record, {rise:.3g}
     s; check signs and columns, or give {argument[nk]}
+gain-of-other-sign warning: its gain from {input} to {output} has the opposite sign of the record's response; give
+    another delay ({argument[nk]}), or record slower, less regular changes
 diverges-beyond-range warning: its free run diverges on an input {factor:.3g} times as large as the record's; record a
     larger input, or give a smaller order or degree
 diverges-on-constant-input warning: its free run diverges while the input stays at an extreme value; record an input

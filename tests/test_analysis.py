@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -95,7 +96,7 @@ def test_responses_have_bands_and_agree(fit: emsid.Fit[Any]) -> None:
     np.testing.assert_allclose(
         bode.magnitude.value, 20 * np.log10(np.abs(emsid.linearize(fit).response(bode.magnitude.x)[:, 0, 0])), atol=1e-9
     )
-    assert list(step.to_frame().columns) == ["x", "value", "low", "high"]
+    assert list(step.to_frame().columns) == ["t", "value", "low", "high"]
     assert np.isnan(emsid.step(fit.model).half).all()
 
 
@@ -179,3 +180,101 @@ def test_the_response_of_a_process_needs_no_states_for_whole_samples_of_its_dead
         np.testing.assert_allclose(model.response(f), model.form.response(f), atol=1e-13)
     late = ProcessModel(2.0, (0.08, 0.03), 0.02, 90.0, 0.1, 0.01)  # 9,000 states, of 650 MB
     np.testing.assert_allclose(np.abs(late.response(f)), np.abs(replace(late, delay=0.0).response(f)))
+
+
+def test_analyses_of_several_models_are_drawn_in_one_picture(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    first = emsid.fit(emsid.arx(1, 1), record)
+    for several in (
+        emsid.step([fit, first]),
+        emsid.impulse([fit, first]),
+        emsid.bode([fit, first, record]),
+        emsid.pole_map([fit, first]),
+        emsid.residuals([fit, first], record),
+    ):
+        alone = several[0]
+        assert several.labels[:2] == ("arx", "arx, no. 2")
+        assert len(several.plot().axes) >= 1
+        assert len(several.plot().axes) == len(alone.plot().axes) or isinstance(alone, type(emsid.bode(fit)))
+        frame = several.to_frame()
+        assert frame.columns[0] == "model"
+        assert frame.height == sum(each.to_frame().height for each in several)
+        assert all(len(repr(each)) < 80 for each in (several, *several))
+    np.testing.assert_array_equal(emsid.step([fit])[0].value, emsid.step(fit).value)
+
+
+def test_the_frequency_response_of_a_record_has_the_response_of_the_system_in_its_band(
+    record: emsid.Record, fit: emsid.Fit[Any]
+) -> None:
+    found = emsid.bode(record)
+    true = 20 * np.log10(np.abs(emsid.linearize(fit).response(found.magnitude.x)[:, 0, 0]))
+    inside = (found.magnitude.low <= true) & (true <= found.magnitude.high)
+    assert 0.88 < inside.mean() <= 1.0
+    assert found.coherence is not None
+    assert found.coherence.min() > 0.9
+    whole = emsid.spectrum(record).to_frame()
+    assert whole.columns == found.to_frame().columns
+
+
+def test_the_errors_of_poles_are_those_that_they_have(record: emsid.Record) -> None:
+    """Over 60 records of another noise; the poles are 0.6 ± 0.374i."""
+    rng, maps = np.random.default_rng(2), []
+    for _ in range(60):
+        y, noise = np.zeros(500), 0.1 * rng.standard_normal(500)
+        u = rng.standard_normal(500)
+        for t in range(2, 500):
+            y[t] = 1.2 * y[t - 1] - 0.5 * y[t - 2] + 0.3 * u[t - 1] + noise[t]
+        found = emsid.pole_map(emsid.fit(emsid.arx(2, 1), emsid.Record(u, y, DT)))
+        maps.append((found.poles[found.poles.imag > 0][0], found.standard_error[0]))
+    poles, errors = np.array(maps).T
+    for part in (np.real, np.imag):
+        assert part(poles).std() == pytest.approx(np.nanmedian(part(errors)), rel=0.25)
+
+
+def test_no_pole_belongs_to_an_angle_that_no_output_shows() -> None:
+    plant = emsid.plants.rigid_motor()
+    found = emsid.pole_map(plant)
+    assert np.all(found.poles.real < 0)
+    assert len(found.zeros) == 0
+    assert np.isnan(found.standard_error).all()
+
+
+def test_a_fit_has_a_frame_and_a_clear_error(fit: emsid.Fit[Any]) -> None:
+    frame = fit.to_frame()
+    assert frame.columns == ["parameter", "value", "unit", "low", "high", "status"]
+    np.testing.assert_array_equal(frame["value"].to_numpy(), fit.estimate)
+    with pytest.raises(AttributeError, match=r"a fit of arx has no attribute 'intervals'; did you mean interval\?"):
+        _ = fit.intervals
+
+
+def test_inputs_alone_run_at_the_sample_time_of_the_fit(record: emsid.Record) -> None:
+    motor = emsid.fit(emsid.plants.rigid_motor(), record[:200], search=False, free="motor_constant")
+    u = record.input[:50]
+    np.testing.assert_array_equal(motor.simulate(u).output, motor.simulate(u, dt=record.dt).output)
+
+
+def test_a_forecast_needs_inputs(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
+    with pytest.raises(emsid.DataError, match="needs the inputs after the record"):
+        emsid.forecast(fit, record, 10)
+    with pytest.raises(emsid.DataError, match=r"compare\(\[linear, motor\], record\)"):
+        emsid.compare(record, [fit])
+
+
+def test_names_of_matlab_say_what_to_write_here() -> None:
+    """Every one says something; what it names exists."""
+    for name, here in emsid.OF_MATLAB.items():
+        with pytest.raises(AttributeError, match=f"emsid has no '{name}'; write "):
+            getattr(emsid, name)
+        for used in re.findall(r"emsid((?:\.\w+)+)", here):
+            found: Any = emsid
+            for part in used.split(".")[1:]:
+                found = getattr(found, part)
+    with pytest.raises(AttributeError, match=r"emsid has no 'residual'; did you mean residuals\?"):
+        _ = emsid.residual
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_model_prints_in_one_short_line(name: str) -> None:
+    shown = repr(ALL[name])
+    assert len(shown) < 100
+    assert "array" not in shown
+    assert "\n" not in shown

@@ -102,6 +102,7 @@ from .validation.analysis import bode as bode
 from .validation.analysis import forecast as forecast
 from .validation.analysis import impulse as impulse
 from .validation.analysis import linearize as linearize
+from .validation.analysis import pole_map as pole_map
 from .validation.analysis import poles as poles
 from .validation.analysis import predict as predict
 from .validation.analysis import residuals as residuals

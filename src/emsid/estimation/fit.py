@@ -21,6 +21,7 @@ from emsid.estimation.estimates import Estimate, Status, assumed_in
 from emsid.findings import Finding, plain
 from emsid.presentation import Presented, analysis
 from emsid.record.channels import ChannelNames
+from emsid.record.frames import frame
 from emsid.record.record import Record
 
 Array = NDArray[np.float64]
@@ -94,7 +95,11 @@ class Fit(Presented, Generic[M]):
         def __getattr__(self, name: str) -> Any:
             if name.startswith("_") or "model" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-            return getattr(self.model, name)
+            try:
+                return getattr(self.model, name)
+            except AttributeError:
+                near = did_you_mean(name, dir(self))
+                raise AttributeError(f"a fit of {self.model_name} has no attribute {name!r}{near}") from None
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(name for name in dir(self.model) if not name.startswith("_"))})
@@ -169,6 +174,18 @@ class Fit(Presented, Generic[M]):
         count = f"{self.size} parameter{'s' * (self.size != 1)}"
         return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"
 
+    def simulate(self, record: Any, transient: int | None = None, *, dt: float | None = None) -> Any:
+        """Free run of the model; inputs alone are taken at the sample time of the record it was fitted to.
+
+        Args:
+            record: a record, or inputs (N,) or (N, nu) alone.
+            transient: samples that start a segment in motion.
+            dt: sample time in s of inputs alone.
+        """
+        if dt is None and getattr(self.model, "dt", None) is None and self.channels is not None:
+            dt = self.channels.dt
+        return self.model.simulate(record, transient, dt=dt)  # type: ignore[attr-defined]
+
     def residuals(self, record: Record) -> Any:
         """What the model leaves of the outputs of a record, with its tests; see `emsid.residuals`."""
         return analysis().residuals(self, record)
@@ -217,6 +234,27 @@ class Fit(Presented, Generic[M]):
 
         half = float(ndtri(0.5 + level / 2)) * self.standard_error
         return np.column_stack([self.estimate - half, self.estimate + half])
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with a row for every parameter: value, unit, ends of the 95 % interval, status.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        rows = list(self.parameters.values())
+        nothing = (np.nan, np.nan)
+        low, high = np.array([row.interval or nothing for row in rows], dtype=float).reshape(-1, 2).T
+        return frame(
+            {
+                "parameter": np.array([row.name for row in rows], dtype=str),
+                "value": np.array([row.value for row in rows], dtype=float),
+                "unit": np.array([row.unit for row in rows], dtype=str),
+                "low": low,
+                "high": high,
+                "status": np.array([str(row.status.value) for row in rows], dtype=str),
+            },
+            library,
+        )
 
     def to_data(self) -> dict[str, Any]:
         """Every estimate with its interval, and every finding, in built-in types; None where not finite."""

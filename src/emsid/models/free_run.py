@@ -103,6 +103,10 @@ class RunMethods:
     def __str__(self: Model) -> str:
         return self.equation()
 
+    def __repr__(self: Named) -> str:
+        count = len(self.parameter_values())
+        return f"{type(self).__name__}({self.name}: {count} parameter{'s' * (count != 1)})"
+
     def with_parameters(self: Named, **values: float) -> Any:
         """The same model with other values of some parameters, by name: ``model.with_parameters(resistance=1.2)``.
 

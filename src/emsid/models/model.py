@@ -25,7 +25,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """The output of a model over a record.
 
@@ -40,6 +40,11 @@ class Run:
     output: Array
     counted: NDArray[np.bool_]
     diverged_at: int | None = None
+
+    def __repr__(self) -> str:
+        size, outputs = self.output.shape
+        ended = "" if self.diverged_at is None else f", diverged at sample {self.diverged_at}"
+        return f"Run({size} samples, {outputs} output{'s' * (outputs != 1)}{ended})"
 
 
 def check_samples(model: str, what: str, samples: int | None, least: int) -> None:

@@ -26,13 +26,16 @@ from emsid.record import Record
 from emsid.report.document import Axis, Bars, Figure, Plot, Table
 from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, less_than, number
-from emsid.report.views import first_look
+from emsid.report.views import analysis, first_look
 from emsid.report.views.conventions import channel_axis
-from emsid.report.views.free_run import responses
+from emsid.report.views.free_run import measured_and_simulated, responses
 from emsid.report.views.grey_box import sticking
+from emsid.report.views.residuals import residuals
 from emsid.report.views.tables import results_table
 from emsid.units import readable_unit
-from emsid.validation.comparison import Comparison
+from emsid.validation.analysis import Residuals, Spectrum
+from emsid.validation.comparison import Assessment, Comparison
+from emsid.validation.responses import Analysed, FrequencyResponse, PoleMap, Several, TimeResponse
 from emsid.wording import Severity, severity
 from emsid.wording import sentence as worded
 
@@ -118,6 +121,32 @@ def _(comparison: Comparison) -> Figure:
 @figure.register
 def _(result: Identification) -> Figure | None:
     return figure(result.on_unseen)
+
+
+@figure.register
+def _(assessment: Assessment) -> Figure:
+    return measured_and_simulated(assessment)
+
+
+@figure.register
+def _(analysed: Analysed) -> Figure | None:
+    return figure(Several((analysed,)))
+
+
+@figure.register
+def _(several: Several) -> Figure | None:  # type: ignore[type-arg]
+    """Results of several models in one picture; that of a record among frequency responses is one of them."""
+    drawn: list[Any] = [each.path() if isinstance(each, Spectrum) else each for each in several]
+    if all(isinstance(each, Residuals) for each in drawn):
+        return residuals([each.assessment for each in drawn]) if drawn else None
+    for kind, draw_all in (
+        (TimeResponse, analysis.over_time),
+        (FrequencyResponse, analysis.over_frequency),
+        (PoleMap, analysis.pole_map),
+    ):
+        if all(isinstance(each, kind) for each in drawn):
+            return draw_all(drawn, several.labels)
+    return None
 
 
 @figure.register
@@ -210,6 +239,11 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
     unit = comparison.best.record.output_units[0]
     table = results_table(comparison.rows, unit=unit)
     return [table.caption], table, [table.note] * bool(table.note)
+
+
+@tables.register
+def _(assessment: Assessment) -> tuple[list[str], Table | None, list[str]]:
+    return tables(Comparison((assessment,)))
 
 
 @tables.register

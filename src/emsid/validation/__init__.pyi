@@ -1,5 +1,4 @@
 from .bands import Band as Band
-from .bands import FrequencyResponse as FrequencyResponse
 from .bands import free_run_band as free_run_band
 from .bands import frequency_response_band as frequency_response_band
 from .bands import friction_band as friction_band
@@ -21,3 +20,7 @@ from .regions import RegionError as RegionError
 from .regions import by_record as by_record
 from .regions import by_region as by_region
 from .regions import errors_by_region as errors_by_region
+from .responses import FrequencyResponse as FrequencyResponse
+from .responses import PoleMap as PoleMap
+from .responses import Several as Several
+from .responses import TimeResponse as TimeResponse

@@ -1,7 +1,8 @@
 r"""Everyday analysis of any model in one call: what it does to a step, its poles, its residuals, its forecast.
 
-A function takes a model or a fit. Of a fit, curves have a confidence band. A model that lacks what is asked for says
-so.
+A function takes a model or a fit. Of a fit, curves have a confidence band. `step`, `impulse`, `bode`, `pole_map` and
+`residuals` also take a list of models, whose results are drawn in one picture: ``emsid.bode([first, second]).plot()``.
+A model that lacks what is asked for says so.
 
 **Forecast.** From the last measured sample on, the error of the forecast k samples ahead is
 
@@ -27,15 +28,11 @@ from emsid.models.linear.system import LinearSystem
 from emsid.models.starting import start
 from emsid.models.verbs import as_model, for_model
 from emsid.record import Record
-from emsid.validation.bands import (
-    LONGEST,
-    FrequencyResponse,
-    frequency_response_band,
-    step_response_band,
-)
-from emsid.validation.comparison import as_fit, assess
+from emsid.validation.bands import LONGEST, frequency_response_band, step_response_band
+from emsid.validation.comparison import Assessment, as_fit, assess
 from emsid.validation.nonlinear_correlation import NonlinearTest
 from emsid.validation.residual_test import ResidualTest, residual_tests
+from emsid.validation.responses import Analysed, FrequencyResponse, PoleMap, TimeResponse, of_each
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -60,6 +57,8 @@ def linearize(model: Any, at: float = 0.0) -> LinearSystem:
     Raises:
         ModelError: for a model without a linear part, or that does not come to rest at this input.
     """
+    if isinstance(model, LinearSystem):
+        return model
     subject = as_model(model)
     try:
         part = capabilities_of(subject).linear_part(subject, at)
@@ -90,6 +89,29 @@ def zeros(model: Any, at: float = 0.0) -> Complex:
     return linearize(model, at).zeros
 
 
+@of_each
+def pole_map(model: Any, at: float = 0.0) -> PoleMap:
+    """Poles and zeros of `linearize`, with the standard errors of the poles where the model is a fit.
+
+    Args:
+        model: a model, a fit, a plant or a `LinearSystem`; or several in a list.
+        at: the constant input about which it is linearised.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    part = linearize(model, at)
+    here = part.poles
+
+    def parts(moved: Any) -> Array:
+        there = linearize(moved, at).poles
+        order = linear_sum_assignment(np.abs(here[:, None] - there))[1]  # fails where their numbers differ
+        return np.stack([there[order].real, there[order].imag])
+
+    real, imaginary = with_error(model, parts)[1] if isinstance(model, Fit) else np.full((2, len(here)), np.nan)
+    zeros = part.zeros if part.d.shape[0] == part.d.shape[1] else np.zeros(0, dtype=complex)
+    return PoleMap(here, zeros, real + 1j * imaginary, part.dt, part.name)
+
+
 def to_discrete(model: Any, dt: float, at: float = 0.0) -> LinearSystem:
     """The linear part of a model at another sample time, or that of a plant at one, for inputs that are held.
 
@@ -98,7 +120,7 @@ def to_discrete(model: Any, dt: float, at: float = 0.0) -> LinearSystem:
         dt: sample time in s.
         at: the constant input about which it is linearised.
     """
-    return (model if isinstance(model, LinearSystem) else linearize(model, at)).to_discrete(dt)
+    return linearize(model, at).to_discrete(dt)
 
 
 def to_continuous(model: Any, at: float = 0.0) -> LinearSystem:
@@ -108,7 +130,7 @@ def to_continuous(model: Any, at: float = 0.0) -> LinearSystem:
         model: a model, a fit, a plant or a `LinearSystem`.
         at: the constant input about which it is linearised.
     """
-    return (model if isinstance(model, LinearSystem) else linearize(model, at)).to_continuous()
+    return linearize(model, at).to_continuous()
 
 
 # --- responses -------------------------------------------------------------------------------------------------------
@@ -127,6 +149,18 @@ def _fit_and_time(model: Any, dt: float | None) -> tuple[Fit[Any], float]:
     return fit, known
 
 
+def _outputs(fit: Fit[Any], count: int) -> tuple[tuple[str, str], ...]:
+    """Name and unit of every output of a fit."""
+    known = fit.channels.outputs if fit.channels is not None else ()
+    return known if len(known) == count else tuple((f"y{k + 1}", "") for k in range(count))
+
+
+def _over_time(fit: Fit[Any], band: Band, quantity: str) -> TimeResponse:
+    """A curve over time as the response of a model."""
+    outputs = _outputs(fit, band.value.shape[1] if band.value.ndim > 1 else 1)
+    return TimeResponse(band.x, band.value, band.standard_error, band.level, fit.model_name, quantity, outputs)
+
+
 def _inputs(model: Any) -> int:
     """How many inputs a model has, where it has a linear part; else one."""
     try:
@@ -135,13 +169,14 @@ def _inputs(model: Any) -> int:
         return 1
 
 
+@of_each
 def step(
     model: Any, size: float = 1.0, *, at: float = 0.0, dt: float | None = None, input: int = 0, level: float = 0.95
-) -> Band:
+) -> TimeResponse:
     """The response to a step of one input from rest, until it settles, with a band where the model is a fit.
 
     Args:
-        model: a model, a fit or a plant.
+        model: a model, a fit or a plant; or several in a list.
         size: of the step, in the unit of the input.
         at: the input before it.
         dt: sample time in s of a model that has none.
@@ -155,16 +190,18 @@ def step(
     command = np.zeros((LONGEST, max(_inputs(fit.model), input + 1)))
     command[:, input] = at
     like = Record(command, np.zeros(LONGEST), time)
-    return step_response_band(fit, like, size=size, start=at, input=input, level=level)
+    band = step_response_band(fit, like, size=size, start=at, input=input, level=level)
+    return _over_time(fit, band, "Step response")
 
 
+@of_each
 def impulse(
     model: Any, size: float = 1.0, *, at: float = 0.0, dt: float | None = None, input: int = 0, level: float = 0.95
-) -> Band:
+) -> TimeResponse:
     """The response to a pulse of one sample with this area, until it settles: to size/dt during one sample.
 
     Args:
-        model: a model, a fit or a plant.
+        model: a model, a fit or a plant; or several in a list.
         size: area of the pulse, in the unit of the input times seconds.
         at: the input before and after it.
         dt: sample time in s of a model that has none.
@@ -185,16 +222,20 @@ def impulse(
         command[0, input] += size / time
         return np.asarray(moved.run(moved.at_rest(rest, time), command)[0][late:])
 
-    return Band(time * np.arange(settled, dtype=float), *with_error(fit, response), level)
+    band = Band(time * np.arange(settled, dtype=float), *with_error(fit, response), level)
+    return _over_time(fit, band, "Impulse response")
 
 
+@of_each
 def bode(
     model: Any, *, at: float = 0.0, dt: float | None = None, output: int = 0, input: int = 0, level: float = 0.95
 ) -> FrequencyResponse:
     """The frequency response up to half the sampling rate, with bands where the model is a fit.
 
+    That of a record is by averaged windows (`spectrum`), with its coherence.
+
     Args:
-        model: a model, a fit or a plant.
+        model: a model, a fit or a plant, or a record; or several of them in a list.
         at: the constant input about which it is linearised.
         dt: sample time in s of a model that has none.
         output, input: of a model with several, from 0.
@@ -203,6 +244,8 @@ def bode(
     Raises:
         ModelError: for a model without a frequency response.
     """
+    if isinstance(model, Record):
+        return spectrum(model).path(output, input, level)
     fit, time = _fit_and_time(model, dt)
     return frequency_response_band(fit, time, output=output, input=input, around=at, level=level)
 
@@ -230,7 +273,7 @@ def predict(model: Any, record: Record, horizon: int = 1) -> Record:
     return replace(record, output=run.output, name=f"{record.name}, {horizon} ahead by {subject.name}")
 
 
-def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.95) -> Band:
+def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.95) -> TimeResponse:
     """The outputs after a record, for inputs that are known, with a band for noise and parameters of a fit.
 
     Args:
@@ -244,11 +287,13 @@ def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.
 
     Raises:
         ModelError: for a record of other channels.
-        DataError: for a record that is too short or has no outputs.
+        DataError: for a record that is too short or has no outputs, or a number in place of inputs.
     """
     record = for_model(model, record)
     fit = model if isinstance(model, Fit) else as_fit(as_model(model, record))
     u = np.asarray(inputs, dtype=float)
+    if not u.ndim:
+        raise DataError(f"a forecast needs the inputs after the record, one for each sample ahead; got {inputs!r}")
     u = u[:, None] if u.ndim == 1 else u
     last = record.segments[-1]
     if not last.output.shape[1]:
@@ -263,7 +308,7 @@ def forecast(model: Any, record: Record, inputs: ArrayLike, *, level: float = 0.
         noise = _noise_ahead(fit, last, u).reshape(value.shape)
         error = np.sqrt(np.where(np.isfinite(error), error, 0.0) ** 2 + noise)
     time = float(last.time[-1]) + record.dt * np.arange(1, len(u) + 1, dtype=float)
-    return Band(np.asarray(time, dtype=float), value, error, level)
+    return _over_time(fit, Band(np.asarray(time, dtype=float), value, error, level), "Forecast")
 
 
 def _noise_ahead(fit: Fit[Any], last: Record, u: Array) -> Array:
@@ -284,8 +329,8 @@ def _noise_ahead(fit: Fit[Any], last: Record, u: Array) -> Array:
     return np.asarray(size**2 * np.cumsum(follows**2, axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
+@dataclass(frozen=True, eq=False, repr=False)
+class Residuals(Analysed):
     """What a model leaves of the measured outputs, with its tests.
 
     Attributes:
@@ -293,20 +338,25 @@ class Residuals:
         one_step: the same of the prediction one sample ahead.
         whiteness: whether the one-step errors of every output are white; empty where there are too few samples.
         inputs: the errors of the free run of every output against nonlinear functions of the inputs.
+        assessment: the runs from which they are.
     """
 
     free_run: Record
     one_step: Record
     whiteness: tuple[ResidualTest, ...]
     inputs: tuple[tuple[NonlinearTest, ...], ...]
+    assessment: Assessment
 
-    def to_frame(self, library: str = "polars") -> Any:
-        """A data frame with time, inputs and the errors of the free run; see `Record.to_frame`.
+    @property
+    def of(self) -> str:  # type: ignore[override]
+        """The name of the model."""
+        return self.assessment.row.model
 
-        Args:
-            library: ``"polars"`` or ``"pandas"``.
-        """
-        return self.free_run.to_frame(library)
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Time, inputs and the errors of the free run."""
+        errors = self.free_run
+        channels = [*zip(errors.input_names, errors.input.T, strict=True)]
+        return {"t": errors.time, **dict(channels), **dict(zip(errors.output_names, errors.output.T, strict=True))}
 
     def __str__(self) -> str:
         rms = np.sqrt(np.mean(self.free_run.output**2, axis=0))
@@ -323,11 +373,12 @@ class Residuals:
         return "\n".join(["RMS error of the free run", *lines])
 
 
+@of_each
 def residuals(model: Any, record: Record) -> Residuals:
     """Measured minus simulated outputs, with tests of whiteness and of what the inputs still explain.
 
     Args:
-        model: a model, a fit or a plant.
+        model: a model, a fit or a plant; or several in a list.
         record: with measured outputs.
 
     Raises:
@@ -346,14 +397,15 @@ def residuals(model: Any, record: Record) -> Residuals:
         return whole if counted.all() else whole.mask(~counted)
 
     tests = tuple(residual_tests(record, found.prediction))
-    return Residuals(errors(found.simulation.output), errors(found.prediction.output), tests, found.nonlinear_tests)
+    left, ahead = errors(found.simulation.output), errors(found.prediction.output)
+    return Residuals(left, ahead, tests, found.nonlinear_tests, found)
 
 
 # --- without a model -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum(Analysed):
     """The frequency response of a record without a model.
 
     Attributes:
@@ -362,6 +414,7 @@ class Spectrum:
         coherence: (F, ny) share of each output's power that is linear in the inputs, 0 to 1.
         standard_error: (F, ny, nu) of the magnitude of the response.
         windows: how many windows were averaged.
+        of: the name of the record.
     """
 
     frequency: Array
@@ -369,6 +422,37 @@ class Spectrum:
     coherence: Array
     standard_error: Array
     windows: int
+    of: str = ""
+
+    def path(self, output: int = 0, input: int = 0, level: float = 0.95) -> FrequencyResponse:
+        """The response of one output to one input, with bands.
+
+        Args:
+            output, input: from 0.
+            level: of the bands.
+
+        Raises:
+            DataError: for a channel that the record does not have.
+        """
+        outputs, inputs = self.response.shape[1:]
+        if not (0 <= output < outputs and 0 <= input < inputs):
+            raise DataError(f"{self.of} has {inputs} inputs and {outputs} outputs; give their numbers from 0")
+        f, where = self.frequency, (slice(None), output, input)
+        relative = self.standard_error[where] / np.abs(self.response[where])
+        magnitude = Band(f, self.magnitude[where], 20 / np.log(10) * relative, level)
+        phase = Band(f, self.phase[where], np.degrees(relative), level)
+        return FrequencyResponse(magnitude, phase, self.of, self.coherence[:, output])
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Those of `path` for every pair of an input and an output, numbered where there are several."""
+        outputs, inputs = self.response.shape[1:]
+        if outputs * inputs == 1:
+            return self.path().columns()
+        paths = [(i, k, self.path(k, i).columns()) for k in range(outputs) for i in range(inputs)]
+        numbered = {f"{name}_{i + 1}_{k + 1}": x for i, k, each in paths for name, x in each.items()}
+        return {"frequency": self.frequency} | {
+            name: x for name, x in numbered.items() if not name.startswith("frequency")
+        }
 
     @property
     def magnitude(self) -> Array:
@@ -418,4 +502,4 @@ def spectrum(record: Record, window: int | None = None) -> Spectrum:
     left = ((1 - coherence) * s_yy)[:, :, None] * np.real(np.einsum("fii->fi", inverse))[:, None, :]
     independent = max(1.0, 0.6 * len(pieces))  # half overlapped Hann windows share a part of their samples
     frequency = np.asarray(np.fft.rfftfreq(size, record.dt)[1:], dtype=float)
-    return Spectrum(frequency, response, coherence, np.sqrt(left / (2 * independent)), len(pieces))
+    return Spectrum(frequency, response, coherence, np.sqrt(left / (2 * independent)), len(pieces), record.name)

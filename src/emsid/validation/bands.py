@@ -14,7 +14,6 @@ References:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.steady_state import check_channel
 from emsid.record import Record
+from emsid.validation.responses import FrequencyResponse as FrequencyResponse
 
 Array = NDArray[np.float64]
 
@@ -37,19 +37,6 @@ LONGEST = 5_000
 """Samples of a step response."""
 SETTLED = 0.01
 """A step response is shown until it stays within this share of its end, and half as long again."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrequencyResponse:
-    """A frequency response with bands.
-
-    Attributes:
-        magnitude: in dB over Hz.
-        phase: in degrees over Hz.
-    """
-
-    magnitude: Band
-    phase: Band
 
 
 def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transient: int | None = None) -> Band:
@@ -165,6 +152,7 @@ def frequency_response_band(
     return FrequencyResponse(
         Band(f, to_db * value[:, 0], to_db * spread[:, 0], level),
         Band(f, to_degrees * value[:, 1], to_degrees * spread[:, 1], level),
+        fit.model_name,
     )
 
 

@@ -113,8 +113,8 @@ def _finite(data: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(value, float) and not np.isfinite(value) else value for k, value in data.items()}
 
 
-@dataclass(frozen=True, eq=False)
-class Assessment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Assessment(Presented):
     """A fitted model run over a record.
 
     Attributes:
@@ -151,6 +151,9 @@ class Assessment:
             data = {"model": row.model, "sample": int(row.diverged_at), "seen": seen}
             return (Finding("free-run-diverged", row.model, data),)
         return (Finding("worse-than-mean", self.record.name),) if row.fit_percent <= 0 else ()
+
+    def __repr__(self) -> str:
+        return f"Assessment({self.row.model} on {self.record.name[:30]}: {self.row.fit_in_words})"
 
     @property
     def input_moves(self) -> bool:
@@ -403,7 +406,7 @@ def _one_record(record: Record | Sequence[Record]) -> Record:
         return record
     if isinstance(record, Sequence) and record and all(isinstance(each, Record) for each in record):
         return record[0] if len(record) == 1 else concatenate(each.in_si() for each in record)
-    if isinstance(record, Fit | Model):
+    if any(isinstance(each, Fit | Model) for each in (record if isinstance(record, list | tuple) else [record])):
         raise DataError("the record comes last, after the models: compare([linear, motor], record)")
     raise DataError(f"a {type(record).__name__} is no record to compare on; give emsid.Record(input, output, dt=…)")
 

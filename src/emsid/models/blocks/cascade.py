@@ -78,7 +78,7 @@ class CascadeState(NamedTuple):
     blocks: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Cascade(OneChannelMethods):
     """A sequence of blocks, with offsets and an input delay.
 

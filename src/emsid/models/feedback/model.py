@@ -85,7 +85,7 @@ class FeedbackState(NamedTuple):
     x: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FeedbackModel(OneChannelMethods):
     """A linear system with static maps in its feedback.
 

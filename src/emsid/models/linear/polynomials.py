@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 FIELDS = ("a", "b", "c", "d", "f")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PolynomialModel(ThroughStateSpace):
     """A linear model of one output in polynomials.
 

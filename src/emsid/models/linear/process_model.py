@@ -51,7 +51,7 @@ SHORTEST, LARGEST = 0.3, 0.5
 """The shortest time constant in samples, as records show no shorter one, and the longest as a part of the record."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ProcessModel(ThroughStateSpace):
     """A gain with time constants, a zero and a dead time.
 

@@ -38,7 +38,7 @@ INTEGRATES = 1e-9
 MATRICES = ("a", "b", "c", "d", "k")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StateSpaceModel(RunMethods):
     """A linear model in state space.
 

@@ -22,7 +22,7 @@ INFINITE = 1e8
 """Generalised eigenvalues that are this many times larger than the matrices are zeros at infinity."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LinearSystem:
     """A linear system in state space.
 
@@ -43,6 +43,10 @@ class LinearSystem:
     dt: float | None
     delay: float = 0.0
     name: str = "linear"
+
+    def __repr__(self) -> str:
+        (outputs, inputs), time = self.d.shape, "continuous time" if self.dt is None else f"dt {self.dt:g} s"
+        return f"LinearSystem({self.name}: {len(self.a)} states, {inputs} in, {outputs} out, {time})"
 
     @property
     def poles(self) -> Complex:

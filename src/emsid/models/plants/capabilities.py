@@ -64,12 +64,12 @@ class OfPlants(Capabilities[GreyBox]):
         return c_form(stepper, single=single)
 
     def linear_part(self, model: GreyBox, at: float) -> LinearSystem:
-        """In motion, without friction that is constant."""
+        """In motion, without friction that is constant and states that no output depends on."""
         part = model.plant.linearised(model.signals)
         if part is None:
             raise ModelError(f"{model.name} has no linear part that is known; linearise its functions yourself")
         late = model.plant.drive.delay if isinstance(model.plant, DrivenPlant) else 0.0
-        return LinearSystem(*part[:4], None, late, model.name)
+        return LinearSystem(*part.observed()[:4], None, late, model.name)
 
     def frequency_response(
         self, model: GreyBox, f: Array, dt: float, output: int, input: int, around: float

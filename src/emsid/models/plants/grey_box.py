@@ -36,7 +36,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlantModel(RunMethods):
     """A plant as a model of records.
 

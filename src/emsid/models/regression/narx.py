@@ -218,7 +218,7 @@ class Structure:
         return stacked[:-1].T, stacked[-1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RegressionModel(RunMethods):
     """A model that is linear in its parameters.
 

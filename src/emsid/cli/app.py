@@ -49,6 +49,7 @@ app = Commands(
       emsid demo                                                      example records to try commands on
       emsid describe log.csv                                          ends with the command for identify
       emsid identify log.csv --input voltage --output speed --dt 1ms
+      emsid show emsid-result/best.json
       emsid validate emsid-result/best.json other.csv
       emsid study                                                     a complete study; needs no data
     """,

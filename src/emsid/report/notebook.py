@@ -142,7 +142,7 @@ def _(several: Several) -> Figure | None:  # type: ignore[type-arg]
     for kind, draw_all in (
         (TimeResponse, analysis.over_time),
         (FrequencyResponse, analysis.over_frequency),
-        (PoleMap, analysis.pole_map),
+        (PoleMap, analysis.poles_and_zeros),
     ):
         if all(isinstance(each, kind) for each in drawn):
             return draw_all(drawn, several.labels)

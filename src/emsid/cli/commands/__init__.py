@@ -1,11 +1,12 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
-from emsid.cli.commands import demo, describe, identify, validate, simulate  # noqa: I001
+from emsid.cli.commands import demo, describe, identify, show, compare, validate, simulate  # noqa: I001
 from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, control, design, motors
 from emsid.cli.commands import parameters, names
 
 __all__ = [
     "bench",
+    "compare",
     "compensate",
     "control",
     "demo",
@@ -18,6 +19,7 @@ __all__ = [
     "names",
     "orders",
     "parameters",
+    "show",
     "simulate",
     "studio",
     "study",

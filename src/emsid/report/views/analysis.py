@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from itertools import cycle
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import curve_with_band, limited
 from emsid.report.views.conventions import MODELS, channel_axis
 from emsid.report.views.feedback import around
-from emsid.validation.responses import FrequencyResponse, PoleMap, TimeResponse
+from emsid.validation.analysis import bode, pole_map, step
+from emsid.validation.responses import FrequencyResponse, PoleMap, Several, TimeResponse
 
 TIME = Axis("Time", "s")
 SQUARE = 1.9
 """Rows of a map of poles, in which both axes then have about the same scale."""
 
 
-def over_time(several: Sequence[TimeResponse], labels: Sequence[str]) -> Figure:
+def over_time(several: Sequence[TimeResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS) -> Figure:
     """Responses of the same quantity in one axes for every output."""
     first = several[0]
     plots: list[Plot] = []
@@ -28,63 +35,73 @@ def over_time(several: Sequence[TimeResponse], labels: Sequence[str]) -> Figure:
             replace(each, value=_column(each.value, k), standard_error=_column(each.standard_error, k))
             for each in several
         ]
-        for j, (one, label) in enumerate(zip(ones, labels, strict=True)):
-            marks += curve_with_band(one, label, "", MODELS[j % len(MODELS)])
+        for one, label, stroke in zip(ones, labels, cycle(strokes), strict=False):
+            marks += curve_with_band(one, label, "", stroke)
         axis = channel_axis(name, unit)
         noisy = first.quantity == "Forecast"  # its band is the noise, which is to be seen
         plots.append(Plot(tuple(marks), TIME, axis if noisy else limited(axis, *ones)))
     return Figure("response", f"{first.quantity} of {_listed(labels)}{_bands(several)}.", tuple(plots), shared_x=True)
 
 
-def over_frequency(several: Sequence[FrequencyResponse], labels: Sequence[str]) -> Figure:
+def over_frequency(
+    several: Sequence[FrequencyResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS
+) -> Figure:
     """Frequency responses in one axes for the magnitude and one for the phase, and the coherence of records below."""
     f = np.concatenate([each.magnitude.x for each in several])
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f.min()), float(f.max())))
-    strokes = [MODELS[j % len(MODELS)] for j in range(len(several))]
     plots: list[Plot] = []
     for quantity, unit in (("Magnitude", "dB"), ("Phase", "deg")):
         bands = [getattr(each, quantity.lower()) for each in several]
         named = labels if not plots else [""] * len(labels)
         marks = [
             mark
-            for band, label, stroke in zip(bands, named, strokes, strict=True)
+            for band, label, stroke in zip(bands, named, cycle(strokes), strict=False)
             for mark in curve_with_band(band, label, "", stroke)
         ]
         plots.append(Plot(tuple(marks), frequency, limited(Axis(quantity, unit), *bands)))
-    coherent = [(each, stroke) for each, stroke in zip(several, strokes, strict=True) if each.coherence is not None]
+    coherent = tuple(
+        Line(each.magnitude.x, each.coherence, "", stroke)
+        for each, stroke in zip(several, cycle(strokes), strict=False)
+        if each.coherence is not None
+    )
     if coherent:
-        lines = tuple(Line(each.magnitude.x, each.coherence, "", stroke) for each, stroke in coherent)  # type: ignore[arg-type]
-        plots.append(Plot(lines, frequency, Axis("Coherence", "1", range=(0.0, 1.05)), height=0.6))
+        plots.append(Plot(coherent, frequency, Axis("Coherence", "1", range=(0.0, 1.05)), height=0.6))
     bands = [each.magnitude for each in several]
     return Figure(
         "frequency-response", f"Frequency response of {_listed(labels)}{_bands(bands)}.", tuple(plots), shared_x=True
     )
 
 
-def pole_map(several: Sequence[PoleMap], labels: Sequence[str]) -> Figure:
-    """Poles with their 95 % intervals and zeros, beside the limit of stability."""
+def poles_and_zeros(several: Sequence[PoleMap], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS) -> Figure:
+    """Poles with their 95 % intervals and zeros, beside the limit of stability; zeros far away are left out."""
     discrete = several[0].dt is not None
     turn = np.linspace(0, 2 * np.pi, 361)
     grey = Stroke(Ink.GREY, Dash.DASHED, 0.8)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", grey)] if discrete else []
-    for j, (each, label) in enumerate(zip(several, labels, strict=True)):
-        ink = MODELS[j % len(MODELS)].ink
+    poles = np.concatenate([each.poles for each in several])
+    x, y = around(poles if len(poles) else np.zeros(1, dtype=complex))
+    for each, label, stroke in zip(several, labels, cycle(strokes), strict=False):
+        ink = stroke.ink
         for pole, error in zip(each.poles, 1.96 * each.standard_error, strict=True):
             if np.isfinite(error):
                 side = np.array([-1.0, 1.0])
                 marks.append(Line(pole.real + side * error.real, np.full(2, pole.imag), "", Stroke(ink)))
                 marks.append(Line(np.full(2, pole.real), pole.imag + side * error.imag, "", Stroke(ink)))
         marks.append(Points(each.poles.real.copy(), each.poles.imag.copy(), f"poles of {label}", ink))
-        if len(each.zeros):
-            zeros = Points(each.zeros.real.copy(), each.zeros.imag.copy(), f"zeros of {label}", ink, size=0.5)
-            marks.append(zeros)
-    x, y = around(np.concatenate([np.append(each.poles, each.zeros) for each in several]))
+        near = each.zeros[_within(x, each.zeros.real) & _within(y, each.zeros.imag)]
+        if len(near):
+            marks.append(Points(near.real.copy(), near.imag.copy(), f"zeros of {label}", ink, size=0.5))
     if not discrete:
         x, y = replace(x, unit="1/s"), replace(y, unit="1/s")
     known = any(np.isfinite(each.standard_error).any() for each in several)
     crosses = ", with 95 % intervals" if known else ""
     caption = f"Poles{crosses} and zeros (small) of {_listed(labels)}."
     return Figure("poles", caption, (Plot(tuple(marks), x, y, height=SQUARE),))
+
+
+def _within(axis: Axis, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    low, high = axis.range or (-np.inf, np.inf)
+    return np.asarray((low < values) & (values < high))
 
 
 def _column(values: np.ndarray, k: int) -> np.ndarray:
@@ -98,3 +115,30 @@ def _listed(labels: Sequence[str]) -> str:
 def _bands(bands: Sequence[TimeResponse] | Sequence[object]) -> str:
     known = [getattr(band, "known", False) for band in bands]
     return f", with {100 * bands[known.index(True)].level:.0f} % bands" if any(known) else ""  # type: ignore[attr-defined]
+
+
+def model_figures(models: Sequence[Any], size: float) -> tuple[Figure, ...]:
+    """Step response, frequency response and poles of several models in the same axes, of each as far as it has them.
+
+    Models of other outputs, or in continuous and in discrete time, have figures of their own.
+
+    Args:
+        models: models or fits.
+        size: of the step.
+    """
+    figures: list[Figure] = []
+    for analyse, drawn, kind in (
+        (partial(step, size=size), over_time, lambda each: each.outputs),
+        (bode, over_frequency, lambda each: None),
+        (pole_map, poles_and_zeros, lambda each: each.dt is None),
+    ):
+        alike: dict[Any, list[Any]] = {}
+        for model, stroke in zip(models, cycle(MODELS), strict=False):
+            with suppress(EmsidError):  # without a linear part, or a sample time
+                found = analyse(model)
+                alike.setdefault(kind(found), []).append((found, stroke))
+        for k, group in enumerate(alike.values()):
+            several: Several[Any] = Several(each for each, _ in group)
+            figure = drawn(several, several.labels, [stroke for _, stroke in group])
+            figures.append(replace(figure, name=f"{figure.name}-{k + 1}" if k else figure.name))
+    return tuple(figures)

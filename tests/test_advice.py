@@ -24,7 +24,7 @@ from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.delay import with_delay
-from emsid.identification.options import Options
+from emsid.options import Options
 from emsid.record import Record
 from emsid.record.time_axis import about_time, time_axis
 from emsid.wording import sentence

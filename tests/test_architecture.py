@@ -33,7 +33,7 @@ LAYERS = (
     {"record", "wording"},
     {"excitation", "plant", "estimation", "selection"},  # selection compares numbers and knows no model
     {"models"},
-    {"validation"},
+    {"options", "validation"},
     {"io", "live"},
     {"exports"},
     {"compensation", "experiment_design"},  # what is done with a model
@@ -72,6 +72,7 @@ SEARCHERS = (
     "models.feedback.capabilities",
     "models.plants.capabilities",
     "models.verbs",
+    "options",
     "identification",
     "study",
     "report",

@@ -87,6 +87,8 @@ def test_without_a_word_six_lines_say_what_to_do_first(run):
 def test_the_help_of_identify_says_which_models_an_option_is_for_and_that_there_is_no_limit_of_time(run):
     help_ = " ".join(run("identify", "--help")[1].split())
     assert "Time for the whole command, such as 20s; without it there is no limit." in help_
+    assert "--orders" not in help_
+    help_ = " ".join(run("identify", "--help-all")[1].split())
     assert "Orders of the filters of a cascade, or of a feedback model." in help_
     assert "Static map of a cascade or a feedback model" in help_
 

@@ -185,7 +185,7 @@ def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
 def test_names_may_be_given_together_or_one_by_one(run, log, tmp_path, monkeypatch):
     asked = []
 
-    def kept(*_, models, **__):
+    def kept(*_, models=None, **__):
         asked.append(models)
         raise emsid.ModelError("enough")
 

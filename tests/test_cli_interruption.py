@@ -175,7 +175,7 @@ def test_ctrl_c_in_demo_leaves_nothing(run, tmp_path, pressed_at):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("place", ["emsid.io.read", "emsid.identification.options.least_squares"])
+@pytest.mark.parametrize("place", ["emsid.io.read", "emsid.estimation.linear.least_squares.least_squares"])
 def test_ctrl_c_before_anything_is_found(place, run, log, tmp_path, pressed_at):
     pressed_at(place)
     words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")

@@ -13,11 +13,11 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.identification import identify
 from emsid.identification.characteristics import Characteristic, of_fit
 from emsid.identification.conclusions import next_steps, verdicts
-from emsid.identification.options import Options
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone
 from emsid.models.regression.structures import arx
+from emsid.options import Options
 from emsid.record import Record
 from emsid.report.identification_page import report
 from emsid.validation.comparison import assess, compare

@@ -14,8 +14,8 @@ from emsid.first_look.data_advice import advice
 from emsid.first_look.hanging import hanging
 from emsid.first_look.stops import stops, without_stops
 from emsid.identification.candidates import CANDIDATES
-from emsid.identification.options import Options
 from emsid.models.plants.drive import Feed
+from emsid.options import Options
 from test_joint import DT, joint, loaded_records, recorded, servo, targets, torque
 
 TICKS = 4096 / (2 * np.pi)

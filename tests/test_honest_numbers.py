@@ -11,7 +11,6 @@ from scipy.stats import binom
 
 import coverage_settings
 import emsid
-from emsid.cli.options import physical_values
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
@@ -178,9 +177,8 @@ def test_the_tolerance_of_a_fixed_value_widens_what_depends_on_it():
         fitted(WRONG, 0, fixed={"resistance": "1.1 ohm ± some"})
 
 
-def test_a_command_line_takes_the_tolerance_of_a_fixed_value():
-    typed = physical_values(["R=2 ohm +- 5 %", "rotor_viscous=0"], [START])
-    options = understood(emsid.Options(fixed=typed), ["rigid-motor"])
+def test_a_fixed_value_may_have_a_tolerance():
+    options = understood(emsid.Options(fixed={"R": "2 ohm +- 5 %", "rotor_viscous": "0"}), ["rigid-motor"])
     assert options.fixed == {"resistance": 2.0, "rotor_viscous": 0.0}
     assert options.datasheet["resistance"].tolerance == pytest.approx(0.05)
 

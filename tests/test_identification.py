@@ -12,12 +12,12 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
-from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
 from emsid.identification.requests import unused_requests
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Feed
+from emsid.options import Options
 from emsid.report.identification_page import report
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import StretchErrors

@@ -8,9 +8,8 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
 from emsid.identification import all_data, long_records
-from emsid.identification.candidates import CANDIDATES, QUICK
+from emsid.identification.candidates import CANDIDATES, QUICK, refit_data
 from emsid.identification.compared import Compared
-from emsid.identification.options import Options, refit_data
 from emsid.identification.requests import plants_of, unused_requests
 from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
@@ -19,6 +18,7 @@ from emsid.models.plants.drive import Bridge
 from emsid.models.refit_data import Budget
 from emsid.models.refitting import refitted
 from emsid.models.regression.capabilities import OfRegressions
+from emsid.options import Options
 from emsid.report.identification_page import report, summary
 from emsid.validation.comparison import assess
 from emsid.validation.residual_test import NOTABLE, SIGNIFICANCE, ResidualTest, residual_tests

@@ -8,11 +8,11 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.blocks import Rational
-from emsid.identification.options import Options
 from emsid.identification.task import Task
 from emsid.identification.verdict import model_verdicts
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
+from emsid.options import Options
 from emsid.record.holding_back import FAIR, choice_and_headline, hold_back_records, parted, shares, unseen_part
 from emsid.validation.comparison import as_fit
 

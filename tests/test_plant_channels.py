@@ -7,7 +7,6 @@ import pytest
 
 from emsid.errors import DataError, ModelError
 from emsid.findings import Finding
-from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.models.plants.drive import Bridge, Drive, Feed
 from emsid.models.plants.grey_box import GreyBox, assumptions, check_channels
@@ -16,6 +15,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.options import Options
 from emsid.plant import Friction, Motor
 from emsid.record import Record
 from emsid.report.views.physical_parameters import units_taken

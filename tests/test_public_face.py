@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.identification.options import KEYWORDS
+from emsid.options import KEYWORDS
 from emsid.study import demonstration
 
 

@@ -17,7 +17,6 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.identification import all_data
 from emsid.identification import ranking as ranking_module
-from emsid.identification.options import Options
 from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked, within_noise
 from emsid.identification.recommendation import recommended
 from emsid.models.capabilities import Capabilities
@@ -25,6 +24,7 @@ from emsid.models.free_run import free_run_error
 from emsid.models.kinds import KINDS, capabilities_of
 from emsid.models.refit_data import Budget, Data
 from emsid.models.refitting import refitted, usable_refit
+from emsid.options import Options
 from emsid.record.holding_back import left_out_once, stretches_in_turn
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure

@@ -13,7 +13,6 @@ from emsid import Record, concatenate
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE
 from emsid.identification import candidates
-from emsid.identification.options import Options
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.linear_axis import LinearAxis
@@ -23,6 +22,7 @@ from emsid.models.plants.registry import PLANTS, plant_from_data, plant_to_data
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.moves import Situation, additions
+from emsid.options import Options
 from emsid.plant import Friction, GaussianStribeck, Motor
 from emsid.study.demonstration import axis_record
 from independent import armature, two_masses

@@ -10,10 +10,10 @@ import pytest
 import emsid
 from emsid.findings import plain
 from emsid.identification.curves import curves
-from emsid.identification.options import Options
 from emsid.identification.result_format import FORMAT, VERSION, ResultFile, checked, schema
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.options import Options
 from emsid.validation import step_response_band
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

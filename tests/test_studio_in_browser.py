@@ -229,7 +229,7 @@ def test_a_first_user_gets_from_a_file_to_a_comparison(
     page.find("input[value=arx]").click()
     page.find("input[value=output-error]").click()
     page.find("summary").click()
-    for order in ("Past outputs na", "Past inputs nb", "Delay nk [samples]"):
+    for order in ("na", "nb", "nk"):
         page.type(order, "1")
     page.press("Fit")
     page.press("Compare")

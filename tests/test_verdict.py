@@ -15,12 +15,12 @@ from emsid.blocks import CubicSpline, DeadZone, PiecewiseLinear, Polynomial, Rat
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.identification.conclusions import PREDICTABLE, predictable_shares
-from emsid.identification.options import Options
 from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
 from emsid.identification.ranking import ranked
 from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended
 from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
 from emsid.models.extrapolation import Extremes, runs_away
+from emsid.options import Options
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import as_fit, compare
 from emsid.validation.correlation import input_test

@@ -35,7 +35,7 @@ def command_line() -> str:
         "files",
     }
     lines = ["# Command line", "", "What `emsid` alone prints:", "", "```text", FIRST_STEPS, "```", ""]
-    lines += ["`emsid --help`, and `--help` after every command, print what stands here.", ""]
+    lines += ["`emsid --help`, and `--help-all` or `--help` after every command, print what stands here.", ""]
     lines += ["Errors are one line on standard error. The exit status is 0, 2 for an error of the user, and 130 after"]
     lines += ["Ctrl-C, which keeps the results so far.", ""]
     for name, command in commands_of(group):

@@ -45,7 +45,6 @@ from .fleets import Fleet as Fleet
 from .fleets import fleet as fleet
 from .identification import Identification as Identification
 from .identification import identify as identify
-from .identification.options import Options as Options
 from .io import load as load
 from .io import read as read
 from .io import read_datasheet as read_datasheet
@@ -87,6 +86,7 @@ from .models.starting import start as start
 from .models.stepping import Stepper as Stepper
 from .models.verbs import fit as fit
 from .models.verbs import simulate as simulate
+from .options import Options as Options
 from .plant import Bench as Bench
 from .plant import DeadZoneLaw as DeadZoneLaw
 from .plant import Friction as Friction

@@ -22,8 +22,6 @@ from inspect import getmro
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
-import numpy as np
-
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 NOT_KEPT = (
@@ -92,6 +90,8 @@ def with_functions(kernel: Any, **functions: Any) -> Any:
     """
     for each in functions.values():
         by_content(each)
+    import numpy as np  # here, so that the command line starts without it
+
     made = _with(kernel, tuple(sorted(functions.items())))
     return made if _kernel(made) else np.errstate(all="ignore")(made)
 
@@ -151,6 +151,8 @@ def _reached(function: Any) -> tuple[dict[Any, int], list[object]]:
     """The functions that a function reaches, numbered, and descriptions of them and of the constants, in order."""
     reached: dict[Any, int] = {}
     waiting: list[Any] = []
+
+    import numpy as np
 
     def described(value: Any, names: list[str]) -> object:
         """What identifies a value, with the numbers of functions; what cannot be a constant has its type only."""

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import EmsidError, ModelError
-from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.models.verbs import simulate
+from emsid.options import Options
 from emsid.record import Record
 
 try:

@@ -1,25 +1,27 @@
-"""Options of several commands, parsers of their values, and option names of the library's arguments."""
+"""Options of several commands, made from the declarations in `emsid.options`; parsers of their values."""
 
+import inspect
 import re
 from collections.abc import Callable, Iterable, Sequence
 from logging import StreamHandler
-from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
 from emsid.errors import DataError, EmsidError
+from emsid.options import DECLARED, Declared
 
-SPELLINGS = {
-    "units": "unit",
-    "signals": "signal",
-    "fixed": "fix",
-    "profiles": "profile",
-    "plant.codes": "brake",
-    "unseen": "validate",
-}
+Command = TypeVar("Command", bound=Callable[..., None])
+SPELLINGS = {name: each.spelled[0] for name, each in DECLARED.items() if each.spelled}
+SPELLINGS |= {"profiles": "profile", "plant.codes": "brake", "unseen": "validate"}
 """Arguments of the library whose option has another name."""
+OUTPUT = "Output"
+"""The heading of options about what is printed and written."""
+
+
+class Rare(str):
+    """The heading of an option that only ``--help-all`` shows."""
 
 
 def option(argument: str) -> str:
@@ -123,55 +125,85 @@ def counts(text: str | None, name: str) -> tuple[int, ...]:
         raise DataError(f"{name} {text!r}: write it as whole numbers with commas between") from None
 
 
-def physical_values(texts: Iterable[str], plants: Sequence[Any]) -> dict[str, float | str]:
-    """Parse ``PARAMETER=VALUE`` texts of ``--fix`` into SI units; the value may have a unit: ``resistance=2 ohm``.
+def rows(text: str, name: str) -> slice:
+    """``A:B``."""
+    first, colon, last = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return slice(int(first) if first else None, int(last) if last else None)
+    except ValueError:
+        raise DataError(f"{name} {text!r}: write it as A:B, the data rows from A up to but not B") from None
 
-    A value with a tolerance (``resistance=2 ohm ± 5 %``) remains a text in SI units with its tolerance.
+
+TYPES: dict[str, Any] = {
+    "switch": bool, "whole": int | None, "number": float | None, "fraction": float | None, "sample time": float | None,
+    "text": str | None, "wholes": str | None, "rows": str | None, "file": Path | None,
+}  # fmt: skip
+"""The types of options whose value is not a list of texts, by the kind of value."""
+PARSED: dict[str, Callable[[Any, str], Any]] = {
+    "wholes": counts, "rows": rows, "names": names, "numbers by column": numbers, "texts by column": pairs,
+    "values by name": lambda texts, name: pairs(texts, name, "NAME=VALUE"),
+}  # fmt: skip
+"""How the texts of an option become its value, where its parser does not do that."""
+
+
+def declared(name: str) -> Any:
+    """The option of the command line for an argument of the library."""
+    each = DECLARED[name]
+    flags = [f"-{flag}" if len(flag) == 1 else f"--{flag.replace('_', '-')}" for flag in each.spelled or (name,)]
+    shown = f"{each.meaning}.{f'  [default: {each.default}]' if each.default is not None else ''}"
+    parser: Any = {"fraction": fraction, "sample time": sample_time}.get(each.kind)
+    parser = quantity(each.unit) if each.unit else parser
+    return typer.Option(
+        *flags, help=shown, min=each.least, parser=parser, show_default=False,
+        metavar=None if each.kind == "switch" else each.metavar,
+        rich_help_panel=(Rare if each.rare else str)(each.group),
+    )  # fmt: skip
+
+
+def takes(
+    group: Sequence[Declared], argument: str, made: Callable[[dict[str, Any]], Any] = dict, **usual: Any
+) -> Callable[[Command], Command]:
+    """Add declared options to a command, which takes what is made from those that are given as one argument.
 
     Args:
-        texts: the texts of the option.
-        plants: those that may have the parameter; the first one that has it defines its unit.
+        group: the declarations.
+        argument: the name of that argument.
+        made: makes it from the values by name; by default they are it.
+        usual: values of options that are not given.
     """
-    from emsid.models.plants.datasheet import without_tolerances
-    from emsid.plant.motor import read_number
 
-    found: dict[str, float | str] = {}
-    typed, tolerances = without_tolerances(pairs(texts, "--fix", "NAME=VALUE"))
-    for key, value in typed.items():
-        name, bracket, record = key.partition("[")
-        parameter, handle = _known(name, plants)
-        parameter += bracket + record
-        number = read_number(f"--fix {parameter}", value, handle.parameter.unit)
-        if not isfinite(number):
-            raise DataError(f"--fix {key}={value}: give a finite number")
-        if parameter in found:
-            raise DataError(f"--fix gives {parameter} twice; leave one of them out")
-        found[parameter] = f"{number!r} ± {100 * tolerances[key]!r} %" if key in tolerances else number
-    return found
+    def decorate(command: Command) -> Command:
+        own = {name: p for name, p in inspect.signature(command).parameters.items() if name != argument}
+        shared = [
+            inspect.Parameter(
+                each.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=usual.get(each.name, {"switch": False}.get(each.kind) if each.kind in TYPES else []),
+                annotation=Annotated[TYPES.get(each.kind, list[str]), declared(each.name)],
+            )
+            for each in group
+            if each.name not in own and each.kind != "codes"
+        ]
 
+        def with_declared(**values: Any) -> None:
+            typed = {each.name: values.pop(each.name) for each in shared}
+            given = {
+                name: PARSED[kind](value, option(name)) if kind in PARSED else value
+                for name, value in typed.items()
+                if value is not None and value is not False and value != []
+                for kind in [DECLARED[name].kind]
+            }
+            command(**{argument: made(given)}, **values)
 
-def physical_names(texts: Sequence[str], name: str, plants: Sequence[Any]) -> tuple[str, ...]:
-    """Parse ``PARAMETER,PARAMETER,…`` of an option that may be repeated; a symbol may replace the name."""
-    return tuple(_known(each, plants)[0] for each in names(texts, name))
+        parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared)]
+        with_declared.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        with_declared.__annotations__ = {p.name: p.annotation for p in parameters}
+        with_declared.__name__, with_declared.__doc__ = command.__name__, command.__doc__
+        return with_declared  # type: ignore[return-value]
 
-
-def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
-    """The name and the handle of a parameter in the first plant that has it.
-
-    Raises:
-        ModelError: where no plant has it; the message lists the parameters of the first plant.
-    """
-    from emsid.models.plants.parameters import find_handle
-
-    problems: list[EmsidError] = []
-    for plant in plants:
-        try:
-            handle = find_handle(plant, key)
-        except EmsidError as problem:
-            problems.append(problem)
-        else:
-            return next(name for name, each in plant.handles.items() if each is handle), handle
-    raise problems[0]
+    return decorate
 
 
 def print_tracebacks(asked: bool) -> None:
@@ -183,19 +215,18 @@ def print_tracebacks(asked: bool) -> None:
         LOG.addHandler(StreamHandler())
 
 
-Transient = Annotated[
-    int | None,
-    typer.Option(metavar="N", help="Samples that start a free run in motion and are left out of errors.", min=0),
-]
-Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
-Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]
+def _output(*flags: str, **how: Any) -> Any:
+    return typer.Option(*flags, rich_help_panel=OUTPUT, **how)
+
+
+Transient = Annotated[int | None, declared("transient")]
+Out = Annotated[Path, _output(metavar="DIR", help="Folder for the report, the figures and the results.")]
+Pdf = Annotated[bool, _output("--pdf", help="Write every figure as PDF too.")]
 Debug = Annotated[
     bool,
-    typer.Option(
-        "--debug", help="Print the traceback of whatever fails inside.", is_eager=True, callback=print_tracebacks
-    ),
+    _output("--debug", help="Print the traceback of whatever fails inside.", is_eager=True, callback=print_tracebacks),
 ]
-Details = Annotated[bool, typer.Option("--details", help="Print all models, values and findings, too.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+Details = Annotated[bool, _output("--details", help="Print all models, values and findings, too.")]
+Json = Annotated[bool, _output("--json", help="Print JSON on standard output, and nothing else there.")]
 Encoder = Annotated[float | None, typer.Option(metavar="N", help="Counts of the encoder per revolution (per m).")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Force = Annotated[bool, _output("--force", help="Replace files that exist.")]

@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import warnings
-from functools import cache, partial
 from io import StringIO, TextIOWrapper
 from typing import NoReturn
 
@@ -12,7 +11,7 @@ import typer
 from typer.main import get_command
 
 from emsid.cli import commands
-from emsid.cli.app import FIRST_STEPS, app
+from emsid.cli.app import FIRST_STEPS, app, for_words
 from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly
 from emsid.cli.options import with_options
 from emsid.cli.streams import open_streams, output_is_lost
@@ -22,7 +21,6 @@ from emsid.errors import EmsidError
 from emsid.replacing import sources_kept
 
 USER_ERROR = 2
-_command = cache(partial(get_command, app))  # with all its options: made at the first call
 
 __all__ = ["commands", "main"]
 
@@ -49,7 +47,8 @@ def _main() -> None:
     try:
         try:
             if len(sys.argv) > 1 or "_EMSID_COMPLETE" in os.environ:  # how a shell asks for completions
-                status = _command()(sys.argv[1:], prog_name="emsid", standalone_mode=False)
+                words = None if "_EMSID_COMPLETE" in os.environ else sys.argv
+                status = get_command(for_words(app, words))(sys.argv[1:], prog_name="emsid", standalone_mode=False)
             else:
                 status = 0
                 say(FIRST_STEPS)

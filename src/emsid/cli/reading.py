@@ -1,19 +1,17 @@
 """The options for reading files, shared by all commands that read records."""
 
-import inspect
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from emsid.cli.options import numbers, option, pairs, quantity, sample_time
+from emsid.cli.options import Command, option, takes
 from emsid.cli.shell import command_line, file_word
 from emsid.errors import DataError, EmsidError
+from emsid.options import READING
 
 if TYPE_CHECKING:
     from emsid.first_look import Group
@@ -21,8 +19,6 @@ if TYPE_CHECKING:
     from emsid.io import ParsedFile
     from emsid.io.columns import Columns
     from emsid.record import Record
-
-Command = TypeVar("Command", bound=Callable[..., None])
 
 
 @dataclass(frozen=True)
@@ -207,88 +203,6 @@ class Reader:
         )
 
 
-def _rows(text: str) -> slice:
-    first, colon, last = text.partition(":")
-    try:
-        if not colon:
-            raise ValueError
-        return slice(int(first) if first else None, int(last) if last else None)
-    except ValueError:
-        raise DataError(f"--rows {text!r}: write it as A:B, the data rows from A up to but not B") from None
-
-
-Input = Annotated[
-    list[str],
-    typer.Option("--input", "-u", metavar="COL", help="Input column, or FILE:COL; may be repeated."),
-]
-Output = Annotated[
-    list[str],
-    typer.Option("--output", "-y", metavar="COL", help="Output column, or FILE:COL; d(COL) for a derivative."),
-]
-Dt = Annotated[
-    float | None, typer.Option(metavar="S", parser=sample_time, help="Sample time: 0.001 (seconds), 1ms or 1kHz.")
-]
-Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column; it must be regular (see --resample).")]
-TimeUnit = Annotated[
-    str | None,
-    typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us, or 8kHz for ticks."),
-]
-Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
-Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
-Mask = Annotated[str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')]
-Wrap = Annotated[
-    list[str], typer.Option(metavar="COL=N", help="Counter or angle that starts again after N, such as 65536 or 360.")
-]
-Shift = Annotated[
-    list[str],
-    typer.Option(metavar="COL=N", help="Rows by which a column is moved; -1 if a row holds the command before it."),
-]
-Direction = Annotated[
-    list[str],
-    typer.Option(metavar="COL=DIR", help="Column with the sign of a column: negative where it is not above 0."),
-]
-Scale = Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column by a gain.")]
-Offset = Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")]
-Unit = Annotated[
-    list[str],
-    typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI."),
-]
-SignalOption = Annotated[
-    list[str],
-    typer.Option(
-        "--signal",
-        metavar="COL=SIGNAL",
-        help="What an output measures: rotor_speed, load_speed, speed, position, current.",
-    ),
-]
-CountsPerRevolution = Annotated[
-    float | None, typer.Option(metavar="N", help="Encoder counts in one revolution, for the unit count.")
-]
-SupplyVoltage = Annotated[
-    float | None, typer.Option(metavar="V", parser=quantity("V"), help="Voltage at full pwm, for the unit pwm.")
-]
-PwmFullScale = Annotated[
-    float | None, typer.Option(metavar="N", help="Value of full pwm.  [default: 255]", show_default=False)
-]
-DerivativeWindow = Annotated[
-    int | None,
-    typer.Option(metavar="N", help="Samples (odd) in the filter of d(COL).  [default: 9]", show_default=False),
-]
-SkipBadRows = Annotated[
-    bool, typer.Option("--skip-bad-rows", help="Leave out damaged rows and messages of the logger, at most 2 %.")
-]
-Filter = Annotated[
-    float | None,
-    typer.Option(metavar="HZ", parser=quantity("Hz"), help="Low-pass filter all channels, forwards and backwards."),
-]
-Decimate = Annotated[
-    int | None, typer.Option(metavar="N", help="Keep every N-th sample, after an anti-alias filter.", min=1)
-]
-Detrend = Annotated[
-    int | None, typer.Option(metavar="ORDER", help="Subtract the mean (0) or a line (1) from every channel.", min=0)
-]
-
-
 def _kind_in_words(path: Path) -> str:
     """What a file is, where that is no dynamic record, as the beginning of a message."""
     from emsid.first_look import describe
@@ -298,61 +212,6 @@ def _kind_in_words(path: Path) -> str:
         look = describe(path)
         return "" if look.kind.kind is FileKind.DYNAMIC else f"{look.name} is {look.kind}; "
     return ""
-
-
-def _reader(
-    *,
-    input: Input = [],  # noqa: B006
-    output: Output = [],  # noqa: B006
-    dt: Dt = None,
-    time: Time = None,
-    time_unit: TimeUnit = None,
-    resample: Resample = False,
-    rows: Rows = None,
-    mask: Mask = None,
-    wrap: Wrap = [],  # noqa: B006
-    shift: Shift = [],  # noqa: B006
-    direction: Direction = [],  # noqa: B006
-    scale: Scale = [],  # noqa: B006
-    offset: Offset = [],  # noqa: B006
-    unit: Unit = [],  # noqa: B006
-    signal: SignalOption = [],  # noqa: B006
-    counts_per_revolution: CountsPerRevolution = None,
-    supply_voltage: SupplyVoltage = None,
-    pwm_full_scale: PwmFullScale = None,
-    derivative_window: DerivativeWindow = None,
-    skip_bad_rows: SkipBadRows = False,
-    filter: Filter = None,
-    decimate: Decimate = None,
-    detrend: Detrend = None,
-) -> dict[str, Any]:
-    """Convert the options to arguments of `emsid.io.read`."""
-    given = {
-        "input": input,
-        "output": output,
-        "dt": dt,
-        "time": time,
-        "time_unit": time_unit,
-        "rows": None if rows is None else _rows(rows),
-        "mask": mask,
-        "wrap": numbers(wrap, "--wrap"),
-        "shift": numbers(shift, "--shift"),
-        "direction": pairs(direction, "--direction"),
-        "scale": numbers(scale, "--scale"),
-        "offset": numbers(offset, "--offset"),
-        "units": pairs(unit, "--unit"),
-        "signals": pairs(signal, "--signal"),
-        "counts_per_revolution": counts_per_revolution,
-        "supply_voltage": supply_voltage,
-        "pwm_full_scale": pwm_full_scale,
-        "resample": resample or None,
-        "derivative_window": derivative_window,
-        "skip_bad_rows": skip_bad_rows or None,
-        "filter": filter,
-        "decimate": decimate,
-        "detrend": detrend,
-    }
-    return {name: value for name, value in given.items() if value not in (None, {}, [])}
 
 
 def _certain_columns(
@@ -414,27 +273,9 @@ def _as_text(value: object) -> str:
 
 
 def reads_records(**defaults: Any) -> Callable[[Command], Command]:
-    """Add the options of `_reader` to a command; its argument ``reader`` is the `Reader` made from them.
+    """Add the options of `emsid.read` to a command; its argument ``reader`` is the `Reader` made from them.
 
     Args:
         defaults: values of options that are not given.
     """
-
-    def decorate(command: Command) -> Command:
-        own = {name: p for name, p in inspect.signature(command).parameters.items() if name != "reader"}
-        shared = {
-            name: p.replace(default=defaults.get(name, p.default))
-            for name, p in inspect.signature(_reader).parameters.items()
-        }
-
-        def with_reader(**values: Any) -> None:
-            given = _reader(**{name: values.pop(name) for name in shared})
-            command(reader=Reader(given, defaults), **values)
-
-        parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values())]
-        with_reader.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        with_reader.__annotations__ = {p.name: p.annotation for p in parameters}
-        with_reader.__name__, with_reader.__doc__ = command.__name__, command.__doc__
-        return with_reader  # type: ignore[return-value]
-
-    return decorate
+    return takes(READING, "reader", lambda given: Reader(given, defaults), **defaults)

@@ -32,11 +32,11 @@ from emsid.fleets.engine import Engine
 from emsid.fleets.sources import Batch, Found, batches, divided, found_files
 from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
 from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of, source_of
-from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
 from emsid.io.files import indented_json, not_written, together
 from emsid.models.refitting import specification
+from emsid.options import Options
 from emsid.record.frames import frame as made_frame
 
 JOURNAL, RESULT, SUMMARY, PARTS = "rows.jsonl", "fleet.parquet", "fleet.json", ".parts"

@@ -2,12 +2,12 @@
 
 from emsid.identification.curves import curves
 from emsid.identification.fitting import Elsewhere
-from emsid.identification.options import Options
 from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
 from emsid.identification.workflow import identify
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve
+from emsid.options import Options
 from emsid.selection.improvement import StretchErrors
 
 __all__ = [

@@ -19,15 +19,15 @@ from typing import Any
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES
+from emsid.identification.candidates import CANDIDATES, refit_data
 from emsid.identification.compared import Compared
-from emsid.identification.options import Options, refit_data
 from emsid.identification.ranking import MANY, in_turn, ranked
 from emsid.identification.verdict import fails_on_unseen
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.refit_data import Budget
 from emsid.models.refitting import usable_refit
+from emsid.options import Options
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
 from emsid.selection.improvement import better

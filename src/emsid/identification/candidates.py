@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from emsid.first_look.examined import is_position
 from emsid.first_look.hanging import hanging
 from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
-from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import asked
 from emsid.models.blocks.search.map_families import SPLINE
@@ -48,6 +47,8 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
+from emsid.models.refit_data import Data
+from emsid.options import Options
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.units import name_and_unit
@@ -59,6 +60,35 @@ SLOW = 10
 this: a record that shows the parameters of a speed also shows that it settles."""
 FEW = 10
 """Steps of the fits that only tell a speed from a position: an axis is found to its noise in fewer."""
+
+
+class ModelKind(Protocol):
+    """A kind of model that can be fitted to a record.
+
+    The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
+    it lacks. One with a true ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
+    something of what the other models leave.
+    """
+
+    @property
+    def summary(self) -> str:
+        """What it is, in a few words."""
+        ...
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        ...
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose options that are not given on selection data, then fit to the whole record."""
+        ...
+
+
+def refit_data(options: Options, records: Record | Sequence[Record], control: Control = FREE, **more: Any) -> Data:
+    """Records as data that a model is fitted to again with these options; ``more`` are fields of `Data`."""
+    several = (records,) if isinstance(records, Record) else records
+    return Data(several, options.estimate, control, given=options.by_name, **more)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.findings import Finding
 from emsid.identification.determined import Undetermined
 from emsid.identification.observations import about_the_fits
-from emsid.identification.options import Options
 from emsid.identification.ranking import Ranked, ranked, ranked_ahead
 from emsid.identification.recommendation import recommended
 from emsid.identification.unstable import horizon_of
 from emsid.identification.verdict import excluded_models, implausible_models, is_weak, model_verdicts, unusable
+from emsid.options import Options
 from emsid.record import Record
 from emsid.record.holding_back import choice_and_headline
 from emsid.validation.comparison import Comparison, compare

@@ -13,9 +13,9 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.findings import Finding
 from emsid.first_look.baseline import middle
-from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.structures import arx
+from emsid.options import Options
 from emsid.record import Record
 from emsid.selection.improvement import matters
 

@@ -27,9 +27,9 @@ from emsid.estimation.threads import sharing_cores
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.observations import failure
-from emsid.identification.options import Options
 from emsid.identification.remainder import leaves_nothing
 from emsid.models.bootstrap import bootstrap as drawn_again
+from emsid.options import Options
 from emsid.record import Record
 
 Submit = Callable[[str], Future[Fit[Any]]]

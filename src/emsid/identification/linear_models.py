@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.identification.options import Options
 from emsid.identification.regressions import LINEAR, OutputError
 from emsid.models.linear.prediction_error import armax_orders, box_jenkins, fit_polynomials, noise_orders
 from emsid.models.linear.subspace_fit import fit_state_space, state_space
+from emsid.options import Options
 from emsid.record import Record
 
 NOISE_ORDERS = 3

@@ -47,10 +47,11 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.first_look.data_advice import advice_by_code
 from emsid.first_look.examined import is_position
-from emsid.identification.options import Options, refit_data
+from emsid.identification.candidates import refit_data
 from emsid.models.free_run import free_run, predict
 from emsid.models.model import Model, Run
 from emsid.models.refitting import refitted, usable_refit
+from emsid.options import Options
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import Mask, is_series, left_out_once, parted, shows_all_in_a_part, stretches_in_turn
 from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better, better_by_ratio, front

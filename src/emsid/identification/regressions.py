@@ -20,7 +20,6 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
@@ -36,6 +35,7 @@ from emsid.models.regression.structures import (
 )
 from emsid.models.regression.term_selection import about_dictionary, select_terms
 from emsid.models.regression.transforms import Transform
+from emsid.options import Options
 from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import STRETCHES, StretchErrors, better

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,10 +16,10 @@ from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, Physical, left_out
-from emsid.identification.options import Options
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
 from emsid.models.plants.plant import Plant
+from emsid.options import Options
 from emsid.plant.motor import read_number
 from emsid.record import Record
 
@@ -84,6 +85,11 @@ def understood(options: Options, models: Sequence[str]) -> Options:
 
     fixed, tolerances = without_tolerances(options.fixed)
     values = {full(name): value(name, typed) for name, typed in fixed.items()}
+    if len(values) < len(fixed):
+        twice = next(full(a) for a, b in combinations(fixed, 2) if full(a) == full(b))
+        raise ModelError(f"{twice} is given twice; leave one of them out", arguments=("fixed",))
+    if wrong := [name for name, each in values.items() if np.isinf(each)]:
+        raise ModelError(f"{wrong[0]}: give a finite number", arguments=("fixed",))
     sheet: Mapping[str, Any] = options.datasheet
     if not all(isinstance(each, Given) for each in sheet.values()):
         sheet = of_some(lambda plant: as_datasheet(plant, sheet))

@@ -19,12 +19,12 @@ from emsid.first_look.stops import without_stops
 from emsid.identification.candidates import lift_an_arm, usual_for, with_unit_of_name
 from emsid.identification.delay import with_delay
 from emsid.identification.long_records import to_compare
-from emsid.identification.options import Options
 from emsid.identification.records import Records, as_one, given_records
 from emsid.identification.requests import check_physics, codes_of_channel, plants_of, understood, unused_requests
 from emsid.identification.unstable import ORDER, about_the_loop, unstable_pole
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.plant import Plant
+from emsid.options import Options
 from emsid.record import Record
 from emsid.record.holding_back import FAIR, hold_back_records, shares
 

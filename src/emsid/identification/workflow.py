@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -24,22 +24,21 @@ from emsid.identification.compared import Compared
 from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
 from emsid.identification.long_records import about_excerpt
 from emsid.identification.observations import length_trusted, observations
-from emsid.identification.options import KEYWORDS, Options, options_of
 from emsid.identification.profiles import Profiles, profiles_of
 from emsid.identification.records import Records
 from emsid.identification.requests import model_names
 from emsid.identification.result import Identification
 from emsid.identification.task import Task
 from emsid.identification.verdict import NO_INPUT, fails_on_unseen, model_verdicts
-from emsid.models.blocks.search.map_families import Family
 from emsid.models.model import Model
-from emsid.models.plants.drive import Bridge, Hold
+from emsid.options import KEYWORDS, Options, takes_options
 from emsid.record import Record
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison
 from emsid.validation.regions import RecordError, by_record
 
 
+@takes_options
 @one_blas_thread()
 def identify(
     records: Records,
@@ -55,27 +54,7 @@ def identify(
     control: Control = FREE,
     finished: Callable[[Fit[Any]], None] | None = None,
     elsewhere: Elsewhere | None = None,
-    na: int | None = None,
-    nb: int | None = None,
-    nk: int | None = None,
-    degree: int | None = None,
-    taps: int | None = None,
-    knots: int | None = None,
-    orders: tuple[int, ...] = (),
-    static: Family | str | None = None,
-    period: int | None = None,
-    ridge: float = 0.0,
-    forgetting: float | None = None,
-    fixed: Mapping[str, Any] | None = None,
-    datasheet: Mapping[str, Any] | None = None,
-    codes: tuple[tuple[float, Bridge], ...] = (),
-    free: str | Sequence[str] = (),
-    recent: float | None = None,
-    hold: Hold | str | None = None,
-    per_record: str | Sequence[str] = (),
-    profile: str | Sequence[str] = (),
-    held_back: float = 0.25,
-    **reading: Any,
+    **given: Any,
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
 
@@ -92,7 +71,7 @@ def identify(
         quick: fit linear models and the regressions that need no search only, in seconds.
         budget: time in s for all searches. Each model may take its share of the time that is left; a search that runs
             out of time keeps its best result.
-        options: the keywords from ``na`` to ``held_back`` as one value, in place of these.
+        options: the keywords of `Options` as one value, in place of these.
         transient: samples that start a free run where a segment begins in motion; they enter no error.
         bootstrap, seed: number and seed of the fits to drawn pieces of the data that give intervals, see
             `emsid.bootstrap`; zero takes the robust covariance.
@@ -101,23 +80,8 @@ def identify(
         elsewhere: fits some of the models at the same time, for instance in another process; not with a budget. It is
             called with the data and the options, and returns a function that takes the name of a model and returns a
             `concurrent.futures.Future` of its fit.
-        na, nb, nk: coefficients of past outputs and inputs, and delay in samples; chosen where not given, as are
-        degree, taps, knots: of regressions and static maps;
-        orders, static: of the filters of a cascade, and the family of its static map;
-        period: of a periodic input in samples.
-        ridge, forgetting: weight of the squared parameters, and forgetting factor of a recursion, for regressions.
-        fixed: physical parameters that are known, by name or symbol: ``{"resistance": 2}`` in SI units, or texts with a
-            unit, ``{"resistance": "2 ohm ± 5 %"}``.
-        datasheet: starting values and tolerances of other parameters, likewise.
-        codes: values of an input that are not a command, and the state of the motor bridge that they mean.
-        free: exactly the physical parameters to estimate; by default the usual ones, with refinements.
-        recent: time in s after which errors of physical models are forgotten.
-        hold: the course of the input between its samples: ``"zero"``, ``"first"`` or ``"record"``.
-        per_record: physical parameters that have a value of their own in every record, such as the load.
-        profile: physical parameters whose likelihood profiles are computed.
-        held_back: fraction of the record on which structures are chosen. `Options` describes all of these.
-        reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
-            `emsid.read`.
+        given: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
+            `emsid.read`, collected as ``reading``.
 
     Returns:
         The models with their errors, and all findings. If it is stopped before its end, the models found by then,
@@ -129,11 +93,10 @@ def identify(
             record.
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
-    chosen = {name: value for name, value in locals().items() if name in KEYWORDS}
-    options = options_of(options, chosen)
+    options = Options.of(options, {name: given.pop(name) for name in KEYWORDS & given.keys()})
     names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
     with cancelled_with(control), collected() as noted:
-        task = Task.of(records, unseen, names, options, transient, reading, control)
+        task = Task.of(records, unseen, names, options, transient, given, control)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget or quick else elsewhere
         by_need = names is None and task.pole is None  # around an unstable plant, free runs show little

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
+from emsid.options import IDENTIFY
 from emsid.studio.data import Data
 from emsid.studio.script import as_script
 from emsid.studio.session import CHOICE, EMPTY, Conflict, Session
@@ -21,12 +22,18 @@ if TYPE_CHECKING:
     from emsid.studio.live import Live
     from emsid.studio.runs import Runs
 
-COUNTS = ("na", "nb", "nk", "degree", "taps", "knots", "period", "bootstrap", "seed")
-NUMBERS = ("ridge", "forgetting", "recent")
-TEXTS = ("static", "hold")
+OF_KIND: dict[str, Callable[[Any], Any]] = {
+    "whole": int,
+    "number": float,
+    "text": str,
+    "names": lambda value: [str(part).strip() for part in (value.split(",") if isinstance(value, str) else value)],
+    "wholes": lambda value: [int(part) for part in (value.split(",") if isinstance(value, str) else value)],
+}
+"""How a text that is typed into a field becomes the value of an option, by its kind."""
+FIELDS = {each.name: each for each in IDENTIFY if each.kind in OF_KIND and each.name != "models"}
+"""The options that have a field."""
 NO_RECORD = frozenset({"not-readable", "no-role-found"})
 """Findings that say why there is no record."""
-LISTS = ("free", "per_record", "profile")
 UNITS = (
     "V",
     "A",
@@ -314,18 +321,8 @@ def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
         if value in ("", None, [], {}):
             continue
         try:
-            if name in COUNTS:
-                options[name] = int(value)
-            elif name in NUMBERS:
-                options[name] = float(value)
-            elif name == "orders":
-                parts = value.split(",") if isinstance(value, str) else value
-                options[name] = [int(part) for part in parts]
-            elif name in TEXTS:
-                options[name] = str(value)
-            elif name in LISTS:
-                parts = value.split(",") if isinstance(value, str) else value
-                options[name] = [str(part).strip() for part in parts]
+            if name in FIELDS:
+                options[name] = OF_KIND[FIELDS[name].kind](value)
             elif name == "fixed":
                 options[name] = {str(key): str(each) for key, each in value.items()}
             else:
@@ -351,6 +348,7 @@ def catalogue() -> dict[str, Any]:
             {"name": name, "summary": candidate.summary, "uses": list(candidate.uses), "usual": name in USUAL}
             for name, candidate in CANDIDATES.items()
         ],
+        "options": [{"name": each.name, "meaning": each.meaning, "unit": each.unit} for each in FIELDS.values()],
         "static": list(families()),
         "parameters": [{"name": name, "unit": unit} for name, unit in parameters.items()],
         "examples": [{"name": example.name, "title": example.title} for example in EXAMPLES],

@@ -9,7 +9,6 @@ from typing import Any
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification.candidates import CANDIDATES
-from emsid.identification.options import Options
 from emsid.identification.regressions import stribeck_speeds
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
@@ -18,6 +17,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.narx import Structure
 from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.options import Options
 from emsid.plant import Motor
 from emsid.record import Record
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.commands.identify import physical_first
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Pdf, names, option, physical_values
+from emsid.cli.options import Json, Pdf, declared, option, pairs
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import reader_may_leave, say, say_json, working
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
@@ -37,7 +36,7 @@ Period = Annotated[
 Reference = Annotated[
     str | None, typer.Option(metavar="MOTOR", help="The motor on which the structure is chosen.  [default: the first]")
 ]
-Fix = Annotated[list[str], typer.Option(metavar="NAME=VALUE", help="Fix a physical parameter; may be repeated.")]
+Fix = Annotated[list[str], declared("fixed")]
 Unseen = Annotated[float, typer.Option(metavar="FRACTION", help="Last part of every record, for the errors.")]
 Workers = Annotated[
     int | None, typer.Option(metavar="N", help="Processes, or tasks at a time.  [default: cores]", min=1)
@@ -84,10 +83,9 @@ def fleet(
     from emsid.fleets.engine import connected
     from emsid.fleets.page import fleet_report
     from emsid.fleets.verb import JOURNAL, RESULT, SUMMARY
-    from emsid.identification.options import Options
+    from emsid.options import Options
 
     check_folder(out, JOURNAL, RESULT, SUMMARY, REPORT)
-    fixed = physical_values(fix, [each.plant for each in physical_first(names(models, "--models"))])
     with ExitStack() as stack:
         executor = stack.enter_context(connected(scheduler)) if scheduler else None
         with working("the finished rows are kept; ending") as control:
@@ -99,7 +97,7 @@ def fleet(
                 motor=motor,
                 period=period,
                 reference=reference,
-                options=Options(fixed=fixed),
+                options=Options(fixed=pairs(fix, "--fix", "NAME=VALUE")),
                 unseen=unseen,
                 workers=workers,
                 control=control,

@@ -2,11 +2,6 @@
 import { get, post } from "./api.js";
 import { attempt, el, number, table } from "./dom.js";
 
-const FIELDS = { na: "Past outputs na", nb: "Past inputs nb", nk: "Delay nk [samples]", degree: "Degree", taps: "Taps", knots: "Knots",
-  orders: "Orders of filters", static: "Static map", period: "Period [samples]", ridge: "Ridge weight", forgetting: "Forgetting factor",
-  recent: "Forget errors after [s]", hold: "Input between samples (zero, first)", free: "Estimate exactly", per_record: "Own value per record",
-  profile: "Likelihood profiles of", bootstrap: "Bootstrap fits", seed: "Seed" };
-
 // What a result is not about; nothing for one of the present data.
 export function otherData(run) {
   return run.stale.length ? el("p", { class: "problem" }, `Not a result of the present data; different: ${run.stale.join(", ")}.`) : "";
@@ -19,8 +14,9 @@ export function showModels(main, app) {
     await apply(form, known, boxes, unseen, step); await post("run"); }) }, "Fit");
   const boxes = state.catalogue.models.map((model) => [model, el("input", { type: "checkbox", value: model.name, checked: step.models.includes(model.name) })]);
   const unseen = el("input", { size: 6, value: step.unseen, "aria-label": "Part kept unseen" });
-  const form = Object.entries(FIELDS).map(([name, label]) => [name, el("input", {
-    value: [].concat(step.options[name] ?? "").join(","), "aria-label": label, list: name === "static" ? "families" : "" })]);
+  const fields = state.catalogue.options;
+  const form = fields.map(({ name, meaning }) => [name, el("input", {
+    value: [].concat(step.options[name] ?? "").join(","), "aria-label": name, title: meaning, list: name === "static" ? "families" : "" })]);
   const known = el("textarea", { rows: 3, cols: 44, placeholder: "resistance = 2 ohm ± 5 %", "aria-label": "Known values, one a line",
     value: Object.entries(step.options.fixed ?? {}).map(([name, value]) => `${name} = ${value}`).join("\n") });
   main.append(el("h2", {}, "Which models"),
@@ -30,7 +26,8 @@ export function showModels(main, app) {
     el("details", { open: Object.keys(step.options).length > 0 }, el("summary", {}, "Options and known values"),
       el("fieldset", {}, el("legend", {}, "Known values, as in a datasheet: name = value unit ± tolerance, one a line"), known,
         el("details", {}, el("summary", {}, "Names of parameters"), el("p", { class: "quiet" }, state.catalogue.parameters.map((each) => each.name).join(", ")))),
-      el("div", { class: "options" }, form.map(([name, input]) => el("label", {}, FIELDS[name], input))),
+      el("div", { class: "options" }, fields.map(({ name, meaning, unit }, k) => el("label", { title: meaning },
+        name.replace("_", " ") + (unit ? ` [${unit}]` : ""), form[k][1]))),
       el("datalist", { id: "families" }, state.catalogue.static.map((name) => el("option", { value: name })))));
   main.append(el("h2", {}, "Runs"));
   const bars = new Map();

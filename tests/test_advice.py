@@ -23,7 +23,7 @@ from emsid.first_look.measurement import repeated
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
-from emsid.identification.delay import with_delay
+from emsid.identification.task import with_delay
 from emsid.options import Options
 from emsid.record import Record
 from emsid.record.time_axis import about_time, time_axis

@@ -28,7 +28,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, no_refin
     def interrupted(*_, **__):
         raise Stopped(Ending.INTERRUPTED)
 
-    monkeypatch.setattr("emsid.identification.profiles.likelihood_profile", interrupted)
+    monkeypatch.setattr("emsid.identification.fitting.likelihood_profile", interrupted)
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--profile", "motor_constant")
     status, out, err = run(*words, "--out", tmp_path / "out")
     assert status == 130
@@ -198,7 +198,7 @@ def assert_whole(folder, drawn):
     [
         ("emsid.identification.regressions.wiener_hammerstein_regression", press, True),
         ("emsid.identification.regressions.wiener_hammerstein_regression", Lost, True),
-        ("emsid.identification.compared.compare", press, True),
+        ("emsid.identification.verdict.compare", press, True),
         ("emsid.io.save", press, True),  # a model is saved as soon as it is fitted
         ("emsid.identification.result.experiment", press, True),  # follows from the models
         ("emsid.cli.first_screen.first_screen", press, True),  # while everything is written
@@ -248,7 +248,7 @@ def test_what_follows_from_the_models_is_computed_in_one_thread(run, log, tmp_pa
     assert set(seen) == {1}
 
 
-VALUES, COMPARE = "emsid.identification.workflow.about_excerpt", "emsid.identification.compared.compare"
+VALUES, COMPARE = "emsid.identification.workflow.about_excerpt", "emsid.identification.verdict.compare"
 
 
 @pytest.mark.parametrize("then", [(VALUES,), (COMPARE,), (VALUES, COMPARE)])

@@ -11,8 +11,8 @@ import pytest
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.identification import identify
-from emsid.identification.characteristics import Characteristic, of_fit
-from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.evidence import next_steps, verdicts
+from emsid.identification.result import Characteristic, of_fit
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone

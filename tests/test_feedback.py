@@ -11,7 +11,7 @@ import pytest
 
 import emsid
 from emsid import ModelError, Record
-from emsid.identification.map_ranges import about_the_maps
+from emsid.identification.evidence import about_the_maps
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid import Record
 from emsid.estimation.nonlinear.control import FREE
-from emsid.identification.curves import curves
+from emsid.identification.result import curves
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import Abs, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback.coordinates import with_line

@@ -16,13 +16,13 @@ from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.whiteness import absorbed, whiteness
 from emsid.findings import Finding
-from emsid.identification.characteristics import characteristics
-from emsid.identification.observations import (
+from emsid.identification.evidence import (
     about_nonlinear_terms,
     chosen_and_judged_apart,
     observations,
 )
-from emsid.identification.requests import understood
+from emsid.identification.result import characteristics
+from emsid.identification.task import understood
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.plants.grey_box import GreyBox

@@ -13,7 +13,7 @@ from emsid.findings import Finding
 from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
-from emsid.identification.requests import unused_requests
+from emsid.identification.task import unused_requests
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Feed

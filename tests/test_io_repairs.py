@@ -12,7 +12,7 @@ import emsid
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.identification.candidates import Options
-from emsid.identification.requests import codes_of_channel, unused_requests
+from emsid.identification.task import codes_of_channel, unused_requests
 from emsid.models.plants.drive import Bridge
 from emsid.record import Record, concatenate
 

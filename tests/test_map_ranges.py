@@ -9,7 +9,7 @@ import emsid
 from emsid import Record
 from emsid.findings import Finding
 from emsid.identification import identify
-from emsid.identification.map_ranges import about_the_maps
+from emsid.identification.evidence import about_the_maps
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import Polynomial

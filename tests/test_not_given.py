@@ -10,7 +10,7 @@ import pytest
 
 import emsid
 from emsid.cli.terminal import physical_table as on_screen
-from emsid.identification.characteristics import determined
+from emsid.identification.result import determined
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.report.notebook import parameter_rows

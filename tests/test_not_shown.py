@@ -7,8 +7,7 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 import emsid
-from emsid.identification.characteristics import of_fit
-from emsid.identification.curves import curves
+from emsid.identification.result import curves, of_fit
 from emsid.models.poles import oscillation, time_constants
 from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.report.identification_page import _fact

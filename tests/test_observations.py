@@ -7,10 +7,11 @@ import emsid
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
-from emsid.identification import all_data, long_records
+from emsid.identification import task as tasks
+from emsid.identification import verdict as verdicts
 from emsid.identification.candidates import CANDIDATES, QUICK, refit_data
-from emsid.identification.compared import Compared
-from emsid.identification.requests import plants_of, unused_requests
+from emsid.identification.task import plants_of, unused_requests
+from emsid.identification.verdict import Compared
 from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
@@ -204,18 +205,18 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
 
 
 def test_every_experiment_has_a_piece_in_the_excerpt_of_several(monkeypatch):
-    monkeypatch.setattr(long_records, "COMPARED", 300)
+    monkeypatch.setattr(tasks, "COMPARED", 300)
     u = np.random.default_rng(0).standard_normal(1_000)
     one = emsid.Record(u, u, 0.01)
-    inside, outside = long_records.to_compare(emsid.concatenate([one] * 5), ("arx", "wiener"))
+    inside, outside = tasks.to_compare(emsid.concatenate([one] * 5), ("arx", "wiener"))
     assert [len(part) for part in inside.segments] == [100] * 5
     assert len(outside) == 4_500
-    assert [len(part) for part in long_records.to_compare(one, ("arx", "wiener"))] == [300, 700]
-    assert long_records.to_compare(one, ("arx",)) == (one, None)
+    assert [len(part) for part in tasks.to_compare(one, ("arx", "wiener"))] == [300, 700]
+    assert tasks.to_compare(one, ("arx",)) == (one, None)
 
 
 def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_one_fitted_to_all(monkeypatch):
-    monkeypatch.setattr(long_records, "COMPARED", 1_000)
+    monkeypatch.setattr(tasks, "COMPARED", 1_000)
     options, record = Options(na=1, nb=1, nk=1, knots=2), driven(0, 2000)
     one, several = (emsid.identify(record, models=names, options=options) for names in ("arx", "friction-narx,arx"))
     assert "fitted-to-excerpt" not in codes(one)
@@ -246,7 +247,7 @@ def test_only_fits_to_an_excerpt_that_are_continued_merely_compare(monkeypatch):
             asked.append((len(record), options.comparing))
             return emsid.fit(emsid.arx(1, 1), record)
 
-    monkeypatch.setattr(long_records, "COMPARED", 1_000)
+    monkeypatch.setattr(tasks, "COMPARED", 1_000)
     monkeypatch.setitem(CANDIDATES, "arx", Asked())
     for models, how in (("friction-narx,arx", {}), ("friction-narx,arx", {"bootstrap": 2}), ("arx", {})):
         asked.clear()
@@ -278,10 +279,10 @@ def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkey
     for structure, better in ((emsid.arx(1, 1, 5), False), (emsid.arx(1, 1), True)):
         last = emsid.fit(structure, record)
         monkeypatch.setattr(OfRegressions, "refitted", lambda *_, last=last: last)
-        found = all_data.on_all_samples(judged, record, options)
+        found = verdicts.on_all_samples(judged, record, options)
         assert (found.whole is record, found.best is fit) == (better, not better)
     stopped = Control(cancelled=lambda: True)
-    assert all_data.on_all_samples(judged, record, options, stopped) is judged
+    assert verdicts.on_all_samples(judged, record, options, stopped) is judged
 
 
 def test_a_quick_look_has_linear_models_and_regressions_only(plain):

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 import emsid
-from emsid.identification.unstable import unstable_pole
+from emsid.identification.task import unstable_pole
 
 DT = 0.05
 

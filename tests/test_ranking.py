@@ -15,10 +15,10 @@ import emsid
 from emsid.blocks import PiecewiseLinear, Rational
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
-from emsid.identification import all_data
 from emsid.identification import ranking as ranking_module
+from emsid.identification import verdict as verdicts
 from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked, within_noise
-from emsid.identification.recommendation import recommended
+from emsid.identification.verdict import recommended
 from emsid.models.capabilities import Capabilities
 from emsid.models.free_run import free_run_error
 from emsid.models.kinds import KINDS, capabilities_of
@@ -541,7 +541,7 @@ def test_the_recommended_model_is_fitted_again_to_all_data(monkeypatch):
     given_by_name = emsid.identify(whole, other, models="friction-narx")
     assert given_by_name.on_all_data is None
     assert given_by_name.recommended is given_by_name.chosen.model
-    monkeypatch.setattr(all_data, "MANY", 300)
+    monkeypatch.setattr(verdicts, "MANY", 300)
     long = emsid.identify(whole, models="friction-narx")
     assert "fitted-to-all-data" not in {each.code for each in long.findings}
 
@@ -555,7 +555,7 @@ def test_a_model_from_all_data_was_fitted_to_those_that_chose_it_too():
 
 
 def test_a_model_that_the_ranking_fitted_to_all_data_is_not_fitted_to_them_again(monkeypatch):
-    monkeypatch.delattr(all_data, "usable_refit")
+    monkeypatch.delattr(verdicts, "usable_refit")
     whole = drive(1)
     result = emsid.identify(whole, models=("arx", "friction-narx"))
     assert result.on_all_data is next(each.refit for each in result.ranking if each.fit is result.chosen)
@@ -585,9 +585,9 @@ def limited(seed: int, large: int) -> emsid.Record:
     return emsid.Record(u, y + 0.005 * rng.standard_normal(len(y)), 0.01)
 
 
-@pytest.mark.parametrize("many", [all_data.MANY, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.parametrize("many", [verdicts.MANY, pytest.param(100, marks=pytest.mark.long)])
 def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_lacks(monkeypatch, many):
-    monkeypatch.setattr(all_data, "MANY", many)
+    monkeypatch.setattr(verdicts, "MANY", many)
     result = emsid.identify(limited(3, 300), models="feedback")  # of record 1, both structures are equal to rounding
     (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
     assert finding.data["searched"]
@@ -598,9 +598,9 @@ def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_la
 
 
 def test_no_structure_is_chosen_again_from_very_many_samples(monkeypatch):
-    monkeypatch.setattr(all_data, "SEARCHED_AGAIN", 1200)
-    monkeypatch.setattr(all_data, "_structure_is_doubtful", lambda judged: True)
-    monkeypatch.setattr(all_data, "CANDIDATES", {"arx": lambda *_: pytest.fail("searched")})
+    monkeypatch.setattr(verdicts, "SEARCHED_AGAIN", 1200)
+    monkeypatch.setattr(verdicts, "_structure_is_doubtful", lambda judged: True)
+    monkeypatch.setattr(verdicts, "CANDIDATES", {"arx": lambda *_: pytest.fail("searched")})
     result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
     assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [False]
 
@@ -617,10 +617,10 @@ def test_refinements_of_a_motor_are_chosen_again_where_the_held_back_part_shows_
 
 
 def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
-    monkeypatch.setattr(all_data, "_structure_is_doubtful", lambda judged: True)
+    monkeypatch.setattr(verdicts, "_structure_is_doubtful", lambda judged: True)
     searches = [emsid.arx(1, 1, nk=40), emsid.arx(2, 2)]
     fits = {"arx": lambda record, options, control: emsid.fit(searches.pop(0), record)}
-    monkeypatch.setattr(all_data, "CANDIDATES", fits)
+    monkeypatch.setattr(verdicts, "CANDIDATES", fits)
     for taken in (False, True):
         result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
         (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
@@ -633,9 +633,9 @@ def test_a_structure_of_a_rectified_output_is_chosen_by_its_search_in_short_reco
         assert capabilities_of(model).hides_the_sign(model) is hides
     monkeypatch.setattr(Capabilities, "hides_the_sign", lambda self, model: True)
     worse = {"arx": lambda record, options, control: emsid.fit(emsid.arx(1, 1, nk=40), record)}
-    monkeypatch.setattr(all_data, "CANDIDATES", worse)
+    monkeypatch.setattr(verdicts, "CANDIDATES", worse)
     for shortest, taken in ((1201, True), (1200, False)):
-        monkeypatch.setattr(all_data, "SHORT", shortest)
+        monkeypatch.setattr(verdicts, "SHORT", shortest)
         result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
         assert [each.data["searched"] for each in result.findings if each.code == "fitted-to-all-data"] == [taken]
 

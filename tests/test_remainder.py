@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid.findings import Finding
 from emsid.identification.candidates import usual_for
-from emsid.identification.remainder import explained_share, leaves_nothing
+from emsid.identification.fitting import explained_share, leaves_nothing
 from emsid.models.model import Run
 
 DT, LAST = 0.01, ("wiener-hammerstein", "feedback")

@@ -12,7 +12,7 @@ import emsid
 from emsid.first_look import describe
 from emsid.first_look.examined import response_of
 from emsid.first_look.responses import SEEN, answers, same_motion
-from emsid.identification.unstable import unstable_pole
+from emsid.identification.task import unstable_pole
 
 N, DT = 1200, 0.01
 

@@ -9,7 +9,7 @@ import pytest
 
 import emsid
 from emsid.findings import plain
-from emsid.identification.curves import curves
+from emsid.identification.result import curves
 from emsid.identification.result_format import FORMAT, VERSION, ResultFile, checked, schema
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.identification.observations import length_trusted
+from emsid.identification.evidence import length_trusted
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.trusted_length import (
     longest_trusted,

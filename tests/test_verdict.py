@@ -9,16 +9,22 @@ import pytest
 from scipy.signal import lfilter
 
 import emsid
-import emsid.identification.compared as compared_module
+import emsid.identification.verdict as compared_module
 import emsid.identification.verdict as verdict_module
 from emsid.blocks import CubicSpline, DeadZone, PiecewiseLinear, Polynomial, Rational
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
-from emsid.identification.conclusions import PREDICTABLE, predictable_shares
-from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
+from emsid.identification.evidence import IMPLAUSIBLE, PREDICTABLE, Plausibility, predictable_shares
 from emsid.identification.ranking import ranked
-from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended
-from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
+from emsid.identification.verdict import (
+    EXPERIMENTS,
+    excluded_models,
+    experiment,
+    implausible_models,
+    model_verdicts,
+    recommendation,
+    recommended,
+)
 from emsid.models.extrapolation import Extremes, runs_away
 from emsid.options import Options
 from emsid.validation.agreement import difference_of_pieces

@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.blocks import PiecewiseLinear, Rational
-from emsid.identification.determined import LARGEST, LOWER, SAMPLES, Probes, Undetermined, few_levels
+from emsid.identification.evidence import LARGEST, LOWER, SAMPLES, Probes, Undetermined, few_levels
 from emsid.identification.ranking import Ranked
-from emsid.identification.unstable import horizon_of, unstable_pole
+from emsid.identification.task import horizon_of, unstable_pole
 from emsid.identification.verdict import is_weak, model_verdicts
 from emsid.models.extrapolation import BEGUN
 from emsid.selection.improvement import StretchErrors

@@ -1,9 +1,8 @@
 """Identification: fit several models to records and rank them."""
 
-from emsid.identification.curves import curves
 from emsid.identification.fitting import Elsewhere
 from emsid.identification.ranking import FrontRow, Ranked
-from emsid.identification.result import Identification
+from emsid.identification.result import Identification, curves
 from emsid.identification.workflow import identify
 from emsid.models.characteristics import Characteristic
 from emsid.models.curves import BandedCurve

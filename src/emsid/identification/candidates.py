@@ -22,8 +22,7 @@ from emsid.first_look.baseline import ORDERS, baseline
 from emsid.first_look.examined import is_position
 from emsid.first_look.hanging import hanging
 from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
-from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
-from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
+from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS, Armax, BoxJenkins, StateSpace
 from emsid.models.blocks.search.estimation import asked
 from emsid.models.blocks.search.map_families import SPLINE
 from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_rectified

@@ -1,27 +1,38 @@
-"""`Identification`: the result of an identification."""
+"""`Identification`: the result of an identification.
+
+Characteristics of a drive with intervals: gain, time constant, dead zone, friction.
+
+The curves of a fitted model with their confidence bands, as numbers for a file: what the page draws.
+
+A curve that a model does not have is left out: a static map of a model that does not come to rest, friction of a model
+without any. See `emsid.validation.bands` for the meaning of every curve and its band.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
-from math import inf
+from functools import cached_property, partial
+from itertools import product
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from emsid.estimation.borders import border, collected
-from emsid.estimation.estimates import Estimate
+from emsid.estimation.estimates import Estimate, Status
+from emsid.estimation.fit import Fit
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
-from emsid.identification.characteristics import characteristics, determined
-from emsid.identification.conclusions import measurements, next_steps, verdicts
-from emsid.identification.curves import curves
+from emsid.identification.evidence import measurements, next_steps, verdicts
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
-from emsid.identification.recommendation import experiment, recommendation
-from emsid.identification.verdict import OF_SENSORS
+from emsid.identification.verdict import OF_SENSORS, experiment, recommendation
 from emsid.models.characteristics import Characteristic
-from emsid.models.curves import BandedCurve
+from emsid.models.curves import BandedCurve, banded_curve, output_of
+from emsid.models.kinds import capabilities_of
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.channels import ChannelNames
+from emsid.validation.bands import frequency_response_band, step_response_band, usual_step
+from emsid.validation.comparison import Comparison
 from emsid.validation.regions import RecordError, RegionError, by_region
 
 if TYPE_CHECKING:
@@ -29,6 +40,7 @@ if TYPE_CHECKING:
     from emsid.models.model import Model
     from emsid.models.plants.search.diagnostics import Profile
     from emsid.validation.comparison import Comparison, Row
+
 
 Part = TypeVar("Part")
 
@@ -245,3 +257,90 @@ class Identification(Presented):
         content["findings"] = [finding.to_data() for finding in self.findings]  # last: those of all parts above
         data: dict[str, Any] = plain(content)
         return data
+
+
+# Characteristics that a linear model has too.
+LINEAR = ("gain", "time constant", "natural frequency", "damping ratio")
+# Another model is also used if its free-run RMSE is at most this multiple of the smallest one.
+NEARLY = 1.5
+
+
+def determined(fit: Fit[Any]) -> list[Estimate]:
+    """The physical parameters of a model that the data determine: their intervals do not include zero.
+
+    None of them depends on a value that nobody gave. A model without a table of such parameters has none.
+    """
+    rows = capabilities_of(fit.model).physical_rows(fit)
+    return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and _excludes_zero(row)]
+
+
+def _excludes_zero(row: Estimate) -> bool:
+    """Whether a parameter has an interval, and zero is not in it."""
+    if row.standard_error is not None:
+        return 0 < HALF_WIDTH * row.standard_error < abs(row.value)
+    return row.interval is not None and row.interval[0] * row.interval[1] > 0
+
+
+def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
+    """The characteristics of the best model, and dead zone and friction of the next model that is nearly as good.
+
+    A model whose free run diverges has neither a steady gain nor a time constant.
+
+    Args:
+        comparison: the models on unseen data.
+        record: what they were fitted to, for its units.
+    """
+    least = comparison.best.row.simulation_rmse
+    if not isfinite(least):
+        return ()
+    near = [each.fit for each in comparison.assessments if each.row.simulation_rmse <= NEARLY * least]
+    found: list[Characteristic] = []
+    for fit in near:
+        new = [each for each in of_fit(fit, record) if each.name not in {known.name for known in found}]
+        found += new if not found else [each for each in new if each.name not in LINEAR]
+        if any(each.name not in LINEAR for each in found):
+            break
+    return tuple(found)
+
+
+def of_fit(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
+    """The characteristics of one model; none of a model that has no such parameters."""
+    return capabilities_of(fit.model).characteristics(fit, record)
+
+
+def curves(fit: Fit[Any], record: Record) -> tuple[BandedCurve, ...]:
+    """Step and frequency responses of all channels, static map, friction and dead zone, as far as the model has them.
+
+    Args:
+        fit: of any kind of model.
+        record: with its sample time, channels and ranges.
+    """
+    found: list[BandedCurve] = []
+    for view in _views(fit, record):
+        with border(f"curves of {fit.model.name}", fit.model.name, expected=True):
+            found += view()
+    return tuple(found)
+
+
+def _views(fit: Fit[Any], record: Record) -> Iterator[Callable[[], list[BandedCurve]]]:
+    inputs, outputs = range(record.input.shape[1]), range(record.output.shape[1])
+    for k in inputs:
+        yield partial(_step, fit, record, k)
+    for i, k in product(outputs, inputs):
+        yield partial(_frequency, fit, record, i, k)
+    yield from capabilities_of(fit.model).curves(fit, record)
+
+
+def _step(fit: Fit[Any], record: Record, input: int) -> list[BandedCurve]:
+    band = step_response_band(fit, record, input=input)
+    make = partial(banded_curve, fit, record, "step response", band, ("time", "s"), input=input)
+    return [make(output_of(record, k), output=k, column=k) for k in range(band.value.shape[1])]
+
+
+def _frequency(fit: Fit[Any], record: Record, output: int, input: int) -> list[BandedCurve]:
+    around = usual_step(record.input[:, input])[1]
+    both = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
+    return [
+        banded_curve(fit, record, kind, band, ("frequency", "Hz"), (kind, unit), input=input, output=output)
+        for kind, band, unit in (("magnitude", both.magnitude, "dB"), ("phase", both.phase, "deg"))
+    ]

@@ -9,29 +9,91 @@ whether models that are as good agree there, see `determined`. Plausibility: see
 
 In a long record, a test rejects every model for deviations that do not matter. A residual that fails a test therefore
 limits a model only if the inputs predict more than `PREDICTABLE` of its variance.
+
+The one model that is recommended, with reasons, and the experiment to run next.
+
+The simplest model is recommended that is as good as the best within noise (`emsid.selection.improvement`), by the free
+runs over data that were left out of the fit (`ranking`). In a long record noise is small. There a plausible model with
+far fewer parameters is the best one where the errors are the same in practice. An implausible model is the best one
+only if its error is smaller than that of every plausible one by more than noise and by more than matters in practice.
+Among equals one that is supported by the data comes before one with limits, and only then the number of parameters
+counts; where the input has few levels, which show no nonlinearity, a linear one comes before both. The best one is
+recommended unless it cannot be used, or one of the reasons of `emsid.identification.verdict.ALLOWED` is against it.
+
+Fitted models in the order of recommendation, with their errors on every part of the data.
+
+The recommended model from more data, by one refit of three budgets (`emsid.models.refitting`).
+
+A long record is compared on an excerpt; the recommended model then continues from its estimates to all samples, with
+intervals (`Budget.LAST`). Where few data were held back, its parameters are estimated again from all data, from the
+known estimate (`Budget.FEW`). Its structure was chosen on the fitted part alone. Where the error of a feedback model
+or of a plant is much larger on the held-back part, that part shows something that its structure lacks, such as a tank
+that overflows only there, or tells apart what the fitted part does not, such as friction and a load that drifts. Order
+and maps, or refinements, are then chosen again from all data, by the same search (`Budget.SEARCH`). So they are for
+every short record of a sensor that loses the sign, from which a part shows too little. Cascades, whose structure
+differs less, gain nothing by that. Of the two structures the one stands whose errors are smaller on stretches of all
+data that are left out in turn (`ranking.in_turn`). The errors that are reported stay those of the fit that has not seen
+the held-back part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
-from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
-from emsid.identification.plausibility import DIVERGES, EXCLUDING, IMPLAUSIBLE
-from emsid.identification.ranking import deviations, stretch_errors
-from emsid.identification.remainder import LACKS
-from emsid.identification.unstable import horizon_of
+from emsid.first_look.data_advice import advice_by_code
+from emsid.identification.candidates import CANDIDATES, refit_data
+from emsid.identification.evidence import (
+    DIVERGES,
+    EXCLUDING,
+    IMPLAUSIBLE,
+    POOR,
+    PREDICTABLE,
+    Undetermined,
+    about_the_fits,
+    predictable_shares,
+)
+from emsid.identification.fitting import LACKS
+from emsid.identification.ranking import (
+    MANY,
+    Ranked,
+    close,
+    compared,
+    deviations,
+    in_turn,
+    ranked,
+    ranked_ahead,
+    stretch_errors,
+    within_noise,
+)
+from emsid.identification.task import horizon_of
 from emsid.models.extrapolation import MUCH_BETTER
-from emsid.models.model import Run
-from emsid.selection.improvement import DIFFERENT, STRETCHES, StretchErrors, better_by_ratio
+from emsid.models.kinds import capabilities_of
+from emsid.models.model import Model, Run
+from emsid.models.refit_data import Budget
+from emsid.models.refitting import usable_refit
+from emsid.options import Options
+from emsid.record import Record
+from emsid.record.holding_back import SHORT, choice_and_headline
+from emsid.selection.improvement import (
+    DIFFERENT,
+    STRETCHES,
+    StretchErrors,
+    better,
+    better_by_ratio,
+    equivalent,
+    simplest,
+)
 from emsid.validation.agreement import difference_of_pieces
-from emsid.validation.comparison import Assessment, Comparison, models_noise
+from emsid.validation.comparison import Assessment, Comparison, compare, models_noise
 from emsid.validation.correlation import LAGS, input_test
 from emsid.validation.metrics import SMALL
 from emsid.validation.residual_test import residual_tests
@@ -75,7 +137,7 @@ def model_verdicts(
         on_record: the models on the data they were fitted to.
         on_unseen: the models on unseen data.
         findings: about the models and the data; those in `ALLOWED` are reasons against a model.
-        left_open: by model, what the data leave open about it, see `emsid.identification.determined`.
+        left_open: by model, what the data leave open about it, see `emsid.identification.evidence`.
         tests: whether residuals are tested; if not, the verdicts say so.
         pole: of a plant that is unstable without its controller: a free run then tests nothing.
     """
@@ -398,3 +460,422 @@ def _shares(assessments: Sequence[Assessment]) -> list[list[float]]:
     found = predictable_shares(np.hstack(runs), record).reshape(len(runs), -1).tolist() if runs else []
     known = iter(found)
     return [next(known) if good else unknown for good in usable]
+
+
+EXPERIMENTS = {
+    "record-too-short": "longer",
+    "feedback-likely": "without-feedback",
+    "few-input-levels": "more-levels",
+    "excitation-too-low": "more-levels",
+    "amplitude-near-dead-zone": "larger-input",
+    "sampling-too-slow": "faster-sampling",
+    "coarse-values": "finer-sensor",
+    "much-standstill": "larger-input",
+}
+"""The experiment that mends what the first look finds, the most important first."""
+OF_REASONS = {
+    "map-leaves-range": "fill-range",
+    "map-turns-without-data": "fill-range",
+    "knots-without-data": "fill-range",
+    "pieces-differ": "repeat-input",
+    "error-in-one-stretch": "repeat-input",
+}
+"""The experiment that shows what is behind a reason against a model."""
+IN_LOOP = frozenset({"stable-model-of-unstable", "only-in-loop"})
+"""The reasons against models of a plant that is unstable without its controller."""
+FAR_FEWER = 3
+"""A model has far fewer parameters than another if the other has so many times as many."""
+TWO_SIDED = 0.05
+"""An input goes both ways if it reaches this share of its largest value on either side."""
+
+
+def recommended(
+    ranking: Sequence[Ranked],
+    implausible: Collection[str],
+    unusable: Collection[str] = (),
+    *,
+    straight: Collection[str] = (),
+    supported: Callable[[], Collection[str]] | None = None,
+) -> Ranked:
+    """The model to recommend: the best plausible one, or a simpler one that is as good within noise or in practice.
+
+    An implausible model is recommended only where no plausible one is as good.
+
+    Args:
+        ranking: the models with their errors.
+        implausible: the names of the models that are implausible.
+        unusable: the names of models that are not recommended over any other, however small their error is.
+        straight: the names of the linear models, which come first where they are as good; empty for no such preference.
+        supported: gives the names of the models that the data support; it is asked for equals only.
+    """
+    usable = [each for each in compared(ranking) if each.name not in unusable] or compared(ranking)
+    best = min(usable, key=lambda each: each.errors.mean)
+    plausible = [each for each in usable if each.name not in implausible]
+    if best.name in implausible:
+        plausible = [each for each in plausible if _stands_in(each, best)]
+    if not plausible:
+        return simplest(usable, lambda each: each.size, as_good=close)
+    top = min(plausible, key=lambda each: each.errors.mean)
+    linear = [each for each in plausible if each.name in straight and _stands_in(each, top)]
+    plausible = linear or plausible
+    equals = [each for each in plausible if within_noise(each, min(plausible, key=lambda each: each.errors.mean))]
+    if supported is not None and len(equals) > 1:
+        names = supported()
+        plausible = [each for each in equals if each.name in names] or plausible
+    chosen = simplest(plausible, lambda each: each.size, as_good=close)
+    small = [e for e in plausible if FAR_FEWER * e.size <= chosen.size and equivalent(e.errors, best.errors)]
+    return min(small, key=lambda each: each.errors.mean, default=chosen)
+
+
+def _stands_in(plausible: Ranked, best: Ranked) -> bool:
+    """Whether a plausible model is as good as the best one, which is not, within noise or in practice."""
+    return within_noise(plausible, best) or equivalent(plausible.errors, best.errors)
+
+
+def recommendation(
+    on_unseen: Comparison, ranking: Sequence[Ranked], verdict: Finding, findings: Iterable[Finding], *, seen: bool
+) -> Finding:
+    """The recommended model with the reasons for it, or the best one with the reasons against it.
+
+    Args:
+        on_unseen: the models on unseen data, the recommended one first.
+        ranking: the models with their errors over all folds.
+        verdict: on the recommended model.
+        findings: about the models.
+        seen: whether the models were fitted to some of these data.
+    """
+    ahead = [each["horizon"] for each in verdict.data["reasons"] if each["code"] in IN_LOOP]
+    row, among = on_unseen.best.row, {each.name: each for each in compared(ranking)}
+    data: dict[str, Any] = {
+        "fit_percent": finite(row.fit_percent),
+        "models": len(among),
+        "others": len(ranking) - len(among),
+        "folds": max(len(each.folds) for each in ranking),
+        "seen": seen,
+        "verdict": verdict.code,
+        "reasons": verdict.data["reasons"],
+        "ahead": ahead[0] if ahead else None,
+        "tests_failed": sum(not each["passed"] for each in verdict.data["tests"]),
+    }
+    if verdict.code == "model-unusable":
+        return Finding("no-model-recommended", row.model, data)
+    vetoed = any(each["code"] in ALLOWED for each in verdict.data["reasons"])
+    smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
+    if data["folds"] > 1:
+        data |= {"fit_percent": finite(own.fit_percent)}
+    if smallest.errors.mean < own.errors.mean:
+        data |= _instead_of(own, smallest, findings)
+    return Finding("best-not-recommended" if vetoed else "model-recommended", row.model, data)
+
+
+def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> dict[str, Any]:
+    """The model with the smallest error, how it compares with the recommended one, and what makes it implausible."""
+    against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
+    return {
+        "instead_of": smallest.name,
+        "because": {"code": against[0].code, **against[0].data} if against else None,
+        "unfinished": smallest.fit.ending.before_minimum,
+        "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
+        "same_in": _same_in(own, smallest),
+        "parameters": [own.size, smallest.size],
+    }
+
+
+def _same_in(own: Ranked, smallest: Ranked) -> str | None:
+    """In what respect a model is as good as that with the smallest error; None for none."""
+    if within_noise(own, smallest):
+        return "noise"
+    return "practice" if equivalent(own.errors, smallest.errors) else None
+
+
+def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool, one_load: bool = False) -> Finding:
+    """The experiment to run next: what these data leave open first.
+
+    Args:
+        verdict: on the recommended model.
+        record, unseen: what the models were fitted to, and ranked on.
+        seen: whether the models were fitted to some of the unseen data.
+        one_load: whether a second load would separate parameters of the recommended model.
+    """
+    if any(each["code"] in IN_LOOP for each in verdict.data["reasons"]):
+        return Finding("next-experiment", record.name, {"kind": "test-signal"})
+    looked = advice_by_code(record)
+    for code, kind in EXPERIMENTS.items():
+        if code in looked:
+            return Finding("next-experiment", record.name, {"kind": kind, **looked[code].data})
+    u = record.input[:, 0]
+    reach = TWO_SIDED * float(np.max(np.abs(u)))
+    if record.input.shape[1] == 1 and (u.min() > -reach or u.max() < reach):
+        return Finding("next-experiment", record.name, {"kind": "both-directions", "input": record.input_names[0]})
+    reasons: list[Mapping[str, Any]] = verdict.data["reasons"]
+    for reason in reasons:
+        if reason["code"] in OF_REASONS:
+            return Finding("next-experiment", record.name, {"kind": OF_REASONS[reason["code"]], **_place(reason)})
+    if one_load:
+        return Finding("next-experiment", record.name, {"kind": "second-load"})
+    if seen or unseen.name.startswith(f"{record.name},"):
+        return Finding("next-experiment", record.name, {"kind": "other-input"})
+    return Finding("next-experiment", record.name, {"kind": "in-use"})
+
+
+def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a map has hardly any data."""
+    places = reason.get("knots", [reason["at"]] if "at" in reason else [])
+    return {"at": list(places)} if places else {}
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The models of an identification, compared.
+
+    Attributes:
+        record: the data they were fitted to.
+        on_record: their errors on these.
+        on_choice: on the unseen data that choose among them; None where `on_unseen` does.
+        on_unseen: on unseen data, the recommended model first, implausible and useless ones last.
+        ranking: their errors over the folds that ranked them.
+        findings: of the estimators, and on how plausible the models are.
+        undetermined: what the data leave open about the models.
+        pole: of a plant that is unstable without its controller; else None.
+        whole: what the recommended model was fitted to in the end, where that is more than `record`; else None.
+    """
+
+    record: Record
+    on_record: Comparison
+    on_choice: Comparison | None
+    on_unseen: Comparison
+    ranking: tuple[Ranked, ...]
+    findings: tuple[Finding, ...]
+    undetermined: Undetermined
+    pole: float | None
+    whole: Record | None = None
+
+    @classmethod
+    def of(
+        cls,
+        fits: Sequence[Fit[Any]],
+        train: Record,
+        test: Record,
+        options: Options,
+        control: Control,
+        outside: Record | None = None,
+        *,
+        transient: int | None,
+        whole: Record | None,
+        pole: float | None = None,
+    ) -> Compared:
+        """Compare models.
+
+        Args:
+            fits: the models.
+            train: what they were fitted to.
+            test: unseen data.
+            options: how they were fitted.
+            control: when to stop; the unseen data then decide alone.
+            outside: the data outside an excerpt that the models were fitted to.
+            transient: samples that start the models where a segment begins in motion; they enter no error.
+            whole: all data, where the unseen data are a part of them; these are then divided, and the models followed
+                over folds of all data. None where the unseen data are others.
+            pole: of a plant that is unstable without its controller: models are ranked by their predictions.
+        """
+        on_record = compare(fits, train, transient=transient, data="identification")
+        findings = about_the_fits(fits, train)
+        on_choice, on_unseen = _held_back(fits, test, transient, divide=whole is not None)
+        chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
+        errors = {each.row.model: each.row.ranked_by for each in chosen_on.assessments}
+        fitted, excluded = None if whole is None else train, excluded_models(findings, errors)
+        if pole is not None:
+            ranking = ranked_ahead(chosen_on, horizon_of(pole))
+            useless = frozenset(each.row.model for each in chosen_on.assessments if each.row.diverged_at is None)
+            left_open = Undetermined({}, frozenset(), None)
+        else:
+            ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
+            useless = excluded | _useless(chosen_on, on_record)
+            left_open = Undetermined.of(ranking, train, useless | implausible_models(findings))
+            useless |= {each.row.model for each in chosen_on.assessments if is_weak(each, left_open.reasons)}
+        order = _order(chosen_on, on_record, ranking, findings, useless, left_open)
+        on_choice = on_choice and on_choice.in_order_of(order)
+        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open, pole)
+
+    @property
+    def fits(self) -> tuple[Fit[Any], ...]:
+        """The models, the recommended one first."""
+        return self.on_unseen.fits
+
+    @property
+    def best(self) -> Fit[Any]:
+        """The recommended model."""
+        return self.fits[0]
+
+    @property
+    def chosen_on(self) -> Record:
+        """The unseen data that choose among the models."""
+        return (self.on_choice or self.on_unseen).best.record
+
+    def with_finished(self, fit: Fit[Any], whole: Record) -> Compared:
+        """The same with a fit of the recommended model to more data; the errors that chose it stay as they were."""
+
+        def in_place(each: Ranked) -> Ranked:
+            return replace(each, fit=fit) if each.name == fit.model.name else each
+
+        on_record, on_unseen = (each.with_fit(fit) for each in (self.on_record, self.on_unseen))
+        findings = tuple(about_the_fits(on_unseen.fits, self.record))
+        ranking = tuple(map(in_place, self.ranking))
+        return replace(self, on_record=on_record, on_unseen=on_unseen, ranking=ranking, findings=findings, whole=whole)
+
+
+def _held_back(
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
+) -> tuple[Comparison | None, Comparison]:
+    """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
+    parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
+    if parts is None:
+        return None, compare(fits, unseen, transient=transient, data="unseen")
+    choice, headline = parts
+    return compare(fits, choice, transient=transient, data="choice"), compare(
+        fits, headline, transient=transient, data="unseen"
+    )
+
+
+def _useless(choice: Comparison, on_record: Comparison) -> frozenset[str]:
+    """The names of the models that cannot be used, by their free run on the data that choose."""
+    fitted = {each.row.model: each for each in on_record.assessments}
+    return frozenset(each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model]))
+
+
+def _order(
+    choice: Comparison,
+    on_record: Comparison,
+    ranking: Sequence[Ranked],
+    findings: Sequence[Finding],
+    useless: frozenset[str],
+    left_open: Undetermined,
+) -> list[Fit[Any]]:
+    """The models: the recommended one, plausible ones, implausible ones, and useless ones; each group by its errors."""
+    implausible = implausible_models(findings)
+
+    def supported() -> list[str]:
+        verdicts = model_verdicts(on_record, choice, findings, left_open.reasons)
+        return [each.data["model"] for each in verdicts if each.code == "model-supported"]
+
+    straight = () if left_open.levels is None else left_open.straight
+    first = recommended(ranking, implausible, useless, straight=straight, supported=supported)
+    by = sorted(ranking, key=lambda each: (each is not first, each.name in useless, each.name in implausible))
+    return [each.fit for each in by]
+
+
+SEARCHED_AGAIN = 50_000
+"""A structure is not chosen twice from as many samples: every search takes seconds for them."""
+
+
+def refit(fit: Fit[Any], data: Record, budget: Budget, options: Options, control: Control = FREE) -> Fit[Any] | None:
+    """The model of a fit from other data.
+
+    Args:
+        fit: the model.
+        data: to which it is fitted.
+        budget: how far.
+        options: how it was fitted.
+        control: when to stop.
+
+    Returns:
+        None where there is no time, where the data do not suit it, or where the result cannot be used; see
+        `usable_refit`.
+    """
+    doing = f"fitting {fit.model.name} to all data"
+    kind = CANDIDATES.get(fit.model.name)
+    search = None if kind is None else lambda record, control: kind(record, options, control)
+    try:
+        control.doing(doing)
+        within = control if budget is Budget.FEW else control.during(doing)
+        found = usable_refit(fit, refit_data(options, data, within, search=search), budget)
+        if budget is not Budget.FEW:
+            control.check()
+    except Stopped:
+        return None
+    return found
+
+
+def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:
+    """The comparison with the recommended model fitted to the whole record, from its estimates of the excerpt.
+
+    The model of the excerpt is kept where there is no other, and where it is better by more than noise on the unseen
+    data that chose.
+
+    Args:
+        judged: the models, fitted to an excerpt.
+        train: all data to fit.
+        options: how they were fitted.
+        control: when to stop.
+    """
+    fit, found = judged.best, refit(judged.best, train, Budget.LAST, options, control)
+    if found is None:
+        return judged
+    errors = {id(each.fit): each.errors for each in ranked(compare([fit, found], judged.chosen_on), None, options)}
+    return judged if better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found, train)
+
+
+def from_all_data(
+    judged: Compared, held_back: Record, whole: Record, options: Options, control: Control = FREE
+) -> tuple[Model, Finding] | None:
+    """The recommended model from all data, and a finding about that.
+
+    Args:
+        judged: the models, fitted to all data but those that were held back.
+        held_back: these data.
+        whole: all data.
+        options: how the models were fitted.
+        control: when to stop.
+
+    Returns:
+        None where the data are so many that it would change little, or where no fit simulates them better.
+    """
+    few, best = len(held_back) < MANY, judged.best.model
+    rectified = capabilities_of(best).hides_the_sign(best) and len(whole) < SHORT
+    larger = len(whole) < SEARCHED_AGAIN and _structure_is_doubtful(judged)
+    anew = refit(judged.best, whole, Budget.SEARCH, options, control) if larger or rectified else None
+    # The search chose that of a rectified output by errors on data left out.
+    searched = anew is not None and (rectified or _better(anew, judged, whole, options, control))
+    model = anew.model if searched and anew else _with_steps(judged, whole, options, control) if few else None
+    if model is None:
+        return None
+    data = {"model": model.name, "samples": len(whole), "of": len(judged.record)}
+    return model, Finding("fitted-to-all-data", whole.name, data | {"searched": searched, "larger": larger})
+
+
+def _better(anew: Fit[Any], judged: Compared, whole: Record, options: Options, control: Control) -> bool:
+    """Whether a structure has the smaller errors on stretches of all data that are left out in turn."""
+    try:
+        one, other = in_turn((anew, judged.best), whole, judged.on_unseen.best.transient, options, control)
+    except Stopped:
+        return False
+    return one.errors.mean <= other.errors.mean
+
+
+def _with_steps(judged: Compared, whole: Record, options: Options, control: Control) -> Model | None:
+    """The recommended model with its parameters from all data, which the ranking knows where it has seen these."""
+    known = next(each for each in judged.ranking if each.fit is judged.best)
+    if known.included and judged.on_choice is None:
+        return known.refit
+    found = refit(judged.best, whole, Budget.FEW, options, control)
+    return None if found is None else found.model
+
+
+def _structure_is_doubtful(judged: Compared) -> bool:
+    """Whether the error of the recommended model is much larger on unseen data; its kind is then searched anew."""
+    anew = getattr(CANDIDATES.get(judged.best.model.name), "searched_anew", False)
+    return anew and fails_on_unseen(judged.on_unseen.best, judged.on_record)
+
+
+def about_excerpt(judged: Compared, train: Record) -> list[Finding]:
+    """The findings about the data that models were compared on.
+
+    Args:
+        judged: the models.
+        train: all data to fit.
+    """
+    if judged.record is train:
+        return []
+    model = "" if judged.whole is None else judged.best.model.name
+    data = {"samples": len(judged.record), "of": len(train), "finished": model}
+    return [Finding("fitted-to-excerpt", train.name, data)]

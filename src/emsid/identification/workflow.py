@@ -18,18 +18,20 @@ from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.identification.all_data import from_all_data, on_all_samples
 from emsid.identification.candidates import QUICK
-from emsid.identification.compared import Compared
-from emsid.identification.fitting import Elsewhere, Fits, Searches, with_bootstrap
-from emsid.identification.long_records import about_excerpt
-from emsid.identification.observations import length_trusted, observations
-from emsid.identification.profiles import Profiles, profiles_of
-from emsid.identification.records import Records
-from emsid.identification.requests import model_names
+from emsid.identification.evidence import length_trusted, observations
+from emsid.identification.fitting import Elsewhere, Fits, Profiles, Searches, profiles_of, with_bootstrap
 from emsid.identification.result import Identification
-from emsid.identification.task import Task
-from emsid.identification.verdict import NO_INPUT, fails_on_unseen, model_verdicts
+from emsid.identification.task import Records, Task, model_names
+from emsid.identification.verdict import (
+    NO_INPUT,
+    Compared,
+    about_excerpt,
+    fails_on_unseen,
+    from_all_data,
+    model_verdicts,
+    on_all_samples,
+)
 from emsid.models.model import Model
 from emsid.options import KEYWORDS, Options, takes_options
 from emsid.record import Record

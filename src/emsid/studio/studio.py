@@ -168,7 +168,7 @@ class Studio:
         if "unseen" in values and not 0 < float(values["unseen"]) < 1:
             raise DataError("the unseen part is a fraction between 0 and 1")
         if "models" in values:
-            from emsid.identification.requests import model_names
+            from emsid.identification.task import model_names
 
             values["models"] = list(model_names(values["models"])) if values["models"] else []
         if not values.get("files", [""]):

@@ -50,7 +50,7 @@ def orders(
       emsid orders log.csv -u voltage -y speed --time t --na 1-6 --nb 1,2,4 --nk 1
     """
     from emsid.estimation.nonlinear.compilation import cancelled_with
-    from emsid.identification.records import as_one
+    from emsid.identification.task import as_one
     from emsid.models.regression.search.orders import order_grid
 
     grid = {name: numbers(text, option(name)) for name, text in (("na", na), ("nb", nb), ("nk", nk))}

@@ -45,7 +45,7 @@ def unnamed_states(rng: np.random.Generator) -> Columns:
 
 
 def pulses(rng: np.random.Generator) -> Columns:
-    """The two levels of a photodiode behind a shaft that speeds up and slows down."""
+    """The two levels of a photodiode behind a shaft that speeds up and slows down, and a duty that does not drive it."""
     n = int(rng.integers(200, 600))
     speed = rng.uniform(0.1, 0.2) * (1 + 0.4 * np.sin(np.arange(n) * rng.uniform(0.01, 0.03)))
     high = np.cumsum(speed) % 1 < 0.5
@@ -75,10 +75,10 @@ KINDS: dict[FileKind, tuple[Callable[[np.random.Generator], Columns], ...]] = {
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("kind", "made"), [(kind, made) for kind, each in KINDS.items() for made in each])
 def test_kind(write: Write, kind: FileKind, made: Callable[[np.random.Generator], Columns], seed: int) -> None:
-    """Only a dynamic record has a proposed command."""
+    """Only a dynamic record, and the count of pulses, have a proposed command."""
     look = describe(write(made(np.random.default_rng(seed))))
     assert look.kind.kind is kind, look.kind.evidence
-    assert bool(proposals([look])) is (kind is FileKind.DYNAMIC)
+    assert bool(proposals([look])) is (kind in (FileKind.DYNAMIC, FileKind.PULSES))
     assert ("steady-states" in codes(look)) is (kind is FileKind.STATES)
     assert ("encoder-pulses" in codes(look)) is (kind is FileKind.PULSES)
 

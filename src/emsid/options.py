@@ -63,7 +63,7 @@ class Declared:
 _C, _S = "Columns and units", "Samples"
 READING = (
     Declared("input", "columns", "Input column, or FILE:COL; may be repeated", "COL", _C, spelled=("input", "u")),
-    Declared("output", "columns", "Output column, or FILE:COL; d(COL) for a derivative", "COL", _C,
+    Declared("output", "columns", "Output column, FILE:COL, d(COL) or edges(A,B)", "COL", _C,
         spelled=("output", "y")),
     Declared("time", "text", "Time column; it must be regular, or be resampled", "COL", _C),
     Declared("dt", "sample time", "Sample time: 0.001 (seconds), 1ms or 1kHz", "S", _C),

@@ -96,6 +96,8 @@ def name_and_unit(name: str) -> tuple[str, str]:
     (('Motor_Speed', 'rpm'), ('f(x)', ''), ('[V]', ''))
     >>> name_and_unit("d(angle [rad])"), name_and_unit("y(n)"), name_and_unit("speed [2]")
     (('d(angle)', 'rad/s'), ('y(n)', ''), ('speed [2]', ''))
+    >>> name_and_unit("edges(A)"), name_and_unit("d(edges(A))")
+    (('edges(A)', ''), ('d(edges(A))', ''))
     """
     column = column_of(name)
     bare, unit = _without_brackets(column)
@@ -108,9 +110,15 @@ def column_of(name: str, known: Container[str] = ()) -> str:
     return inner[1] if inner and name not in known else name
 
 
+def edges_of(name: str) -> str:
+    """What is in the brackets of ``edges(…)``, one or two columns of pulses; empty for other names."""
+    inner = re.fullmatch(r"edges\((.+)\)", name)
+    return inner[1] if inner else ""
+
+
 def _without_brackets(name: str) -> tuple[str, str]:
     """The name of a column without a known unit in brackets at its end, and the unit."""
-    found = BRACKETED.search(name)
+    found = None if edges_of(name) else BRACKETED.search(name)
     unit = unit_in_name(found[1]) if found else ""
     bare = name[: found.start()].rstrip(" /") if found else ""  # as in "speed / (rad/s)"
     return (bare, unit) if bare and unit else (name, "")

@@ -119,7 +119,12 @@ EXAMPLES: tuple[Finding, ...] = (
             {"dead": None, "low": None, "high": None},
         )
     ),
-    Finding("encoder-pulses", "encoder", {"low": 2.0, "high": 3.4, "edges": 46, "rate": 1045.4}),
+    Finding(
+        "encoder-pulses",
+        "encoder",
+        {"low": 2.0, "high": 3.4, "edges": 46, "rate": 1045.4, "counts": "edges(encoder)"},
+    ),
+    Finding("edges-missed", "edges(A, B)", {"missed": 3, "edges": 4600}),
     *(
         Finding("time-unit-assumed", subject, {"unit": "ms", "dt": 0.01, "confidence": 0.7, "source": source})
         for subject, source in (("t", "column"), ("log.csv", "preamble"), ("log_dt10.csv", "file name"))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,11 @@ from emsid.estimation.rounding import runs
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock
 from emsid.first_look.columns import Column
-from emsid.first_look.levels import FEW, FEWEST_SAMPLES, PART, SAME, UNSURE
+from emsid.first_look.levels import FEW, FEWEST_SAMPLES, MOST, PART, SAME, UNSURE
 from emsid.first_look.names import ColumnQuantity
-from emsid.first_look.roles import Roles
+from emsid.first_look.responses import answers
+from emsid.first_look.roles import ENOUGH, MOST_COMPARED, Roles
+from emsid.io.edges import NEAR, count, levels, scaled, states
 
 Array = NDArray[np.float64]
 
@@ -50,12 +53,14 @@ class Kind:
     Attributes:
         kind: the likeliest.
         evidence: log-odds for every kind, by reason.
-        pair: of a table of steady states, its input and its output; of pulses, their column alone.
+        pair: of a table of steady states, its input and its output.
+        encoders: of pulses, the one or two channels of each encoder.
     """
 
     kind: FileKind
     evidence: Mapping[FileKind, Mapping[str, float]] = field(default_factory=dict)
     pair: tuple[Column, ...] = ()
+    encoders: tuple[tuple[Column, ...], ...] = ()
 
     def __str__(self) -> str:
         return str(self.kind)
@@ -71,16 +76,15 @@ class Kind:
             u, y = self.pair
             data = {"input": u.name, "output": y.name, "rows": u.rows} | characteristic(u.signal, y.signal)
             return [Finding("steady-states", file, data)]
-        if self.kind is FileKind.PULSES:
-            (column,) = self.pair
-            known = column.values[np.isfinite(column.values)]
-            low, high = np.percentile(known, (10, 90))
-            edges = len(_lengths(known)) - 1
-            levels = {"low": float(low), "high": float(high)}
-            return [
-                Finding("encoder-pulses", column.name, levels | {"edges": edges, "rate": edges / (len(known) * dt)})
-            ]
-        return []
+        found = []
+        for channels in self.encoders:
+            low, high = levels(channels[0].values)
+            counts, _ = count(*(each.values for each in channels))
+            edges = int(np.nansum(np.abs(np.diff(counts))))
+            data = {"low": low, "high": high, "edges": edges, "rate": edges / (len(counts) * dt)}
+            names = ", ".join(each.name for each in channels)
+            found.append(Finding("encoder-pulses", names, data | {"counts": f"edges({names})"}))
+        return found
 
 
 def kind_of(columns: Sequence[Column], clock: Clock, roles: Roles, codes: frozenset[str] = frozenset()) -> Kind:
@@ -98,8 +102,8 @@ def kind_of(columns: Sequence[Column], clock: Clock, roles: Roles, codes: frozen
         if value := weight * float(share(facts)):
             evidence[kind][reason] = value
     kind = max(FileKind, key=lambda each: sum(evidence[each].values()))
-    pair = {FileKind.STATES: facts.pair, FileKind.PULSES: facts.pulses[:1]}.get(kind, ())
-    return Kind(kind, evidence, pair)
+    encoders = facts.encoders if kind is FileKind.PULSES else ()
+    return Kind(kind, evidence, facts.pair if kind is FileKind.STATES else (), encoders)
 
 
 class _Facts:
@@ -109,7 +113,10 @@ class _Facts:
         moving: columns of numbers that change and may be channels.
         ordered: those that rise or fall in every row.
         pair: of a table of steady states, its input and its output; empty where no column is ordered.
-        pulses: columns that toggle between two levels, with noise, as the sensor of an encoder does.
+        encoders: the channels of what may be encoders: pairs of columns that take turns to change between two levels,
+            or, where there are none, every column that changes often between two levels.
+        first: the channels of the first of these.
+        toggling: the names of all columns that change often between two levels.
     """
 
     def __init__(self, columns: Sequence[Column], clock: Clock, roles: Roles, codes: frozenset[str]) -> None:
@@ -123,7 +130,16 @@ class _Facts:
         )
         self.ordered = tuple(column for column in self.moving if _is_ordered(column.values))
         self.pair = self._pair() if 3 <= self.rows <= LONGEST else ()
-        self.pulses = tuple(column for column in self.moving if column.distinct > 2 and _toggles(column.values))
+        toggling = [column for column in self.moving if _toggles(column.values)]
+        pairs: list[tuple[Column, ...]] = []
+        for pair in combinations(toggling, 2):
+            if _take_turns(*(each.values for each in pair)) and not any(
+                each in other for each in pair for other in pairs
+            ):
+                pairs.append(pair)
+        self.encoders = tuple(pairs or ((each,) for each in toggling))
+        self.first = self.encoders[0] if self.encoders else ()
+        self.toggling = frozenset(each.name for each in toggling)
 
     def _pair(self) -> tuple[Column, ...]:
         named = {column.name: column for column in self.moving}
@@ -161,30 +177,40 @@ def _off_line(x: Array, y: Array) -> Array:
     return np.asarray(y[1:-1] - y[:-2] - (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / (x[2:] - x[:-2]))
 
 
-def _lengths(x: Array) -> NDArray[np.intp]:
-    """The numbers of rows for which a column (N,) is above, and below, the middle between its two levels."""
-    return np.asarray(runs((x > np.mean(np.percentile(x, (10, 90)))).astype(float))[1])
-
-
 def _toggles(values: Array) -> bool:
     """Whether a column (N,) is near one of two levels in most rows, and changes often between them."""
-    x = values[np.isfinite(values)]
-    low, high = np.percentile(x, (10, 90)) if len(x) else (0.0, 0.0)
-    if not high > low:
-        return False
-    level = (x - low) / (high - low)
-    near = np.abs(level - (level > 0.5)) < 0.25
-    return bool(np.mean(near) > 1 - PART and len(_lengths(x)) > max(len(x) / OFTEN, 2 * FEW))
+    level = scaled(values[np.isfinite(values)])
+    near = np.abs(level - (level > 0.5)) < NEAR
+    return bool(np.mean(near) > 1 - PART and len(runs(states(values))[1]) > max(len(near) / OFTEN, 2 * FEW))
 
 
-def _steady(column: Column) -> float:
+def _take_turns(a: Array, b: Array) -> bool:
+    """Whether two columns (N,) take turns to change, as the channels of an encoder do, and seldom change at once."""
+    changes = np.stack([np.diff(states(each)) for each in (a, b)])
+    turns = changes[0][changes.sum(axis=0) == 1]
+    return bool(np.mean(changes.all(axis=0)[changes.any(axis=0)]) < PART and np.mean(np.diff(turns)) > MOST)
+
+
+def _steady(values: Array) -> float:
     """How alike successive pulses are: 1 where their lengths change slowly, as those of a shaft do, 0 by chance."""
-    lengths = _lengths(column.values[np.isfinite(column.values)])[1:-1].astype(float)
+    lengths = runs(states(values))[1][1:-1].astype(float)
     if len(lengths) < 2 * FEW:
         return 0.0
     change = np.abs(np.log(lengths[2:] / lengths[:-2]))  # of levels of one side, which may last longer than the other
     by_chance = np.abs(np.log(lengths[:, None] / lengths))
     return float(np.median(change) <= np.log(1.5) and np.mean(change) <= max(np.mean(by_chance), np.log(1.5)))
+
+
+def _is_driven(facts: _Facts) -> float:
+    """Whether the count of edges is clearly an integral of a response to another column, as a position is."""
+    others = [column for column in facts.moving if column.name not in facts.toggling][:MOST_COMPARED]
+    if not (facts.first and others):
+        return 0.0
+    counts, _ = count(*(each.values for each in facts.first))
+    table = np.column_stack([*(each.signal for each in others), counts])
+    found = answers(table[np.isfinite(table).all(axis=1)])
+    of_count = [each.evidence for (_, y), each in found.items() if y == len(others) and each.integrates]
+    return float(max(of_count, default=0.0) >= ENOUGH)
 
 
 def _input_like(facts: _Facts) -> float:
@@ -197,15 +223,15 @@ def _input_like(facts: _Facts) -> float:
 
 def _pulse_like(facts: _Facts) -> float:
     """Whether pulses are named as a motion, 1, or as an input, −2."""
-    said = facts.pulses[0].meaning.quantity if facts.pulses else ColumnQuantity.UNKNOWN
-    return -2.0 if said in _INPUTS else 1.0 if said in _MOTIONS else 0.0
+    said = [each.meaning.quantity for each in facts.first]
+    return -2.0 if set(said) & set(_INPUTS) else 1.0 if set(said) & set(_MOTIONS) else 0.0
 
 
 def _has_other_motion(facts: _Facts) -> bool:
     """Whether a column that does not toggle is named as a motion, or answers another column."""
-    others = (column for column in facts.moving if column not in facts.pulses)
-    explained = facts.roles.explained
-    return bool(facts.pulses) and any(c.name in explained or c.meaning.quantity in _MOTIONS for c in others)
+    explained = {y for _, y in facts.roles.explained}
+    others = (column for column in facts.moving if column.name not in facts.toggling)
+    return bool(facts.first) and any(c.name in explained or c.meaning.quantity in _MOTIONS for c in others)
 
 
 _SHORT = "record-too-short"
@@ -218,15 +244,20 @@ _EVIDENCE: tuple[tuple[FileKind, str, float, Callable[[_Facts], float]], ...] = 
     (FileKind.STATES, "the name of that column", 2.0, _input_like),
     (FileKind.STATES, "all others are functions of it", 4.0, lambda facts: facts.functions - 0.5 * bool(facts.pair)),
     (FileKind.STATES, "few rows", 4.0, lambda facts: bool(facts.pair) and facts.rows < FEWEST_SAMPLES),
-    (FileKind.PULSES, "a column toggles between two levels", 3.0, lambda facts: bool(facts.pulses)),
-    (FileKind.PULSES, "its pulses are alike", 3.0, lambda facts: bool(facts.pulses) and _steady(facts.pulses[0])),
+    (FileKind.PULSES, "a column toggles between two levels", 3.0, lambda facts: bool(facts.first)),
+    (FileKind.PULSES, "it has two values, as a command", -3.0, lambda facts: any(x.distinct == 2 for x in facts.first)),
+    (FileKind.PULSES, "its pulses are alike", 3.0, lambda facts: bool(facts.first) and _steady(facts.first[0].values)),
+    (FileKind.PULSES, "two columns take turns to change", 6.0, lambda facts: len(facts.first) == 2),
+    (FileKind.PULSES, "the count of edges is a position that answers another column", 4.0, _is_driven),
     (FileKind.PULSES, "its name", 2.0, _pulse_like),
     (FileKind.PULSES, "another column is a motion or answers one", -4.0, _has_other_motion),
     (
         FileKind.PULSES,
         "a response to another column explains it, as a fast answer to a square wave",
         -8.0,
-        lambda facts: any(column.name in facts.roles.explained for column in facts.pulses[:1]),
+        lambda facts: any(
+            y == x.name and u not in facts.toggling for u, y in facts.roles.explained for x in facts.first
+        ),
     ),
     (FileKind.STILL, "no channel changes", 9.0, lambda facts: not facts.moving or bool(_STILL & facts.codes)),
     (FileKind.SHORT, "few rows", 8.0, lambda facts: facts.rows < FEWEST_SAMPLES or _SHORT in facts.codes),

@@ -39,6 +39,7 @@ from emsid.first_look.stuck_output import is_stuck
 from emsid.first_look.vocabulary import meaning_of
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers, errors_of
+from emsid.io.edges import sources, with_edges
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
@@ -61,7 +62,6 @@ USELESS = frozenset(
         "not-readable",
         "no-role-found",
         "steady-states",
-        "encoder-pulses",
     }
 )
 """Findings with which there is nothing to identify."""
@@ -156,6 +156,9 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     parsed = parsed_file(path)
     file = parsed.path
     with errors_of(file):
+        named = [name for side in ("input", "output") for name in as_names(reading.get(side) or ())]
+        with_counts, missed = with_edges(parsed.columns, named)
+        parsed = replace(parsed, columns=with_counts)
         reading = with_names_of(parsed.columns, reading)
     given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
     named = [name for names in given.values() for name in names]
@@ -164,13 +167,14 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     raw = _on_one_clock(raw, reading.get("time") or "")
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = {name: _column(name, raw) for name in raw.series}
-    table = [column for column in columns.values() if column.rows == rows]
+    counted = {channel for name in columns for channel in sources(name, raw)}
+    table = [column for column in columns.values() if column.rows == rows and column.name not in counted]
     stated = stated_clock(raw, file.name)
     clock = find_clock(table, stated, reading.get("time") or "")
     known = (_bare([called.get(name, name) for name in names]) for names in given.values())
     roles = find_roles(table, clock.column, *known)
     columns = _with_responses_to_codes(columns, roles)
-    noticed: list[Finding] = []
+    noticed: list[Finding] = [*missed]
     if raw.clocks and not of_file.clocks:
         rows = max(map(len, of_file.series.values()))
         data = {"rows": rows, "columns": [roles.input, roles.output]}
@@ -197,6 +201,10 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         clock = replace(clock, confidence=1.0)
     what = kind_of(table, clock, roles)
     shown = what.finding(file.name, look.clock.dt)
+    if what.encoders:
+        with_counts, missed = with_edges(parsed.columns, [finding.data["counts"] for finding in shown])
+        again = describe(replace(parsed, columns=with_counts), tolerance=tolerance, **reading)
+        return replace(again, kind=what, findings=(*shown, *missed, *again.findings))
     if shown:
         return replace(look, kind=what, findings=tuple(shown))
     look = _with_hanging_angle(look, parsed, set(reading))

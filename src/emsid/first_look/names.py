@@ -12,7 +12,7 @@ from enum import StrEnum
 
 from emsid.first_look.levels import NAMED
 from emsid.record.time_units import CLOCK_NAMES
-from emsid.units import BRACKETED, known_unit, unit_in_name
+from emsid.units import BRACKETED, edges_of, known_unit, unit_in_name
 
 
 class ColumnQuantity(StrEnum):
@@ -208,6 +208,8 @@ def without_unit(name: str) -> tuple[str, str]:
     brackets only (`emsid.units.name_and_unit`), because ``Encoder_A`` may be a name.
     """
     bracketed = BRACKETED.search(name)
+    if edges_of(name):
+        return "counts", "count"
     if bracketed:
         return name[: bracketed.start()], unit_in_name(bracketed[1])
     after = _OPEN.search(name)

@@ -94,7 +94,7 @@ class Roles:
         levels: whether values far from the others are levels of the input, which the output follows.
         tried: the likeliest pairs, this one first, each with the share of the second column's variance that the best
             simple response to the first one leaves; they are ordered by all of the evidence.
-        explained: the columns of which the response to some other column leaves less than half.
+        explained: the pairs of columns of which the response to the first one leaves less than half of the second one.
         integral: the evidence, in nats, that the output is an integral of the response to the input.
     """
 
@@ -107,7 +107,7 @@ class Roles:
     direction: str = ""
     levels: bool = False
     tried: tuple[tuple[str, str, float], ...] = ()
-    explained: frozenset[str] = frozenset()
+    explained: frozenset[Pair] = frozenset()
     integral: float = 0.0
 
 
@@ -159,7 +159,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         direction=how if how != AS_LEVELS else "",
         levels=how == AS_LEVELS,
         integral=0.0 if (of_pair := facts.seen(u, y)) is None else of_pair.integral,
-        explained=frozenset(b for a, b in scores if (seen := facts.seen(a, b)) and seen.left < EXPLAINS),
+        explained=frozenset(pair for pair in scores if (seen := facts.seen(*pair)) and seen.left < EXPLAINS),
         tried=tuple((*pair, answer.left) for pair in best if (answer := facts.answer(named[pair[0]], named[pair[1]]))),
     )
 
@@ -267,7 +267,11 @@ class _Facts:
         for (a, b), answer in found.items():
             (u, how, _), (y, of_output, _) = readings[a], readings[b]
             known = self._answers.get((u, y))
-            if u != y and not of_output and (known is None or answer.evidence > known.evidence + SEEN * bool(how)):
+            if (
+                y not in (u, how)
+                and not of_output
+                and (known is None or answer.evidence > known.evidence + SEEN * bool(how))
+            ):
                 self._answers[u, y], self.read_as[u, y] = answer, how
 
     def _readings(self, column: Column) -> dict[str, Array]:

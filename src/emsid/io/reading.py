@@ -27,6 +27,7 @@ from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
+from emsid.io.edges import with_edges
 from emsid.io.files import gunzipped, looks_like, read_bytes
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
@@ -203,8 +204,10 @@ def read(
             pandas or Polars frame, or a dictionary of arrays.
         input: the column, or columns, that drive the system. A unit in brackets may be left out, here and in all
             other arguments: ``speed`` is the column ``speed [rad/s]``. ``d(name)`` is the derivative of column
-            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
-            column of another file, and ``x.csv:name`` one by name.
+            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``edges(A)`` is the
+            number of edges of a column of pulses, and ``edges(A, B)`` the position of an encoder with two channels, in
+            counts of a quarter of a period, see `emsid.io.edges`. ``x.csv:1`` is the first column of another file, and
+            ``x.csv:name`` one by name.
         output: the column, or columns, that answer; likewise.
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.
@@ -249,6 +252,8 @@ def read(
     file = parsed.path
     with errors_of(file):
         argument_types.check_types(given, _KINDS)
+        columns, missed = with_edges(parsed.columns, (*_as_tuple(input), *_as_tuple(output)))
+        parsed = replace(parsed, columns=columns)
         named = with_names_of(parsed.columns, {name: given[name] for name in ("input", "output", "time", *_BY_COLUMN)})
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
         named["units"] = dict(named["units"])
@@ -276,7 +281,7 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        found = (*about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
+        found = (*missed, *about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
         return _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
 
 

@@ -331,8 +331,10 @@ def difference_of_position(f: Finding, argument: Spelling) -> str:
 sentences("""
 rows-of-messages info: {subject}: the {rows:,} rows have values in some columns only, as messages do; the input keeps
     its value until the next output
-encoder-pulses problem: {subject} toggles between {low:.3g} and {high:.3g} like an encoder, {rate:.4g} times per
-    second; write the count of its edges into a column, which is a position ({argument[units]} COLUMN=count)
+encoder-pulses info: {subject} toggles between {low:.3g} and {high:.3g} like an encoder, {rate:.4g} times per second;
+    its edges are counted as a position, {counts}
+edges-missed warning: {subject}: {missed:,} of {edges:,} edges were missed, as both channels changed in one row; such a
+    row counts as two edges in the direction before it; sample faster
 position-wraps info: {subject} starts again after {period:.10g}; {argument[wrap]} makes it continuous
 reference-column warning: {subject} looks like the reference of a controller, which makes {input} depend on {follows}
     (feedback); compare models by the free run

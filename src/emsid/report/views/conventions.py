@@ -71,8 +71,8 @@ def channel_axis(name: str, unit: str) -> Axis:
     >>> channel_axis("d(qm)", "").title
     'd(qm)'
     """
-    named = None if name.startswith("d(") else re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
-    if unit or named is None:  # d(COL) is the derivative of a column
+    named = None if name.startswith(("d(", "edges(")) else re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
+    if unit or named is None:  # d(COL) is the derivative of a column, edges(COL) its pulses counted
         return Axis(capital(name_and_unit(name)[0] if unit else name), unit)
     return Axis(capital(named[1]), named[2])
 

@@ -9,7 +9,6 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from emsid.first_look.hanging import hangs
 from emsid.first_look.levels import CHANCE, FEWEST_SAMPLES, MOST, PART, UNSURE
 from emsid.first_look.measurement import outliers, resolution, sampling
 from emsid.first_look.nonlinearity import nonlinearity
-from emsid.first_look.standstill import breakaway, dead_zone, returns_to_zero
+from emsid.first_look.standstill import breakaway, dead_zone
 from emsid.first_look.step_response import step_response
 from emsid.record import Record
 from emsid.wording import sentence as worded
@@ -141,9 +140,9 @@ def answer(data: Examined) -> Iterable[Finding]:
     """Delay and sign of the response, and feedback; a constant input shows neither."""
     if not np.ptp(data.u):
         return
-    without_sign = list(_without_sign(data))
-    yield from without_sign
     response, dt = data.response, data.record.dt
+    if response.without_sign and not is_position(data.record):
+        yield Finding("output-without-sign", data.output, {"input": data.input, "confidence": 0.5})
     period = period_of(data.u)
     open_loop = repeats([data.u]) or period is not None  # a controller passes noise on, which never repeats
     back = 0.0 if open_loop or _looks_ahead(data) else feedback(data.u, data.y, response.sign)
@@ -151,8 +150,7 @@ def answer(data: Examined) -> Iterable[Finding]:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
     if response.delay is None:
-        if not without_sign:  # no linear relation is seen then
-            yield Finding("no-response", data.output, {"input": data.input})
+        yield Finding("no-response", data.output, {"input": data.input})
         return
     delay = data.delay or 0
     most = UNSURE if response.resolution > 1 or _hardly_changes(data, delay) else 0.99
@@ -182,20 +180,6 @@ def _looks_ahead(data: Examined) -> bool:
     return data.output.startswith("d(") or any(finding.code in LOOKING_AHEAD for finding in data.record.findings)
 
 
-def _without_sign(data: Examined) -> Iterable[Finding]:
-    """An output that has one sign although the input has both; a position may be on one side of its zero."""
-    if is_position(data.record):
-        return
-    positive = float(np.mean(data.u > 0.1 * np.max(np.abs(data.u))))
-    negative = float(np.mean(data.u < -0.1 * np.max(np.abs(data.u))))
-    low, high = float(data.y.min()), float(data.y.max())
-    if min(positive, negative) < 0.1 or (low < -0.03 * high and high > -0.03 * low):
-        return
-    signed, unsigned = (abs(correlation(u, data.y, data.record.breaks, 0)) for u in (data.u, np.abs(data.u)))
-    if signed < 0.3 or unsigned > signed or returns_to_zero(data.y):
-        yield Finding("output-without-sign", data.output, {"input": data.input, "confidence": 0.5})
-
-
 def motion(data: Examined) -> Iterable[Finding]:
     """Standstill, reversals, and the amplitude of the input against the dead zone; a position shows none of them."""
     if is_position(data.record):
@@ -223,14 +207,12 @@ def motion(data: Examined) -> Iterable[Finding]:
 
 
 def _is_noise(data: Examined) -> bool:
-    """Whether the output is white, and responds neither to an input that changes nor to its magnitude."""
+    """Whether the output is white, and does not respond to an input that changes."""
     if data.response.delay is not None or not np.ptp(data.u):
         return False
     pieces = np.split(data.y - data.y.mean(), list(data.record.breaks))
     test = whiteness(pieces, 0)
-    white = test is not None and test.p_value >= CHANCE
-    size = response_of(replace(data.record, input=np.abs(data.record.input))) if white else None
-    return white and (size is None or size.delay is None)
+    return test is not None and test.p_value >= CHANCE
 
 
 def drift(data: Examined) -> Iterable[Finding]:

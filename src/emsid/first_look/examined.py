@@ -36,6 +36,7 @@ class Response:
             has the sign of the response.
         resolution: samples over which means were taken to see the delay.
         integral: the evidence, in nats, that the change of the output answers, as that of a position does.
+        without_sign: whether only the size of the response is seen, as in a speed without its sign.
     """
 
     delay: int | None
@@ -43,6 +44,7 @@ class Response:
     correlation: float
     resolution: int = 1
     integral: float = 0.0
+    without_sign: bool = False
 
 
 def out_of_scale(x: Array) -> float:
@@ -69,7 +71,7 @@ def response_of(record: Record) -> Response | None:
     found = Response(None, 0, 0.0)
     if answer is not None and answer.clear >= ANSWERED:
         sign, size = 0 if answer.ambiguous else answer.sign, float(np.sqrt(1 - answer.left))
-        found = Response(answer.delay, sign, answer.sign * size, answer.scale, answer.integral)
+        found = Response(answer.delay, sign, answer.sign * size, answer.scale, answer.integral, answer.size > 0)
     return _as_modelled(found, middle(without_outliers(record), SAMPLES))
 
 

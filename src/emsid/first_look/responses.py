@@ -1,7 +1,7 @@
 r"""How much of one column another one explains: the evidence for a pair of input and output.
 
 Every column u drives a bank of simple responses: static and of first order with time constants τ over three decades,
-each also integrated, from a steady start and from rest, at several delays. Only a gain of any sign, and a drift of what
+each also integrated, from a steady start and from rest, at several delays, and their size without a sign. Only a gain of any sign, and a drift of what
 is integrated, are fitted to a column y, on half of `STRETCHES` stretches; the response on the other half, a free run,
 leaves a share λ of the variance of y. The evidence that u drives y is, in nats,
 
@@ -68,7 +68,8 @@ class Answer:
         static: whether it follows without lag or delay.
         delay: the shortest delay in rows of the responses that are as good.
         gain: of that response.
-        ambiguous: whether a response of the other sign is as good.
+        ambiguous: whether a response of the other sign is as good, or only the size of a response is seen.
+        size: the evidence, in nats, that it is the size of a response, as a speed without its sign is.
         periodic: whether the other one is periodic, so that later delays are as good.
         scale: the rows that were averaged, of which the delay is a multiple.
         clear: twice the evidence by all independent rows, where the inputs are given; from `ANSWERED` on no chance.
@@ -82,6 +83,7 @@ class Answer:
     delay: int
     gain: float
     ambiguous: bool
+    size: float
     periodic: bool
     scale: int
     clear: float
@@ -187,6 +189,7 @@ def _bank(
     run = np.searchsorted(starts, np.arange(len(u)), "right") - 1
     steady = u - u[starts][run]
     driving = {"steady": steady, "from rest": u, "square": steady * np.abs(steady)}  # a propeller answers the square
+    driving["size"] = u - (u.min() + u.max()) / 2  # an output without a sign, about the middle of the input
     if not (whole and np.any(u[starts])):
         del driving["from rest"]
     rows, kinds = [], []
@@ -199,7 +202,8 @@ def _bank(
             pole = np.exp(-1 / tau) if tau else 0.0
             pieces = np.split(v, starts[1:])
             lagged = np.concatenate([filtered([1 - pole], [1, -pole], piece) for piece in pieces])
-            for integrates in (False, True)[: 1 + (name != "square")]:
+            lagged = np.abs(lagged) if name == "size" else lagged
+            for integrates in (False, True)[: 1 + (name in ("steady", "from rest"))]:
                 if kind is not None and not (kind["driving"] == name and kind["integrates"] == integrates):
                     continue
                 x = (
@@ -282,12 +286,15 @@ def _at_scale(
             continue
         periodic = _is_periodic(y_all[:, u])
         errors, lines, gains = _left(x, y_all, edges, _drifts(kinds))
+        later, sizes = kinds["delay"] >= 0, kinds["driving"] == "size"
         for y in others:
             left, gain, said = errors[:, y], gains[:, y], kinds
+            signed, without_sign = (left[later & (sizes == each)].min(initial=1.0) for each in (False, True))
+            size = BLOCKS / 2 * log(signed / without_sign)
+            without, within = (float(left[later & (kinds["integrates"] == each)].min()) for each in (False, True))
+            left = np.where(sizes == (size > 0), left, np.inf)
             k, equal = _shortest(said, left, periodic)
             ahead = float(left.min())
-            later = kinds["delay"] >= 0
-            without, within = (float(left[later & (kinds["integrates"] == each)].min()) for each in (False, True))
             turned = equal & (said["delay"] == said["delay"][k]) & (gain * gain[k] < 0)
             if inputs is not None:  # to a row, between the delays that were tried
                 tried = np.append(np.unique(kinds["delay"]), 1 + kinds["delay"].max())
@@ -307,7 +314,8 @@ def _at_scale(
                 static=bool(said["tau"][k] == 0 == said["delay"][k]),
                 delay=int(said["delay"][k]) * scale,
                 gain=float(gain[k]),
-                ambiguous=bool(turned.any()),
+                ambiguous=bool(turned.any()) or size > 0,
+                size=size,
                 periodic=periodic,
                 scale=scale,
                 clear=log(max(float(lines[y]), best) / best) * _independent(x[first], y_all[:, y], edges),

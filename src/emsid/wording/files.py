@@ -333,8 +333,8 @@ rows-of-messages info: {subject}: the {rows:,} rows have values in some columns 
     its value until the next output
 encoder-pulses info: {subject} toggles between {low:.3g} and {high:.3g} like an encoder, {rate:.4g} times per second;
     its edges are counted as a position, {counts}
-edges-missed warning: {subject}: {missed:,} of {edges:,} edges were missed, as both channels changed in one row; such a
-    row counts as two edges in the direction before it; sample faster
+edges-missed warning: {subject}: {missed:,} of {edges:,} edges were missed, as both channels changed in one row, and
+    counted in the direction of the edge before; sample faster
 position-wraps info: {subject} starts again after {period:.10g}; {argument[wrap]} makes it continuous
 reference-column warning: {subject} looks like the reference of a controller, which makes {input} depend on {follows}
     (feedback); compare models by the free run

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -15,7 +16,7 @@ import emsid
 from emsid.exports import fmu as fmu_format
 from emsid.exports.fmi_source import STANDARDS
 from emsid.exports.fmu import base_unit
-from model_examples import DT, cascades, feedback, inputs, plants, regressions, state_spaces
+from model_examples import ALL, DT, cascades, feedback, inputs, joints, plants, regressions, state_spaces
 from test_export_c import FLAGS
 
 fmpy = pytest.importorskip("fmpy")
@@ -34,8 +35,10 @@ def exported(model: Any, folder: Path, version: str = "3.0", **options: Any) -> 
     return folder / "model.fmu"
 
 
-def stepped(file: Path, version: str, u: np.ndarray, dt: float, parts: int = 1) -> np.ndarray:
-    """The outputs (N, ny) when each input is set, the output read, and then a step made, in several parts."""
+def stepped(
+    file: Path, version: str, u: np.ndarray, dt: float, parts: int = 1, parameters: dict[str, float] | None = None
+) -> np.ndarray:
+    """The outputs (N, ny) when parameters and then each input is set, the output read, and a step made, in parts."""
     about = fmpy.read_model_description(str(file))
     folder = fmpy.extract(str(file))
     kind = fmpy.fmi3.FMU3Slave if version == "3.0" else fmpy.fmi2.FMU2Slave
@@ -43,13 +46,16 @@ def stepped(file: Path, version: str, u: np.ndarray, dt: float, parts: int = 1) 
         guid=about.guid, unzipDirectory=folder, modelIdentifier=about.coSimulation.modelIdentifier, instanceName="one"
     )
     instance.instantiate()
-    if version == "3.0":
+    three = version == "3.0"
+    put, take = (instance.setFloat64, instance.getFloat64) if three else (instance.setReal, instance.getReal)
+    references = {each.name: each.valueReference for each in about.modelVariables}
+    for name, value in (parameters or {}).items():
+        put([references[name]], [value])
+    if three:
         instance.enterInitializationMode(startTime=0.0)
-        put, take = instance.setFloat64, instance.getFloat64
     else:
         instance.setupExperiment(startTime=0.0)
         instance.enterInitializationMode()
-        put, take = instance.setReal, instance.getReal
     instance.exitInitializationMode()
     by_kind = {
         kind: [each.valueReference for each in about.modelVariables if each.causality == kind]
@@ -77,6 +83,38 @@ def test_an_importer_gets_the_trajectory_of_the_model(name: str, version: str, t
     u = np.column_stack([inputs(seed) for seed in range(emsid.start(model, dt=dt).inputs)])
     truth = model.run(model.at_rest(0.0, dt), u)[0]
     assert np.abs(stepped(file, version, u, dt) - truth).max() <= 1e-12 * truth.std()
+
+
+PLANTS = {**{name: ALL[name] for name in ("rigid motor", "elastic motor", "linear axis", "joint")}, **dict(joints())}
+
+
+@needs_gcc
+@pytest.mark.parametrize("version", ["3.0", "2.0"])
+@pytest.mark.parametrize("name", PLANTS)
+def test_parameters_of_a_plant_can_be_set(name: str, version: str, tmp_path: Path) -> None:
+    """The inertia alone, and all that can be set at once: the free run is that of the plant with these values."""
+    model, u, rng = PLANTS[name], inputs(0)[:, None], np.random.default_rng(1)
+    about = fmpy.read_model_description(str(exported(model, tmp_path, version)))
+    start = {each.name: float(each.start) for each in about.modelVariables if each.causality == "parameter"}
+    assert start == pytest.approx({each: model.plant.value(each) for each in start}, rel=1e-15)
+    inertia = "mass" if "mass" in start else "rotor_inertia"
+    usual = model.run(model.at_rest(0.0, DT), u)[0]
+    for values in ({inertia: 1.5 * start[inertia]}, {each: rng.uniform(0.7, 1.4) * start[each] for each in start}):
+        changed = replace(model, plant=model.plant.with_values(values))
+        truth = changed.run(changed.at_rest(0.0, DT), u)[0]
+        found = stepped(tmp_path / "model.fmu", version, u, DT, parameters=values)
+        assert np.abs(found - truth).max() <= 1e-12 * truth.std()
+        if inertia == "mass" or not model.plant.follows:
+            assert np.abs(usual - truth).max() > 0.01 * truth.std()
+
+
+@needs_gcc
+def test_a_parameter_is_within_its_bounds_and_is_set_before_the_first_step(tmp_path: Path) -> None:
+    file = exported(ALL["rigid motor"], tmp_path)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        stepped(file, "3.0", np.zeros((1, 1)), DT, parameters={"resistance": 0.0})
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        stepped(file, "3.0", np.zeros((1, 1)), DT, parameters={"y": 1.0})
 
 
 @needs_gcc

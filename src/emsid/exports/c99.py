@@ -76,7 +76,7 @@ def c99(export: Export) -> tuple[Files, list[str]]:
     if export.dt is None:
         raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
     single = switched(export, "single")
-    form = c_form_of(export.model, dt=export.dt, single=single)
+    form = c_form_of(export.model, dt=export.dt, single=single, parameters=tuple(export.options.get("settable", ())))
     latency = int(export.model.latency)
     files: Files = {
         f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
@@ -95,6 +95,11 @@ def header(name: str, form: CForm, dt: float, latency: int, *, single: bool) -> 
     """The header: types, sizes and two functions."""
     guard = f"{name.upper()}_H"
     arrays = "\n".join(f"    {name}_real {array}[{len(values)}];" for array, values in form.state if len(values))
+    setter = ""
+    if form.parameters:
+        names = ", ".join(each for each, _ in form.parameters)
+        arguments = f"({name}_state *state, const {name}_real p[])"
+        setter = f"/* Set the parameters: {names}. */\nvoid {name}_set{arguments};\n\n"
     return f"""\
 /* Made by emsid. Sample time {dt!r} s. */
 #ifndef {guard}
@@ -117,7 +122,7 @@ typedef struct {{
 /* The steady state for an input of zero. */
 void {name}_init({name}_state *state);
 
-/* One sample: the outputs for its inputs, and the state after it. */
+{setter}/* One sample: the outputs for its inputs, and the state after it. */
 void {name}_step({name}_state *state, const {name}_real u[], {name}_real y[]);
 
 #ifdef __cplusplus
@@ -130,7 +135,7 @@ void {name}_step({name}_state *state, const {name}_real u[], {name}_real y[]);
 
 def source(name: str, form: CForm, *, single: bool) -> str:
     """The source: constants, helpers, and two functions."""
-    text = form.functions + form.step
+    text = form.functions + form.step + form.setting
     macros, helpers = macros_of(text, single=single), helpers_of(text)
     tables = "\n".join(table(array, values) for array, values in form.constants if array in text)
     initial = ", ".join(f"{{{', '.join(map(number, values.tolist()))}}}" for _, values in form.state if len(values))
@@ -143,6 +148,7 @@ def source(name: str, form: CForm, *, single: bool) -> str:
         form.functions,
         f"void {name}_init({name}_state *state)\n{{\n    static const {name}_state initial = "
         f"{{{initial or '{K(0.0)}'}}};\n    *state = initial;\n}}\n",
+        form.setting and f"void {name}_set({name}_state *s, const real p[])\n{{\n{form.setting}}}\n",
         f"void {name}_step({name}_state *s, const real u[], real y[])\n{{\n{form.step}}}\n",
     ]
     return "\n".join(part for part in parts if part)

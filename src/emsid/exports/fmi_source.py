@@ -12,7 +12,7 @@ types of C that they stand for.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from emsid.exports.formats import Export
 
@@ -35,6 +35,7 @@ typedef struct {
     MODEL_state model; /* before the present sample */
     double u[INPUTS];  /* as it was set */
     double held[INPUTS]; /* of the present sample, once it has begun */
+    double p[PARAMETERS + 1];
     double start;
     double time;
     double sample; /* number of the present sample */
@@ -47,7 +48,10 @@ typedef struct {
     void *environment;
 } Instance;
 
+/* The parameters first. */
 static const double constants[CONSTANTS + 1] = {VALUES};
+static const double low[PARAMETERS + 1] = {LOW};
+static const double high[PARAMETERS + 1] = {HIGH};
 
 static int complain(const Instance *it, const char *text)
 {
@@ -61,6 +65,7 @@ static void restart(Moment *now)
 {
     static const Moment empty;
     *now = empty;
+    memcpy(now->p, constants, PARAMETERS * sizeof *constants);
     MODEL_init(&now->model);
 }
 
@@ -94,6 +99,8 @@ static int get(const Instance *it, const unsigned int references[], size_t count
             values[k] = it->now.u[one - 1];
         } else if (one <= INPUTS + OUTPUTS) {
             values[k] = y[one - INPUTS - 1];
+        } else if (one <= INPUTS + OUTPUTS + PARAMETERS) {
+            values[k] = it->now.p[one - INPUTS - OUTPUTS - 1];
         } else if (one <= INPUTS + OUTPUTS + CONSTANTS) {
             values[k] = constants[one - INPUTS - OUTPUTS - 1];
         } else {
@@ -105,12 +112,20 @@ static int get(const Instance *it, const unsigned int references[], size_t count
 
 static int set(Instance *it, const unsigned int references[], size_t count, const double values[])
 {
+    const size_t parameters = PARAMETERS;
     size_t k;
     for (k = 0; k < count; ++k) {
-        if (references[k] < 1 || references[k] > INPUTS) {
-            return complain(it, "only inputs can be set");
+        const unsigned int one = references[k], place = one - INPUTS - OUTPUTS - 1;
+        if (one >= 1 && one <= INPUTS) {
+            it->now.u[one - 1] = values[k];
+        } else if (one <= INPUTS + OUTPUTS || place >= parameters) {
+            return complain(it, "only inputs and parameters can be set");
+        } else if (it->now.begun || !(values[k] >= low[place] && values[k] <= high[place])) {
+            return complain(it, "a parameter is within its bounds and is set before the first step");
+        } else {
+            it->now.p[place] = values[k];
+            SET;
         }
-        it->now.u[references[k] - 1] = values[k];
     }
     return OK;
 }
@@ -361,14 +376,17 @@ STANDARDS = {"3.0": FMI3, "2.0": FMI2}
 """The functions of each version of the standard."""
 
 
-def fmi_source(export: Export, version: str, token: str, values: list[float]) -> str:
+def fmi_source(
+    export: Export, version: str, token: str, values: Sequence[float], bounds: Sequence[tuple[float, float]]
+) -> str:
     """The C source of an FMU beside that of its model.
 
     Args:
         export: the model, its name and its sample time.
         version: of the standard, a key of `STANDARDS`.
         token: that the importer must give.
-        values: of the constant variables.
+        values: of the parameters and the constant variables.
+        bounds: of the parameters.
     """
     name, upper = export.name, export.name.upper()
     logger, log = LOGGERS[version]
@@ -377,7 +395,11 @@ def fmi_source(export: Export, version: str, token: str, values: list[float]) ->
         "INPUTS": f"{upper}_INPUTS",
         "OUTPUTS": f"{upper}_OUTPUTS",
         "CONSTANTS": f"{len(values)}u",
-        "VALUES": ", ".join([*map(repr, values), "0.0"]),
+        "PARAMETERS": f"{len(bounds)}u",
+        "LOW": _listed(low for low, _ in bounds),
+        "HIGH": _listed(high for _, high in bounds),
+        "SET": f"{name}_set(&it->now.model, it->now.p)" if bounds else "(void)it",
+        "VALUES": _listed(values),
         "TOKEN": f'"{token}"',
         "STEP": repr(export.dt),
         "SLACK": repr(1e-6 * (export.dt or 1.0)),  # of times that are sums of steps
@@ -387,7 +409,7 @@ def fmi_source(export: Export, version: str, token: str, values: list[float]) ->
     def put(found: re.Match[str]) -> str:
         return words[found[0]]
 
-    core = re.sub(r"\bMODEL(?=_)|\b(?:IN|OUT)PUTS\b|\b(?:CONSTANTS|VALUES|TOKEN|STEP|SLACK|LOG)\b", put, CORE)
+    core = re.sub(rf"\bMODEL(?=_)|\b(?:{'|'.join([*words][1:])})\b", put, CORE)
     prefix = f"FMI{version[0]}_FUNCTION_PREFIX"
     byte = "uint8_t" if version == "3.0" else "char"
     functions = "\n".join(_function(*each).replace("BYTE", byte) for each in STANDARDS[version])
@@ -397,6 +419,11 @@ def fmi_source(export: Export, version: str, token: str, values: list[float]) ->
         f'#include <stddef.h>\n#include <stdint.h>\n#include <stdlib.h>\n#include <string.h>\n\n#include "{name}.h"\n\n'
         f"#ifdef {prefix}\n#define PREFIX {prefix}\n#else\n#define PREFIX\n#endif\n\n{logger}\n\n{core}\n{functions}"
     )
+
+
+def _listed(values: Iterable[float]) -> str:
+    """The elements of an array in C, which has at least one."""
+    return ", ".join([*(repr(value).replace("inf", "HUGE_VAL") for value in values), "0.0"])
 
 
 def _function(head: str, arguments: str, body: str | None) -> str:

@@ -1,8 +1,9 @@
 """A model as an FMU for co-simulation, after FMI 3.0 or 2.0.
 
 ``NAME.fmu`` is an archive of the description in XML, the C sources, and a binary for Linux and for Windows where a C
-compiler for it is present. Inputs and outputs have the names and units of the record; the parameters of a fit are
-constants with their values. The step of an importer may have any length: the model passes its own samples.
+compiler for it is present. Inputs and outputs have the names and units of the record. The parameters of a plant can be
+set before the first step, with the fitted values as start; those that the state at rest depends on, and the parameters
+of other models, are constants. The step of an importer may have any length: the model passes its own samples.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from io import BytesIO
+from math import inf, isfinite
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
@@ -24,7 +26,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 import numpy as np
 
 from emsid.errors import ModelError, listed
-from emsid.estimation.estimates import Status
+from emsid.estimation.estimates import Estimate, Status
 from emsid.exports.assumptions import assumed
 from emsid.exports.c99 import c99
 from emsid.exports.fmi_source import fmi_source
@@ -63,9 +65,10 @@ class Variable(NamedTuple):
 
     Attributes:
         name, unit: of the record or the parameter; the unit is empty where there is none.
-        kind: ``input``, ``output`` or ``constant``.
+        kind: ``input``, ``output``, ``parameter`` or ``constant``.
         value: the start value; None for an output.
         text: what it is.
+        bounds: between which a parameter can be set.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Variable(NamedTuple):
     kind: str
     value: float | None = None
     text: str = ""
+    bounds: tuple[float, float] = (-inf, inf)
 
 
 def fmu(export: Export) -> tuple[Files, list[str]]:
@@ -86,11 +90,14 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
     if asked not in VERSIONS:
         raise ModelError(f"there is no version {asked!r} of FMI; give 3.0 or 2.0", arguments=("option",))
     version = VERSIONS[asked]
-    sources, notes = c99(Export(export.model, export.fit, export.name, export.dt))
+    plant: Any = getattr(export.model, "plant", None)
+    asked_for = plant.handles if export.fit is None and plant is not None else [row.name for row in shown(export)]
+    sources, notes = c99(Export(export.model, export.fit, export.name, export.dt, {"settable": tuple(asked_for)}))
     found = variables(export, str(sources[f"{export.name}.h"]))
     token = "{" + str(uuid5(NAMESPACE_OID, "".join(map(str, sources.values())) + repr(found) + version)) + "}"
-    values = [each.value for each in found if each.kind == "constant" and each.value is not None]
-    sources["fmi.c"] = fmi_source(export, version, token, values)
+    values = [each.value for each in found if each.kind in ("parameter", "constant") and each.value is not None]
+    bounds = [each.bounds for each in found if each.kind == "parameter"]
+    sources["fmi.c"] = fmi_source(export, version, token, values, bounds)
     content: Files = {"modelDescription.xml": description(export, version, token, found)}
     content |= {f"sources/{name}": text for name, text in sources.items()}
     if version == "3.0":
@@ -109,6 +116,9 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
         notes.append("There is no binary, as there is no C compiler for Linux here: the importer compiles the sources.")
     if direct(export):
         notes.append("The output follows the input of the same time: set the input before the output is read.")
+    fixed = [each.name for each in found if each.kind == "constant"]
+    if bounds and fixed:
+        notes.append(f"Constants that cannot be set: {listed(fixed)}.")
     notes.append("Before the first sample the input is zero, whatever its start value.")
     return {f"{export.name}.fmu": archive(content)}, notes
 
@@ -118,6 +128,12 @@ def direct(export: Export) -> bool:
     stepper = start(export.model, dt=export.dt)
     ends = [export.model.run(stepper.state, np.full((1, stepper.inputs), level))[0] for level in (0.0, 1.0, -1.0)]
     return not (np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2]))
+
+
+def shown(export: Export) -> list[Estimate]:
+    """The parameters of a fit without those that the data do not show."""
+    rows = () if export.fit is None else export.fit.parameters.values()
+    return [row for row in rows if not (row.status is Status.KEPT and row.value == 0)]
 
 
 def variables(export: Export, header: str) -> list[Variable]:
@@ -132,15 +148,23 @@ def variables(export: Export, header: str) -> list[Variable]:
             name, unit = pairs[k] if len(pairs) == count else (f"{letter}{k + 1}" if count > 1 else letter, "")
             found.append(Variable(name, unit, kind, 0.0 if kind == "input" else None))
     unknown = {row.name for row in assumed(export.fit)}
-    for row in export.fit.parameters.values() if export.fit is not None else ():
-        if row.status is Status.KEPT and row.value == 0:
-            continue  # the data do not show it, so it is left out
-        text = "" if row.interval is None else "95 % interval {:.4g} to {:.4g}".format(*row.interval)
-        if row.name in unknown:
-            text = "assumed, not measured"
-        elif unknown.intersection(row.given):
-            text = ", ".join([text] * bool(text) + [f"given {listed(row.given)}"])
-        found.append(Variable(row.name, row.unit, "constant", float(row.value), text))
+    settable = re.findall(r"Set the parameters: (.*)\. \*/", header)
+    rows = {row.name: row for row in shown(export)}
+    handles = getattr(getattr(export.model, "plant", None), "handles", {})
+    parameters = settable[0].split(", ") if settable else []
+    for name in [*parameters, *(name for name in rows if name not in parameters)]:
+        row, text, unit = rows.get(name), "", handles[name].parameter.unit if name in handles else ""
+        if row is not None:
+            text = "" if row.interval is None else "95 % interval {:.4g} to {:.4g}".format(*row.interval)
+            if name in unknown:
+                text = "assumed, not measured"
+            elif unknown.intersection(row.given):
+                text = ", ".join([text] * bool(text) + [f"given {listed(row.given)}"])
+        if name in parameters:
+            value, bounds = float(export.model.plant.value(name)), (handles[name].lower, handles[name].upper)  # type: ignore[attr-defined]
+            found.append(Variable(name, unit, "parameter", value, text, bounds))
+        elif row is not None:
+            found.append(Variable(name, row.unit, "constant", float(row.value), text))
     names = {"time"}
     for k, variable in enumerate(found):
         for text in (variable.name, variable.unit):
@@ -226,11 +250,12 @@ def description(export: Export, version: str, token: str, found: list[Variable])
 
 def _attributes(k: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
     """The attributes of a variable, and those of its type."""
-    constant = variable.kind == "constant"
-    whole = {"name": variable.name, "valueReference": str(k), "causality": "local" if constant else variable.kind}
-    whole |= {"variability": "constant" if constant else "continuous"}
+    causality = "local" if variable.kind == "constant" else variable.kind
+    whole = {"name": variable.name, "valueReference": str(k), "causality": causality}
+    whole |= {"variability": {"constant": "constant", "parameter": "fixed"}.get(variable.kind, "continuous")}
     whole |= {"description": variable.text} if variable.text else {}
     typed = {"unit": plain_unit(variable.unit)} if plain_unit(variable.unit) else {}
+    typed |= {name: repr(end) for name, end in zip(("min", "max"), variable.bounds, strict=True) if isfinite(end)}
     return whole, typed | ({} if variable.value is None else {"start": repr(variable.value)})
 
 

@@ -29,6 +29,8 @@ class CForm:
         functions: definitions that the step uses.
         step: statements of one step.
         notes: what the form does not carry, in sentences.
+        parameters: name and value of those that can be set, in order.
+        setting: statements that put values ``p`` of them into the state.
     """
 
     inputs: int
@@ -38,6 +40,8 @@ class CForm:
     constants: tuple[tuple[str, NDArray[Any]], ...] = ()
     functions: str = ""
     notes: tuple[str, ...] = ()
+    parameters: tuple[tuple[str, float], ...] = ()
+    setting: str = ""
 
 
 def number(value: float) -> str:

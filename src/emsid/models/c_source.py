@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.c_form import number
+from emsid.models.traced import Traced, text_of
 
 REAL, INT = "real", "int"
 DECLARED = {"float": (REAL,), "int": (INT,), "bool": (INT,), "None": ()}
@@ -106,7 +107,7 @@ class _Refused(Exception):
 
 
 def is_known(value: Any) -> bool:
-    """Whether a value does not depend on C."""
+    """Whether a value does not depend on C; an array of `Traced` counts as known until an element is taken."""
     return all(map(is_known, value)) if isinstance(value, tuple) else not _in_c(value)
 
 
@@ -120,6 +121,8 @@ def _tuple_of(value: Any, parts: Iterable[Any]) -> Any:
 
 def as_text(value: Any, kind: str | None = None) -> str:
     """A number of a kind in C; by default of its own."""
+    if type(value) is Traced:
+        raise _Refused(f"{value} is computed from parameters")
     if isinstance(value, Text):
         return f"(real){value.text}" if kind == REAL and value.kind == INT else value.text
     if (kind or kind_of(value)) == REAL:
@@ -147,17 +150,23 @@ def bare(text: str) -> str:
 class Writer:
     """Functions in C, and the tables that they read, collected from calls of kernels.
 
+    Where known numbers are `Traced`, they are elements of an array, which every function takes as ``numbers``.
+
     Attributes:
         tables: by name.
+        traced: the elements of ``numbers``.
     """
 
-    def __init__(self, numbers: Mapping[str, float] | None = None) -> None:
+    def __init__(self, numbers: Mapping[str, float] | None = None, *, traces: bool = False) -> None:
         """
         Args:
             numbers: in place of constants of modules, by name.
+            traces: whether known numbers may be `Traced`.
         """
-        self.numbers = numbers or {}
+        self.numbers, self.traces = numbers or {}, traces
         self.tables: dict[str, NDArray[Any]] = {}
+        self.traced: list[Any] = []
+        self._places: dict[Any, int] = {}
         self._names: dict[Any, str] = {}
         self._written: dict[Any, _Function] = {}
         self._taken: Counter[str] = Counter()
@@ -182,12 +191,30 @@ class Writer:
 
     def table(self, values: NDArray[Any], hint: str) -> View:
         """A table of known numbers."""
+        if values.dtype == object:
+            return View("numbers", values.shape, offset=self._place(values.ravel().tolist()), constant=True)
         key = known_key(values)
         if key not in self._names:
             self._names[key] = self.free(f"table_{hint.strip('_')}")
             whole = values.dtype.kind in "biu"
             self.tables[self._names[key]] = values.ravel().astype(np.int64 if whole else float)
         return View(self._names[key], values.shape, INT if values.dtype.kind in "biu" else REAL, constant=True)
+
+    def _place(self, values: Sequence[Any]) -> int:
+        """Where ``numbers`` has these values, one after the other."""
+        texts = tuple(map(text_of, values))
+        if texts not in self._places:
+            self._places[texts] = len(self.traced)
+            self.traced += values
+        return self._places[texts]
+
+    def lifted(self, value: Any) -> Any:
+        """A value as it is in C where it is `Traced`, or a tuple with such numbers."""
+        if not self.traces:
+            return value
+        if type(value) is Traced:
+            return Text(REAL, f"numbers[{self._place([value])}]")
+        return _tuple_of(value, map(self.lifted, value)) if isinstance(value, tuple) else value
 
     def free(self, name: str) -> str:
         """A name that nothing else has."""
@@ -300,7 +327,7 @@ class _Function:
 
     def _assemble(self, parameters: list[tuple[str, str]]) -> None:
         """Put declarations before the statements."""
-        parameters = parameters + [
+        parameters = [*[("const real *", "numbers")] * self.writer.traces, *parameters] + [
             (f"{kind} *", f"result_{k}") for k, kind in enumerate(self.returned) if len(self.returned) > 1
         ]
         body = "\n".join(self.lines)
@@ -559,6 +586,9 @@ class _Function:
 
     def of(self, e: ast.expr, target: ast.expr | None = None) -> Any:
         """The value of an expression: known, or in C."""
+        return self.writer.lifted(self._of(e, target))
+
+    def _of(self, e: ast.expr, target: ast.expr | None) -> Any:
         match e:
             case ast.Constant(value):
                 return value
@@ -776,6 +806,8 @@ class _Function:
             formal.append(one[0])
             key.append(one[1])
             actual += one[2]
+        if self.writer.traces:
+            actual = ["numbers", *actual]
         made = self.writer.function(kernel, formal, tuple(key))
         self.called.add(made.name)
         made.is_first |= not self.name
@@ -787,6 +819,8 @@ class _Function:
 
     def _split(self, value: Any, changed: bool) -> tuple[Any, Any, list[str]]:
         """What a parameter is in the function that is called, what tells it from others, and what is given in C."""
+        if type(value) is Traced:
+            value = self.writer.lifted(value)
         if isinstance(value, tuple) and not is_known(value):
             parts = [self._split(each, changed=False) for each in value]
             formal = _tuple_of(value, (part[0] for part in parts))

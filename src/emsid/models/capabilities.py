@@ -107,7 +107,7 @@ class Capabilities(Generic[M]):
         """The model sample by sample, from a state."""
         return PlainStepper(model, state, inputs)  # type: ignore[arg-type]
 
-    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         """The form in C of a model that is not a `PlainStepper`.
 
         Raises:

@@ -59,7 +59,7 @@ class Constants(NamedTuple):
 
 def flattened(m: Constants) -> Array:
     """The constants in one array, which a compiled function takes from Python in less time than all."""
-    flat: Array = np.concatenate([[m.friction.shape[2]], *(np.ravel(each) for each in m)]).astype(float)
+    flat: Array = np.concatenate([[m.friction.shape[2]], *(np.ravel(each) for each in m)])
     return flat
 
 
@@ -106,7 +106,8 @@ def constants(motor: Motor, extra: Extra = NOTHING) -> Constants:
     if motor.is_rigid:
         breakaway[0] += breakaway[1]
         holds[0] |= holds[1]
-    friction = np.zeros((2, 2, max(law.numbers.shape[1] for law in laws)))
+    kind = np.result_type(*(law.numbers for law in laws))
+    friction = np.zeros((2, 2, max(law.numbers.shape[1] for law in laws)), kind)
     for body, law in enumerate(laws):
         friction[body, :, : law.numbers.shape[1]] = law.numbers
     zone = motor.torque_dead_zone
@@ -120,7 +121,7 @@ def constants(motor: Motor, extra: Extra = NOTHING) -> Constants:
         stiffness,
         0.0 if motor.is_rigid else motor.shaft_damping,
         0.0 if motor.is_rigid else 0.5 * motor.shaft_backlash,
-        float(extra.quadratic),
+        1.0 * extra.quadratic,
         motor.is_rigid,
         curved,
         holds,

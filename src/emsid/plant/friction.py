@@ -167,7 +167,7 @@ class FrictionLaw(ABC):
     def _against(self, speed: float, side: int) -> float:
         """The torque against the motion in N·m, without load."""
         level = type(self).level
-        return float(level(speed, self.numbers, side, *(0.0, 0.0) * sees_load(level)))
+        return float(level(speed, self.numbers.astype(float), side, *(0.0, 0.0) * sees_load(level)))
 
     @property
     def symmetric(self) -> bool:
@@ -324,7 +324,7 @@ def _pair(name: str, value: object) -> tuple[float, float]:
     pair = tuple(value) if isinstance(value, (tuple, list)) else (value, value)
     if len(pair) != 2 or not all(isinstance(v, (int, float, np.number)) for v in pair):
         raise ModelError(f"friction {name} is {value!r}; give a number or a pair (forward, backward)")
-    forward, backward = (float(v) for v in pair)
+    forward, backward = (v if isinstance(v, float) else float(v) for v in pair)
     if not (isfinite(forward) and isfinite(backward) and min(forward, backward) >= 0):
         raise ModelError(f"friction {name} is {value!r}; it cannot be negative and must be finite")
     return forward, backward

@@ -156,7 +156,7 @@ class Motor:
                 if not (isinstance(value, kind) or (value is None and kind is DeadZoneLaw)):
                     raise ModelError(f"motor {part.name} is {value!r}; give a {_CALLED[kind]}")
                 continue
-            if type(value) is float and 0.0 < value < inf:  # as in every free run of a search
+            if isinstance(value, float) and 0.0 < value < inf:  # as in every free run of a search
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or isnan(value):
                 raise ModelError(f"motor {part.name} is {value!r}; give a number in {part.metadata['unit']}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -41,7 +41,7 @@ class OfFeedbackModels(Capabilities[FeedbackModel]):
     def stepper(self, model: FeedbackModel, state: Any, inputs: int) -> Stepper:
         return FeedbackStepper.of(model, state)
 
-    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper)
 
     def linear_part(self, model: FeedbackModel, at: float) -> LinearSystem:

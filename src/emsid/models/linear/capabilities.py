@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, ClassVar, TypeVar
 
@@ -39,7 +39,7 @@ class OfLinearModels(Capabilities[L]):
     def stepper(self, model: L, state: Any, inputs: int) -> Stepper:
         return LinearStepper(model, state)
 
-    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper)
 
     def frequency_response(self, model: L, f: Array, dt: float, output: int, input: int, around: float) -> Complex:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -60,8 +60,8 @@ class OfPlants(Capabilities[GreyBox]):
     def stepper(self, model: GreyBox, state: Any, inputs: int) -> Stepper:
         return PlantStepper.of(model, state, inputs)
 
-    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
-        return c_form(stepper, single=single)
+    def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
+        return c_form(stepper, single=single, parameters=parameters)
 
     def linear_part(self, model: GreyBox, at: float) -> LinearSystem:
         """In motion, without friction that is constant and states that no output depends on."""

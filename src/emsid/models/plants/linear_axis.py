@@ -178,8 +178,8 @@ class LinearAxis(DrivenPlant):
         if self.drive.loaded:
             return None
         outer, mass = Outer.of(self.drive, self.sensor, state, signals), self._as_one_mass(np.zeros(1), np.ones(1))
-        zone, load = Inside.numbers_of(self.dead_zone), float(self.offset)
-        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, float(self.mass), 1.0, 0.0)
+        zone, load = Inside.numbers_of(self.dead_zone), 1.0 * self.offset
+        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, 1.0 * self.mass, 1.0, 0.0)
         return OneMassSampler(outer, inside, mass.law, mass.friction, self.steps, state)
 
     @property

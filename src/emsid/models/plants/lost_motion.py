@@ -133,7 +133,7 @@ def apart(plant: Any, inside: Any) -> tuple[Apart, Sliding]:
         inside: what is between the drive and both bodies together.
     """
     ends = [_bodies(plant, np.full(1, level), np.full(1, level)) for level in (0.0, 1.0)]
-    zero, one = (np.array([float(body.force[0]) for body in bodies]) for bodies in ends)
+    zero, one = (np.array([body.force[0] for body in bodies]) for bodies in ends)
     masses, friction = np.array([body.mass for body in ends[0]]), Sliding.of_all([body.friction for body in ends[0]])
     drive = inside.zone, inside.before, inside.after, inside.braking, inside.per_ampere, 0.0, inside.drop
     return Apart(*drive, masses, one - zero, zero, _half(plant)), friction
@@ -141,7 +141,8 @@ def apart(plant: Any, inside: Any) -> tuple[Apart, Sliding]:
 
 def _half(plant: Any) -> float:
     """β on the side of the motor."""
-    return float(0.5 * plant.backlash * abs(plant.sensor.ratio))
+    half: float = 0.5 * plant.backlash * abs(plant.sensor.ratio)
+    return half
 
 
 def _bodies(plant: Any, torque: Array, braking: Array) -> list[OneMass]:

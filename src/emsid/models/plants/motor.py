@@ -316,7 +316,7 @@ class MotorPlant(DrivenPlant):
         mass = self._sliding(np.zeros(1), np.zeros(1))
         load = 0.0 if self.follows else self.load_torque  # a servo has it after its controller
         numbers = (before, after, slope * k if volts else 0.0, 0.0, load, mass.mass, k, mass.lag, self._force_dropped)
-        inside = Inside(zone, *map(float, numbers))
+        inside = Inside(zone, *(1.0 * each for each in numbers))
         both = apart(self, inside) if self.backlash else (inside, mass.friction)
         return OneMassSampler(outer, both[0], mass.law, both[1], self.steps, state)
 

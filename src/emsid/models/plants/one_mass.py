@@ -121,7 +121,7 @@ class Sliding(NamedTuple):
         """A law, viscous friction (forward, backward), quadratic friction, cogging, a load, a servo and a drop."""
         varies = law.varies | bool(quadratic > 0 or len(waves) or drop > 0)
         numbers = law.numbers, np.array(law.breakaway), varies, np.array(viscous)
-        return cls(*numbers, float(quadratic), waves, float(load), float(drop), servo)
+        return cls(*numbers, 1.0 * quadratic, waves, 1.0 * load, 1.0 * drop, servo)
 
     @classmethod
     def of_all(cls, plants: Sequence[Sliding]) -> Sliding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -52,7 +53,7 @@ class OfRegressions(Capabilities[Narx]):
     def stepper(self, model: Narx, state: Any, inputs: int) -> Stepper:
         return RegressionStepper(model, state)
 
-    def c_form(self, stepper: Any, *, single: bool = False) -> CForm:
+    def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper)
 
     def linear_part(self, model: Narx, at: float) -> LinearSystem:

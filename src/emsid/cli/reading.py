@@ -102,6 +102,7 @@ class Reader:
         """
         if self.given.get("input") or self.given.get("output") or not files:
             return self, files
+        import emsid.first_look.hypotheses  # once, for the fork and for what follows
         from emsid.cli.second_process import meanwhile
         from emsid.cli.terminal import warn
 

@@ -220,13 +220,17 @@ class Options:
         return vars(self) | {"hold": getattr(self.hold, "value", None)}
 
     def estimate(
-        self, structure: Structure, records: Record | Sequence[Record], history: bool = False
+        self,
+        structure: Structure,
+        records: Record | Sequence[Record],
+        history: bool = False,
+        each_block: Callable[[], object] | None = None,
     ) -> Fit[RegressionModel]:
-        """Fit a structure with these options."""
+        """Fit a structure with these options; see `least_squares` for all rows of a file larger than memory."""
         from emsid.estimation.linear import least_squares, recursive
 
         if self.forgetting is None:
-            return least_squares.least_squares(structure, records, ridge=self.ridge)
+            return least_squares.least_squares(structure, records, ridge=self.ridge, each_block=each_block)
         return recursive.recursive_least_squares(structure, records, forgetting=self.forgetting, history=history)
 
 

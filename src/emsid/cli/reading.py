@@ -39,12 +39,13 @@ class Reader:
     recalled_units: frozenset[str] = frozenset()
     recalled_from: frozenset[str] = frozenset()
 
-    def __call__(self, path: Path) -> "Record":
-        """Read a file; another sample time stated in it is a finding of the record."""
+    def __call__(self, path: Path, *, in_part: bool = False) -> "Record":
+        """Read a file, of a very large one an excerpt if that is enough; another sample time stated in it is a finding
+        of the record."""
         from emsid.first_look.clock import contradiction, stated_clock
         from emsid.io import ParsedFile, read, read_columns
 
-        parsed = ParsedFile(path, read_columns(path))
+        parsed = ParsedFile(path, read_columns(path, in_part=in_part))
         given = self.for_columns(parsed.columns)
         if self.recalled_dt and (other := self._by_its_clock(parsed, given)) is not None:
             return other
@@ -56,12 +57,16 @@ class Reader:
         )
 
     def together(self, paths: Sequence[Path]) -> "list[Record]":
-        """The records of several files; resampled ones have a common step."""
+        """The records of several files, or excerpts of very large ones; resampled ones have a common step."""
         from emsid.io.reading import common_step
 
-        records = [self(path) for path in paths]
+        records = [self(path, in_part=True) for path in paths]
         step = common_step(records, self.given)
-        return records if step is None else [replace(self, given={**self.given, "dt": step})(path) for path in paths]
+        return (
+            records
+            if step is None
+            else [replace(self, given={**self.given, "dt": step})(path, in_part=True) for path in paths]
+        )
 
     def for_columns(self, columns: "Columns") -> dict[str, Any]:
         """The arguments for a file, without recalled units of columns whose header in it gives one."""
@@ -102,7 +107,6 @@ class Reader:
         """
         if self.given.get("input") or self.given.get("output") or not files:
             return self, files
-        import emsid.first_look.hypotheses  # once, for the fork and for what follows
         from emsid.cli.second_process import meanwhile
         from emsid.cli.terminal import warn
 

@@ -169,7 +169,7 @@ def _evidence(column: Column, columns: Sequence[Column], place: int, stated: Clo
     if unnamed:
         others = [x for x in columns if x is not column and x.meaning.quantity is not ColumnQuantity.TIME]
         smooth = (1 - even) * _alike(steps[1:], steps[:-1])
-        of_others = [_follows(x.values[rows], values) for x in others if len(x.values) == column.rows]
+        of_others = [_follows(x.values[rows], values) for x in others if len(x.values) == len(column.values)]
         reasons["its steps follow each other or another column, as those of a position do"] = -8 * max(
             [smooth, *of_others]
         )
@@ -215,7 +215,9 @@ def _of_column(column: Column, confidence: float, stated: Clock | None) -> Clock
     rows = running_rows(column.values)
     values = counted_on(column.values[rows])
     resets = clock_resets(values)
-    steps = np.delete(np.diff(values), resets - 1)
+    first = 0 if rows.start is None else rows.start
+    edges = np.union1d(resets, [each - first for each in column.breaks if first < each < first + len(values)])
+    steps = np.delete(np.diff(values), edges.astype(int) - 1)
     steps = steps[np.isfinite(steps)]
     forward = steps[steps > 0]
     if not len(forward):

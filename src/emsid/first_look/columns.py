@@ -76,7 +76,9 @@ class Column:
         stuck: stretches without change in which the value may be stuck: the longest one, if it is unusually long, and
             the longest ones at 0, where a drive rests too.
         period: after which a position starts again; None where it does not.
-        values: (N,) its numbers, NaN where there is none; of a position with a period continuous.
+        values: (N,) its numbers, NaN where there is none; of a position with a period continuous. Of a file larger than
+            memory they are an excerpt, and ``rows``, ``missing`` and the range are those of the file.
+        breaks: the first row of every further stretch of an excerpt.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Column:
     stuck: tuple[Stretch, ...] = ()
     period: float | None = None
     values: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    breaks: tuple[int, ...] = ()
 
     @property
     def constant(self) -> bool:

@@ -32,7 +32,7 @@ def without_faults(record: Record) -> Record:
     if not findings or len(record) - np.count_nonzero(out) < FEWEST_SAMPLES:
         return record
     left = record.mask(out)
-    return replace(left, findings=(*left.findings, *findings))
+    return replace(left, findings=(*left.findings, *findings), excerpt_of=())
 
 
 def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:

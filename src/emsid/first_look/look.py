@@ -38,7 +38,7 @@ from emsid.first_look.standstill import returns_to_zero
 from emsid.first_look.stuck_output import is_stuck
 from emsid.first_look.vocabulary import meaning_of
 from emsid.io.clocks import on_one_clock
-from emsid.io.columns import Columns, as_numbers, errors_of
+from emsid.io.columns import Columns, Excerpt, as_numbers, errors_of
 from emsid.io.edges import sources, with_edges
 from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
@@ -97,6 +97,7 @@ class FirstLook(Presented):
         system: number of the system that it is of, among files that are looked at together.
         kind: what the file is.
         copy_of: an earlier one of these files that has the same samples; empty where there is none.
+        looked_at: the rows of an excerpt that this is a look at; 0 for a look at the whole file.
     """
 
     path: str
@@ -116,6 +117,7 @@ class FirstLook(Presented):
     system: int = 0
     kind: Kind = field(default_factory=lambda: Kind(FileKind.DYNAMIC))
     copy_of: str = ""
+    looked_at: int = 0
 
     @property
     def name(self) -> str:
@@ -153,7 +155,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         FormatError: where the file cannot be read at all.
         DataError: where an argument that is given cannot be used.
     """
-    parsed = parsed_file(path)
+    parsed = parsed_file(path, in_part=True)
     file = parsed.path
     with errors_of(file):
         named = [name for side in ("input", "output") for name in as_names(reading.get(side) or ())]
@@ -167,6 +169,8 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     raw = _on_one_clock(raw, reading.get("time") or "")
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = {name: _column(name, raw) for name in raw.series}
+    looked_at = 0 if raw.excerpt is None else rows
+    rows = rows if raw.excerpt is None else raw.excerpt.rows
     counted = {channel for name in columns for channel in sources(name, raw)}
     table = [column for column in columns.values() if column.rows == rows and column.name not in counted]
     stated = stated_clock(raw, file.name)
@@ -196,6 +200,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         tolerance=tolerance,
         header=tuple(raw.preamble),
         stated=stated,
+        looked_at=looked_at,
     )
     if "dt" in reading:
         clock = replace(clock, confidence=1.0)
@@ -245,7 +250,7 @@ def _completed(given: Mapping[str, Any], proposal: Mapping[str, Any]) -> dict[st
 def _by_messages(raw: Columns, name: str, time: str) -> Columns:
     """The columns at the times of the most frequent message, if the file has a row for every message."""
     rows = max(len(series) for series in raw.series.values())
-    if not any(series.null_count() > MOST_SKIPPED * rows for series in raw.series.values()):
+    if raw.excerpt is not None or not any(series.null_count() > MOST_SKIPPED * rows for series in raw.series.values()):
         return raw
     table = [_column(each, raw) for each, series in raw.series.items() if len(series) == rows]
     time = time or find_clock(table, stated_clock(raw, name)).column
@@ -335,8 +340,20 @@ def _column(name: str, raw: Columns) -> Column:
     said = meaning_of(name, raw.units.get(name, ""), values)
     known = len(series) - series.null_count()
     if not (series.dtype.is_numeric() or kind == "times") and np.isfinite(values).sum() < MOST * max(known, 1):
-        return Column(name, "text", said, len(series), missing=series.null_count())
-    return column_of_numbers(name, kind, said, values)
+        found = Column(name, "text", said, len(series), missing=series.null_count())
+        return found if raw.excerpt is None else _with_facts(found, raw.excerpt)
+    found = column_of_numbers(name, kind, said, values)
+    return found if raw.excerpt is None else _with_facts(found, raw.excerpt)
+
+
+def _with_facts(column: Column, excerpt: Excerpt) -> Column:
+    """A column of an excerpt with what is known of all rows of its file."""
+    facts, edges = excerpt.table.facts, np.cumsum([len(each) for each in excerpt.stretches])[:-1]
+    low, high = column.low, column.high
+    if column.name in facts.ranges and not column.codes:
+        (low, _), (high, _) = facts.ranges[column.name]
+    missing = facts.missing[column.name]
+    return replace(column, rows=excerpt.rows, missing=missing, low=low, high=high, breaks=tuple(edges.tolist()))
 
 
 def _bare(given: Sequence[str]) -> str:

@@ -197,7 +197,8 @@ class _Facts:
         times = next((column.values for column in columns if column.name == clock), np.zeros(0))
         self.times = times
         self.columns = columns
-        self.starts = np.flatnonzero(np.diff(times) < 0) + 1 if len(times) > 1 else np.zeros(0, dtype=np.intp)
+        breaks = np.array(columns[0].breaks if columns else (), dtype=np.intp)
+        self.starts = np.union1d(np.flatnonzero(np.diff(times) < 0) + 1, breaks) if len(times) > 1 else breaks
         self.order = {column.name: k for k, column in enumerate(columns)}
         self.signals = {column.name: column.signal for column in columns if column.kind == "numbers"}
         groups: dict[str, list[str]] = {}

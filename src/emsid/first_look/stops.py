@@ -71,4 +71,4 @@ def without_stops(record: Record) -> Record:
         for side, there in found.items()
     ]
     left = record.mask(np.any(list(found.values()), axis=0))
-    return replace(left, findings=(*left.findings, *findings))
+    return replace(left, findings=(*left.findings, *findings), excerpt_of=())

@@ -82,7 +82,7 @@ class Regression:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
         structure = chosen_structure(self.build, self.choices, record, options, control)
-        fit = options.estimate(structure, record)
+        fit = options.estimate(structure, record, each_block=partial(control.doing, "fitting to all rows"))
         return with_robust_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
 
 

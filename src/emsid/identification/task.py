@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
 from math import ceil, inf, log
+from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,7 +50,7 @@ from emsid.first_look.levels import PART
 from emsid.first_look.responses import answers
 from emsid.first_look.stops import without_stops
 from emsid.identification.candidates import CANDIDATES, Physical, left_out, lift_an_arm, usual_for, with_unit_of_name
-from emsid.io.reading import common_step, read, read_columns
+from emsid.io.reading import ParsedFile, common_step, read, read_columns
 from emsid.models.free_run import RUNAWAY
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.grey_box import assumptions
@@ -303,7 +304,7 @@ def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:
     if missing:
         columns = ", ".join(read_columns(given).series)
         raise DataError(f"{given}: name its columns with {' and '.join(missing)}; there are {columns}")
-    return read(given, **reading)
+    return read(ParsedFile(FilePath(given), read_columns(given, in_part=True)), **reading)
 
 
 def as_one(records: Sequence[Record]) -> Record:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from io import BytesIO
+from pathlib import Path
 
 from emsid.errors import FormatError
 from emsid.io.columns import Columns
 from emsid.io.files import looks_like
+from emsid.io.large import LargeScan, scanned
 from emsid.io.parquet import columns_of
 from emsid.io.sandbox import in_sandbox
 
@@ -25,6 +27,16 @@ def read_arrow(content: bytes) -> Columns:
         raise FormatError(f"this is not an Arrow file; it looks like {looks_like(content)}: give it its right suffix")
     damaged = "this Arrow file is damaged or cut off; copy or write it again"
     return columns_of(pl.read_ipc(BytesIO(in_sandbox(parsed, content, damaged))), {})
+
+
+def large_arrow(path: Path) -> LargeScan | None:
+    """The table in an Arrow file, after a pass over it; None where it fits into memory, or is damaged."""
+    import polars as pl
+
+    try:
+        return scanned(path, pl.scan_ipc, columns_of, {})
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError):
+        return None
 
 
 def parsed(content: bytes) -> bytes:

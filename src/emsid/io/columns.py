@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,21 @@ class DamagedRow:
 
 
 @dataclass(frozen=True)
+class Excerpt:
+    """Which rows of a table columns hold.
+
+    Attributes:
+        table: the table, an `emsid.io.large.LargeTable`.
+        stretches: the rows of the file that are held, ascending, counted from 0.
+        rows: the number of rows in the file.
+    """
+
+    table: Any
+    stretches: tuple[range, ...]
+    rows: int
+
+
+@dataclass(frozen=True)
 class Columns:
     """The content of one file.
 
@@ -87,12 +103,14 @@ class Columns:
         numbers: those of them that are single numbers, such as ``fs``.
         units: the unit of a column, from a row under the header or from `UNITS`, if the file has one.
         preamble: the lines above the header, for hints.
-        lines: the line of the file that each row was read from, 1-based; None for formats without lines.
+        lines: the line of the file that each row was read from, 1-based, of an excerpt for each row of the file; None
+            for formats without lines.
         damaged: the lines among the data that are no row of the table. Where such a line takes the place of a sample,
             every column has a missing value there.
         clocks: the time column of each column, for formats in which columns have times of their own.
         cut: by column of a file that is cut off, how many samples are there and how many there should be, or 0 where
             the file ends in the middle of a sample and does not say what follows; the name '' is every column.
+        excerpt: the rows that are held of a file that is larger than memory; None for the columns of a whole file.
     """
 
     series: Mapping[str, pl.Series]
@@ -104,6 +122,16 @@ class Columns:
     damaged: tuple[DamagedRow, ...] = ()
     clocks: Mapping[str, str] = field(default_factory=dict)
     cut: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    excerpt: Excerpt | None = None
+
+    def file_rows(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows of the file, counted from 0, that rows of the columns are; these themselves but in an excerpt."""
+        if self.excerpt is None:
+            return rows
+        stretches = self.excerpt.stretches
+        edges = np.cumsum([0, *map(len, stretches)])
+        shift = np.array([each.start for each in stretches]) - edges[:-1]
+        return np.asarray(rows + shift[np.searchsorted(edges, rows, side="right") - 1])
 
     def unit(self, name: str) -> str:
         """The unit that the file gives for a column: in `units`, else in its name; empty where none is known."""
@@ -126,7 +154,16 @@ class Columns:
 
     def number(self, row: int) -> int:
         """The number under which the user finds row ``row`` (counted from 0)."""
+        row = int(self.file_rows(np.array(row)))
         return row + 1 if self.lines is None else self.lines[row]
+
+    @property
+    def stretches(self) -> list[slice]:
+        """The parts of consecutive rows of the file; one but in an excerpt."""
+        if self.excerpt is None:
+            return [slice(None)]
+        edges = np.cumsum([0, *map(len, self.excerpt.stretches)]).tolist()
+        return [slice(*each) for each in pairwise(edges)]
 
     @property
     def placed(self) -> str:
@@ -184,7 +221,7 @@ def errors_of(file: Path) -> Iterator[None]:
         yield
     except DataError as problem:
         message = str(problem).removeprefix(f"{file.name}: ")
-        raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
+        raise type(problem)(f"{file}: {message}", arguments=problem.arguments) from None
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:

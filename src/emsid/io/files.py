@@ -102,6 +102,23 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again", 
     return content
 
 
+def is_large(path: Path, least: int) -> bool:
+    """Whether there is a file of at least this many bytes, which is then read, but not completely (`read_bytes`).
+
+    Raises:
+        FormatError: where it was not written completely.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size < least:
+            return False
+        _refuse_empty_space(path, status)
+    except (OSError, ValueError):
+        return False
+    note_source(status)
+    return True
+
+
 def _refuse_empty_space(path: Path, status: os.stat_result) -> None:
     """Refuse a file that hardly uses the disk, or begins with zeros, before it is read: it was never written fully."""
     held = getattr(status, "st_blocks", status.st_size) * 512

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 _OF_A_VALUE = ("abs", "ceil", "exp", "floor", "isfinite", "isnan", "ln", "log10", "round", "sign", "sqrt")
 _OF_ALL_ROWS = ("avg", "max", "median", "min", "stddev")
 _OF_SEVERAL = ("mod", "pow", "coalesce", "greatest", "least")
+OVER_ALL_ROWS = re.compile(rf"\b({'|'.join(_OF_ALL_ROWS)})\s*\(", re.IGNORECASE)
+"""In a mask, a function over all rows."""
 FUNCTIONS = (*_OF_A_VALUE, *_OF_ALL_ROWS, *_OF_SEVERAL)
 """The functions that a mask may use: of a value, over all rows, of several values.
 

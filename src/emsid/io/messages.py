@@ -19,7 +19,7 @@ MOST_KINDS = 64
 
 
 def with_clocks_of_messages(columns: Columns, time: str, used: Sequence[str]) -> Columns:
-    """The columns with a clock for every message, where a row holds one message; else the columns as they are.
+    """The columns with a clock for every message, where a row holds one message; else, or of an excerpt, as they are.
 
     Columns that have values in the same rows are of one message. Their clock is the time in these rows; that of the
     last column used has the name of the time column.
@@ -29,7 +29,7 @@ def with_clocks_of_messages(columns: Columns, time: str, used: Sequence[str]) ->
         time: its name.
         used: the columns to take; of these or of another and one of these, two must be of different messages.
     """
-    if columns.clocks or columns.damaged or time not in columns.series:
+    if columns.clocks or columns.damaged or columns.excerpt is not None or time not in columns.series:
         return columns
     known = _known(columns, time)
     complete = all(known[name].all() for name in used if name in known)

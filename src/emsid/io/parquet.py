@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from emsid.errors import FormatError
 from emsid.io.columns import UNITS, Columns, units_as_json, units_from_json
 from emsid.io.files import looks_like
+from emsid.io.large import LargeScan, scanned
 from emsid.io.nested import flat
 from emsid.io.sandbox import in_sandbox
 
@@ -33,6 +35,17 @@ def read_parquet(content: bytes) -> Columns:
         raise FormatError(_DAMAGED)
     units, _, frame_as_ipc = in_sandbox(parsed, content, _DAMAGED).partition(b"\n")
     return columns_of(pl.read_ipc(BytesIO(frame_as_ipc)), units_from_json(units.decode()))
+
+
+def large_parquet(path: Path) -> LargeScan | None:
+    """The table in a Parquet file, after a pass over it; None where it fits into memory, or is damaged."""
+    import polars as pl
+
+    try:
+        units = units_from_json(pl.read_parquet_metadata(path).get(UNITS, ""))
+        return scanned(path, pl.scan_parquet, columns_of, units)
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError):
+        return None
 
 
 def columns_of(frame: pl.DataFrame, units: Mapping[str, str]) -> Columns:

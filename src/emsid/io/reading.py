@@ -13,8 +13,9 @@ whose size is not given, and units that are not of a drive, remain as they are, 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,33 +24,36 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
-from emsid.io.arrow import read_arrow
+from emsid.io.arrow import large_arrow, read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
 from emsid.io.edges import with_edges
-from emsid.io.files import gunzipped, looks_like, read_bytes
+from emsid.io.files import gunzipped, is_large, looks_like, read_bytes
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
+from emsid.io.large import BLOCK, LargeTable, check_wide, columns_in, excerpt
 from emsid.io.long_form import one_column_per_signal
+from emsid.io.mask import OVER_ALL_ROWS
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
 from emsid.io.options_by_column import check_options, surplus_units
 from emsid.io.other_files import about_files, with_other_files
-from emsid.io.parquet import read_parquet
+from emsid.io.parquet import large_parquet, read_parquet
+from emsid.io.regular_table import LARGE
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
-from emsid.io.selection import check_column, select
+from emsid.io.selection import NothingLeft, check_column, select
 from emsid.io.shifting import shifted
 from emsid.io.spreadsheet import read_spreadsheet
-from emsid.io.table import read_table
+from emsid.io.table import large_text, read_table
 from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
 from emsid.io.wrapping import continuous
-from emsid.record import Record, argument_types, concatenate
-from emsid.units import column_of
+from emsid.record import FileRows, Record, argument_types, concatenate
+from emsid.units import column_of, edges_of
 
 Array = NDArray[np.float64]
 
@@ -74,6 +78,12 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".bag": read_bag,
 }
 """The reader for each suffix: from the content of a file to its columns."""
+LARGE_READERS: dict[Callable[[bytes], Columns], Callable[[Path], Columns | LargeTable | None]] = {
+    read_table: large_text,
+    read_parquet: large_parquet,
+    read_arrow: large_arrow,
+}
+"""The readers of tables that may be larger than memory; None where the ordinary reader is needed."""
 
 MOST_EXACT = 2**53
 """Whole numbers up to this one are floats without rounding; NumPy refuses larger ones than 2⁶³."""
@@ -106,29 +116,39 @@ class _Signal:
     is_derivative: bool
 
 
-def read_columns(path: str | os.PathLike[str]) -> Columns:
+def read_columns(path: str | os.PathLike[str], *, in_part: bool = False) -> Columns:
     """The columns of a file, by the reader for its suffix, or for the one before ``.gz``; a text of another as a table.
+
+    Args:
+        path: the file.
+        in_part: whether an excerpt is enough of a table of more than `emsid.io.large.MOST` numbers, which is then read
+            in blocks: a text whose lines are all alike, Parquet or Arrow.
 
     Raises:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
     """
     path = Path(path)
-    reader: Callable[[bytes], Columns] | None
     packed = path.suffix.lower() == ".gz"
     suffix = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
-    if is_bag_folder(path):
-        reader, content = read_bag_folder, archived(path)
-    else:
-        reader, content = READERS.get(suffix), read_bytes(path)
-    if reader is None and looks_like(content) == "text":
-        reader = read_table
-    if reader is None:
-        known = ", ".join(READERS)
-        raise FormatError(f"{path}: no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")
+    reader = READERS.get(suffix)
+    in_blocks = LARGE_READERS.get(reader) if reader is not None and in_part and not packed else None
     try:
-        columns = one_column_per_signal(reader(gunzipped(content) if packed else content))
+        found = in_blocks(path) if in_blocks is not None and is_large(path, LARGE) else None
+        if found is None:
+            is_bag = is_bag_folder(path)
+            content = archived(path) if is_bag else read_bytes(path)
+            reader = read_bag_folder if is_bag else reader
+            if reader is None and looks_like(content) == "text":
+                reader = read_table
+            if reader is None:
+                known = ", ".join(READERS)
+                raise FormatError(f"no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")
+            found = reader(gunzipped(content) if packed else content)
+        columns = found if isinstance(found, Columns) else excerpt(found)
+        columns = check_wide(columns, one_column_per_signal(columns))
     except FormatError as problem:
-        raise FormatError(f"{path}: {problem}") from None
+        message = str(problem).removeprefix(f"{path}: ")
+        raise FormatError(f"{path}: {message}") from None
     if not columns.series:
         raise FormatError(f"{path}: there is no column in this file{columns.besides}; name another")
     return columns
@@ -151,11 +171,12 @@ class ParsedFile:
         return str(self.path)
 
 
-def parsed_file(source: Any) -> ParsedFile:
+def parsed_file(source: Any, *, in_part: bool = False) -> ParsedFile:
     """The columns of a file; a data frame is taken as a file of the name ``frame``.
 
     Args:
         source: a path, a file that is parsed already, a pandas or Polars frame, or a dictionary of arrays.
+        in_part: whether an excerpt of a very large file is enough.
 
     Raises:
         FormatError: where a file cannot be read.
@@ -164,7 +185,7 @@ def parsed_file(source: Any) -> ParsedFile:
     if isinstance(source, ParsedFile):
         return source
     if isinstance(source, str | os.PathLike):
-        return ParsedFile(Path(source), read_columns(source))
+        return ParsedFile(Path(source), read_columns(source, in_part=in_part))
     return ParsedFile(Path("frame"), columns_of_frame(source))
 
 
@@ -259,7 +280,8 @@ def read(
         named["units"] = dict(named["units"])
         time_unit = named["units"].pop(named["time"])
     sides = [_as_tuple(named[side]) for side in ("input", "output")]
-    columns, rename = with_other_files(parsed.columns, file, [*sides[0], *sides[1]], named["time"], read_columns)
+    own = parsed.columns if rows is None or parsed.columns.excerpt is None else _of_rows(parsed.columns, rows)
+    columns, rename = with_other_files(own, file, [*sides[0], *sides[1]], named["time"], read_columns)
     inputs, outputs = ([rename.get(name, name) for name in side] for side in sides)
     with errors_of(file):
         record = _record(
@@ -282,7 +304,85 @@ def read(
             },
         )
         found = (*missed, *about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
-        return _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
+        record = _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
+        return record if columns.excerpt is None else _of_blocks(record, columns, file, given, bool(rename))
+
+
+def _of_rows(columns: Columns, rows: slice) -> Columns:
+    """An excerpt of these rows of a table in place of that of all; the same where there are none."""
+    assert columns.excerpt is not None
+    first, stop, _ = rows.indices(columns.excerpt.rows)
+    return excerpt(columns.excerpt.table, rows) if first < stop else columns
+
+
+def _of_blocks(record: Record, columns: Columns, file: Path, given: Mapping[str, Any], several: bool) -> Record:
+    """The record of an excerpt, with the way to all rows of its table where each of them can be read by itself.
+
+    Args:
+        record: as read.
+        columns: of the excerpt.
+        file: the table.
+        given: the arguments of `read`.
+        several: whether other files were read, too.
+    """
+    assert columns.excerpt is not None
+    reading = {name: value for name, value in given.items() if name not in ("path", "rows")}
+    wide = [name for name in ("wrap", "resample", "filter", "detrend", "other files") if given.get(name)]
+    wide += ["edges"] * any(map(edges_of, (*_as_tuple(given["input"]), *_as_tuple(given["output"]))))
+    wide += ["decimate"] * (given["decimate"] != 1) + ["detrend"] * (given["detrend"] == 0)
+    wide += ["mask"] * bool(given["mask"] and OVER_ALL_ROWS.search(given["mask"])) + ["other files"] * several
+    data = {"rows": sum(map(len, columns.excerpt.stretches)), "of": columns.excerpt.rows, "whole": wide}
+    found = (*record.findings, Finding("read-in-part", file.name, data))
+    if wide or not record.excerpt_of:
+        return replace(record, findings=found, excerpt_of=())
+    blocks = Blocks(columns.excerpt.table, file, reading)
+    return replace(record, findings=found, excerpt_of=tuple(each._replace(read=blocks) for each in record.excerpt_of))
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Reads all rows of a large table as records, block by block.
+
+    Args:
+        table: in the file.
+        file: its path.
+        reading: arguments of `read`.
+    """
+
+    table: LargeTable
+    file: Path
+    reading: Mapping[str, Any]
+
+    def __call__(self, first: int, stop: int, lead: int, dt: float) -> Iterator[Record]:
+        """The samples in the rows ``first`` to ``stop`` of the file, segment by segment in each block.
+
+        Args:
+            first, stop: rows of the file.
+            lead: the samples before those of a block that are repeated at its start, as far as they are in its segment.
+            dt: the sample time in s.
+
+        Raises:
+            DataError: for a row that cannot be read.
+        """
+        sample = self.table.sample
+        named = with_names_of(sample, {name: self.reading[name] for name in ("input", "output", "time", *_BY_COLUMN)})
+        channels = [*_as_tuple(named["input"]), *_as_tuple(named["output"])]
+        used = [column_of(name, sample.series) for name in channels] + list(named["direction"].values())
+        used = list(sample.series) if self.reading["mask"] else [*used, *([named["time"]] if named["time"] else [])]
+        margin = lead + self.reading["derivative_window"] + int(max(map(abs, named["shift"].values()), default=0))
+        for begin in range(first, stop, max(BLOCK // len(sample.series), 1)):
+            end = min(begin + max(BLOCK // len(sample.series), 1), stop)
+            rows = range(max(begin - margin, 0), min(end + margin, self.table.rows))
+            columns = columns_in(self.table, [rows], list(dict.fromkeys(used)))
+            try:
+                record = read(ParsedFile(self.file, columns), **{**self.reading, "dt": dt})
+            except NothingLeft:
+                continue
+            for segment in record.segments:
+                row = segment.excerpt_of[0].at
+                low, high = max(max(first, begin - lead) - row, 0), min(end - row, len(segment))
+                if low < high:
+                    yield segment[low:high]
 
 
 def common_step(records: Sequence[Record], reading: Mapping[str, Any]) -> float | None:
@@ -401,10 +501,15 @@ def _record(
                 conversions={s.name: (scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in channels},
             ),
         )
+        if columns.excerpt is not None and not clock.resample:
+            begins, held = selection.file_rows[[0, *record.breaks]].tolist(), columns.excerpt.stretches
+            edges = pairwise([held[0].start, *begins[1:], held[-1].stop])
+            rows_of = (FileRows(None, first, at, stop) for (first, stop), at in zip(edges, begins, strict=True))
+            record = replace(record, excerpt_of=tuple(rows_of))
         record = _differentiated(record, [s.name for s in channels if s.is_derivative], derivative_window)
         sizes = {key: value for key, value in meanings.items() if value is not None}
         given = {s.name: None for s in channels if units.get(s.name) or units.get(s.column)}
-        record = record.convert(given, **sizes).in_si(**sizes)
+        record = replace(record.convert(given, **sizes).in_si(**sizes), excerpt_of=record.excerpt_of)
         moved = [Finding("data-resampled", name, {"dt": record.dt})] if columns is not apart else []
         notes = [*unused.values(), *about_sample_time(record.dt, name)]
         return replace(record, findings=(*moved, *record.findings, *notes))

@@ -75,7 +75,7 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
             raise DataError(_no_sample_time(selection.columns), arguments=("dt", "time"))
         if clock.resample:
             raise DataError("resampling needs a time column; name it", arguments=("time",))
-        starts = selection.rows[[0, *breaks]] * clock.dt
+        starts = selection.file_rows[[0, *breaks]] * clock.dt
         return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=tuple(map(float, starts)))
 
     seconds = _time_unit(clock, selection.columns) * counted_on(selection.numbers(clock.time))

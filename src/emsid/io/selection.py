@@ -22,13 +22,17 @@ MOST_SKIPPED = 0.02
 """At most this share of the rows of a file are skipped as bad."""
 
 
+class NothingLeft(DataError):
+    """A mask leaves out every row."""
+
+
 @dataclass(frozen=True)
 class Selection:
-    """The selected rows of a file: ``start … start + N − 1`` without the rows left out.
+    """The selected rows of columns: ``start … start + N − 1`` without the rows left out.
 
     Attributes:
-        columns: the file.
-        start: the first data row, counted from 0.
+        columns: of the file, or of an excerpt of it.
+        start: their first row, counted from 0.
         kept: (N,) true for the rows to use.
         findings: about rows that were skipped.
     """
@@ -40,13 +44,18 @@ class Selection:
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """The data rows used, counted from 0."""
+        """The rows of the columns that are used, counted from 0."""
         return self.start + np.flatnonzero(self.kept)
+
+    @property
+    def file_rows(self) -> NDArray[np.intp]:
+        """The data rows of the file that these are."""
+        return self.columns.file_rows(self.rows)
 
     @property
     def follows(self) -> NDArray[np.bool_]:
         """For every row used but the first, whether the row before it is used as well."""
-        follows: NDArray[np.bool_] = np.diff(self.rows) == 1
+        follows: NDArray[np.bool_] = np.diff(self.file_rows) == 1
         return follows
 
     def number(self, row: int | np.intp) -> int:
@@ -146,10 +155,13 @@ def select(
         raise DataError(
             f"rows {rows.start}:{rows.stop}:{rows.step}; rows are taken without a step, decimate the record instead"
         )
-    start, stop, _ = rows.indices(length)
+    whole = length if columns.excerpt is None else columns.excerpt.rows
+    start, stop, _ = rows.indices(whole)
     if stop <= start:
         first, last = ("" if edge is None else edge for edge in (rows.start, rows.stop))
-        raise DataError(f"rows {first}:{last} select nothing of {length} rows; give A:B with 0 ≤ A < B ≤ {length}")
+        raise DataError(f"rows {first}:{last} select nothing of {whole} rows; give A:B with 0 ≤ A < B ≤ {whole}")
+    if columns.excerpt is not None:
+        start, stop = np.searchsorted(columns.file_rows(np.arange(length)), [start, stop]).tolist()
     damaged = [row for row in columns.damaged if start <= row.row < stop + (not row.is_sample and stop == length)]
     if damaged and not skip_bad_rows:
         raise DataError(
@@ -163,10 +175,10 @@ def select(
         if ROW not in map(str.lower, columns.series) and re.search(rf"\b{ROW}\b", mask, re.IGNORECASE):
             import polars as pl
 
-            same[ROW] = pl.Series(ROW, np.arange(start, stop))
+            same[ROW] = pl.Series(ROW, columns.file_rows(np.arange(start, stop)))
         kept = ~left_out(mask, same)
         if not kept.any():
-            raise DataError(f"the mask {mask!r} leaves none of {len(kept)} samples; relax it")
+            raise NothingLeft(f"the mask {mask!r} leaves none of {len(kept)} samples; relax it")
     if skip_bad_rows:
         good = np.all([np.isfinite(as_numbers(columns.series[name][start:stop])) for name in used], axis=0)
         findings = _skipped(columns, start, kept & ~good, [row for row in damaged if not row.is_sample], file)
@@ -182,7 +194,8 @@ def _skipped(
     Raises:
         DataError: where these are too many.
     """
-    count, rows = int(np.count_nonzero(bad)) + len(messages), len(bad) + len(messages)
+    count = int(np.count_nonzero(bad)) + len(messages)
+    rows = len(bad) + len(messages) if columns.excerpt is None else columns.excerpt.rows
     if not count:
         return ()
     if count > max(1, MOST_SKIPPED * rows):

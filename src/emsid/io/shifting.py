@@ -11,7 +11,8 @@ from emsid.io.selection import check_column
 
 
 def shifted(columns: Columns, rows: Mapping[str, float], direction: Mapping[str, str]) -> Columns:
-    """The columns of a file, some of them moved; their first or last value fills the rows without one.
+    """The columns of a file, some of them moved; their first or last value fills the rows without one, of an excerpt
+    in each stretch.
 
     Args:
         columns: of the file.
@@ -21,6 +22,8 @@ def shifted(columns: Columns, rows: Mapping[str, float], direction: Mapping[str,
     Raises:
         DataError: for a column that does not exist, and a number that is not whole or too large.
     """
+    import polars as pl
+
     series = dict(columns.series)
     for name, number in rows.items():
         check_column(name, columns)
@@ -31,6 +34,7 @@ def shifted(columns: Columns, rows: Mapping[str, float], direction: Mapping[str,
             )
         for each in (name, *([direction[name]] if name in direction else [])):
             check_column(each, columns)
-            edge = series[each][0 if number > 0 else -1]
-            series[each] = series[each].shift(int(number), fill_value=edge)
+            parts = [series[each][there] for there in columns.stretches]
+            edge = 0 if number > 0 else -1
+            series[each] = pl.concat(part.shift(int(number), fill_value=part[edge]) for part in parts)
     return replace(columns, series=series) if rows else columns

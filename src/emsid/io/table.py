@@ -15,6 +15,9 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
+from io import BytesIO
+from pathlib import Path
 from typing import NamedTuple
 
 from emsid.errors import FormatError
@@ -24,7 +27,7 @@ from emsid.io.columns import Columns, DamagedRow
 from emsid.io.cut_off import marked, without_cut_line
 from emsid.io.files import looks_like
 from emsid.io.labels import labelled
-from emsid.io.regular_table import check_lines, check_size, read_regular
+from emsid.io.regular_table import AT_ONCE, LargeText, check_lines, check_size, read_regular
 from emsid.io.serial_monitor import LAST_LINES, monitor_lines
 from emsid.units import known_unit
 
@@ -59,6 +62,20 @@ class _Header(NamedTuple):
     constants: Sequence[tuple[int, str]] = ()  # columns with a value under their name and none in the data
 
 
+def large_text(path: Path) -> LargeText | Columns | None:
+    """The table in a large file whose lines are all alike, or its columns if they fit into memory; None for another.
+
+    Raises:
+        FormatError: for another one that is too long.
+    """
+    with open(path, "rb") as file:
+        found = read_regular(file, _read_by_lines, path)
+        if found is None:
+            file.seek(0)
+            check_lines(sum(block.count(b"\n") for block in iter(partial(file.read, AT_ONCE), b"")))
+        return found
+
+
 def read_table(content: bytes) -> Columns:
     """The columns of a text table.
 
@@ -66,12 +83,12 @@ def read_table(content: bytes) -> Columns:
         FormatError: for binary content, frames of a CAN bus, no data, or lines of differing numbers of values.
     """
     check_size(content)
+    columns = read_regular(BytesIO(content), _read_by_lines)
+    if isinstance(columns, Columns):
+        return columns
     content, is_cut = without_cut_line(content)
-    columns = read_regular(content, _read_by_lines)
-    if columns is None:
-        check_lines(content)
-        columns = _read_by_lines(content)
-    return marked(columns, is_cut)
+    check_lines(content.count(b"\n"))
+    return marked(_read_by_lines(content), is_cut)
 
 
 def _read_by_lines(content: bytes) -> Columns:

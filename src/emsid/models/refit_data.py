@@ -45,7 +45,7 @@ class Data:
 
     Attributes:
         records: the data, of the same channels and sample time.
-        linear: fits a regression one step ahead, from its structure and the records.
+        linear: fits a regression one step ahead, from its structure, the records and ``each_block`` (`least_squares`).
         control: when to stop.
         left_out: (N,) of every record, samples that are not fitted; a free run goes on through them. None fits all.
         given: what the user gave for the search, by the names of `emsid.identify`.
@@ -53,7 +53,7 @@ class Data:
     """
 
     records: Sequence[Record]
-    linear: Callable[[Any, Sequence[Record]], Fit[Any]] = least_squares
+    linear: Callable[..., Fit[Any]] = least_squares
     control: Control = FREE
     left_out: Sequence[Mask] | None = None
     given: Mapping[str, Any] = field(default_factory=dict)

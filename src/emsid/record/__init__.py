@@ -3,11 +3,12 @@
 from emsid.record.channels import ChannelNames
 from emsid.record.holding_back import hold_back
 from emsid.record.joining import check_same_channels, concatenate, continuing, segments
-from emsid.record.record import Record
+from emsid.record.record import FileRows, Record
 from emsid.record.time_axis import TimeAxis, time_axis
 
 __all__ = [
     "ChannelNames",
+    "FileRows",
     "Record",
     "TimeAxis",
     "check_same_channels",

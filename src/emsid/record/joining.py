@@ -44,6 +44,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
         findings=_of_all(pieces),
         before=tuple(each for piece in pieces for each in piece.before or (None,) * (len(piece.breaks) + 1)),
+        excerpt_of=tuple(each for piece in pieces for each in piece.excerpt_of),
     )
 
 

@@ -8,11 +8,11 @@ or exports takes one or several records and works segment by segment.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +43,23 @@ from emsid.units import called, name_and_unit, readable_unit
 Array = NDArray[np.float64]
 
 
+class FileRows(NamedTuple):
+    """The rows of a file larger than memory that a segment of an excerpt stands for.
+
+    Attributes:
+        read: reads samples of the file: from the row ``first`` to ``stop``, in parts; each begins with ``lead`` samples
+            before it, where they are in its segment, and has the sample time ``dt`` (`emsid.io.reading.Blocks`).
+        first: the first of these rows.
+        at: the row of the first sample of the segment.
+        stop: the row of the next segment, or the one after the last row.
+    """
+
+    read: Callable[[int, int, int, float], Iterator[Record]] | None
+    first: int
+    at: int
+    stop: int
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Presented, FrameMethods, UnitMethods):
     """A sampled experiment. Its samples are read-only and independent of the arrays it was made from.
@@ -65,6 +82,7 @@ class Record(Presented, FrameMethods, UnitMethods):
         before: by segment, the samples right before it, or None; empty where nothing is known before any. They are no
             part of the record. A free run begins with them, so that it enters the segment in the state that the inputs
             have led to (see `part`).
+        excerpt_of: by segment, the rows of a larger file that it stands for, see `FileRows`; empty for other records.
         signals: by output, what it measures, where its unit does not say it to a plant: ``"rotor speed"``,
             ``"load speed"``, ``"speed"``, ``"position"`` or ``"current"``.
 
@@ -89,6 +107,7 @@ class Record(Presented, FrameMethods, UnitMethods):
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     before: tuple[Record | None, ...] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
+    excerpt_of: tuple[FileRows, ...] = ()
 
     def __post_init__(self) -> None:
         check_types(self.__dict__, KINDS | {"before": items_of(Record)})
@@ -144,6 +163,8 @@ class Record(Presented, FrameMethods, UnitMethods):
         """Complete the times of the segments, and refuse breaks, times and sources that do not agree."""
         for what, values in segments_of(self).items():
             self._put(what, values)
+        if len(self.excerpt_of) != len(self.times):
+            self._put("excerpt_of", ())
 
     @classmethod
     def from_frame(
@@ -268,7 +289,41 @@ class Record(Presented, FrameMethods, UnitMethods):
             times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
             sources=self.sources[first : first + len(inside) + 1],
             before=before if any(each is not None for each in before) else (),
+            excerpt_of=self._rows_of(start, stop, first, first + len(inside) + 1),
         )
+
+    def _rows_of(self, start: int, stop: int, first: int, last: int) -> tuple[FileRows, ...]:
+        """The rows of a larger file that samples ``start`` to ``stop`` stand for, in segments ``first`` to ``last``."""
+        found = list(self.excerpt_of[first:last])
+        if found:
+            edges = (0, *self.breaks, len(self))
+            if stop < edges[last]:
+                found[-1] = found[-1]._replace(stop=found[-1].at + stop - edges[last - 1])
+            if start > edges[first]:
+                at = found[0].at + start - edges[first]
+                found[0] = found[0]._replace(first=at, at=at)
+        return tuple(found)
+
+    def blocks(self, lead: int) -> Iterator[Record]:
+        """The record itself; of an excerpt of a larger file, all samples that it stands for, in parts one by one.
+
+        Args:
+            lead: the samples before those of a part that are repeated at its start, where they are in its segment.
+
+        Raises:
+            DataError: for a row of the file that cannot be read.
+        """
+        joined: list[FileRows] = []
+        for each in self.excerpt_of:
+            if joined and joined[-1].read is each.read and joined[-1].stop == each.first:
+                joined[-1] = joined[-1]._replace(stop=each.stop)
+            else:
+                joined.append(each)
+        if not joined:
+            yield self
+        for rows in joined:
+            assert rows.read is not None  # it is set by the reader
+            yield from rows.read(rows.first, rows.stop, lead, self.dt)
 
     def _having(self, **changes: Any) -> Record:
         """The same with parts of its own values, which need no check: a search takes thousands of segments."""
@@ -320,6 +375,7 @@ class Record(Presented, FrameMethods, UnitMethods):
         begins = kept[np.concatenate([[0], starts]).astype(int)]
         of = np.searchsorted(self.breaks, begins, "right")
         whole = [at in (0, *self.breaks) for at in begins]
+        ends, edges = kept[np.append(starts, len(kept)).astype(int) - 1] + 1, (0, *self.breaks, len(self))
         return replace(
             self,
             input=self.input[kept],
@@ -330,6 +386,16 @@ class Record(Presented, FrameMethods, UnitMethods):
             if self.before
             else (),
             sources=tuple(self.sources[k] for k in of) if self.sources else (),
+            excerpt_of=tuple(
+                FileRows(
+                    rows.read,
+                    rows.first if begin == edges[k] else int(rows.at + begin - edges[k]),
+                    int(rows.at + begin - edges[k]),
+                    rows.stop if end == edges[k + 1] else int(rows.at + end - edges[k]),
+                )
+                for k, begin, end in zip(of, begins, ends, strict=True)
+                for rows in self.excerpt_of[k : k + 1]
+            ),
         )
 
     @typed(name=TEXT)
@@ -367,7 +433,7 @@ class Record(Presented, FrameMethods, UnitMethods):
         if order > LARGEST_TREND:
             raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
         u, y = (without_trend(values, self.time, order) for values in (self.input, self.output))
-        return replace(self, input=u, output=y, before=())
+        return replace(self, input=u, output=y, before=(), excerpt_of=())
 
     def decimate(self, factor: int) -> Record:
         """Every ``factor``-th sample after a zero-phase FIR anti-alias filter, segment by segment.
@@ -395,6 +461,7 @@ class Record(Presented, FrameMethods, UnitMethods):
             breaks=tuple(np.cumsum([len(piece) for piece in inputs[:-1]])),
             time_axis=None,
             before=(),
+            excerpt_of=(),
         )
 
     @typed(dt=NUMBER)
@@ -420,7 +487,7 @@ class Record(Presented, FrameMethods, UnitMethods):
             u, y = equidistant(t, self.input, self.output, step)
         except DataError as error:
             raise DataError(f"{self.name}: {error}") from None
-        return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None, before=())
+        return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None, before=(), excerpt_of=())
 
     @typed(cutoff=NUMBER)
     def lowpass(self, cutoff: float) -> Record:
@@ -452,13 +519,16 @@ class Record(Presented, FrameMethods, UnitMethods):
             return np.concatenate([low_passed(getattr(piece, side), cutoff, self.dt) for piece in self.segments])
 
         output = filtered("output") if self.output.shape[1] else self.output
-        return replace(self, input=filtered("input"), output=output, before=())
+        return replace(self, input=filtered("input"), output=output, before=(), excerpt_of=())
 
     @typed(name=TEXT, gain=NUMBER, offset=NUMBER, unit=TEXT)
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
         """Channel ``name`` replaced by gain·x + offset, with its new unit."""
         name = self._own_name(name)
-        changes: dict[str, Any] = {"before": [each and each.scale(name, gain, offset, unit) for each in self.before]}
+        changes: dict[str, Any] = {
+            "excerpt_of": (),
+            "before": [each and each.scale(name, gain, offset, unit) for each in self.before],
+        }
         for side in ("input", "output"):
             names: tuple[str, ...] = getattr(self, f"{side}_names")
             if name in names:
@@ -469,8 +539,8 @@ class Record(Presented, FrameMethods, UnitMethods):
                 units[k] = units[k] if unit is None else unit
                 changes |= {side: values, f"{side}_units": tuple(units)}
         if name in self.conversions:
-            before = self.conversions[name]
-            changes["conversions"] = {**self.conversions, name: (gain * before[0], gain * before[1] + offset)}
+            first, added = self.conversions[name]
+            changes["conversions"] = {**self.conversions, name: (gain * first, gain * added + offset)}
         return replace(self, **changes)
 
     def converted(self, name: str, number: float) -> float:

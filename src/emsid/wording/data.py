@@ -301,6 +301,17 @@ def data_resampled(f: Finding, argument: Spelling) -> str:
     return f"resampled to steps of {sample_time(f.data['dt'])}; these data do not show delays below a sample"
 
 
+@words("read-in-part")
+def read_in_part(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading that need
+    neighbours of a row, so that no block of rows can be read by itself)."""
+    d = f.data
+    said = f"of {d['of']:,} rows of {f.subject}, {d['rows']:,} in stretches over the whole file are used"
+    if d["whole"]:
+        return f"{said}; with {' and '.join(map(argument, d['whole']))} no model is fitted to all rows"
+    return f"{said}; only models fitted one step ahead by least squares, such as arx, are fitted to all rows"
+
+
 @words("samples-repeated", Severity.WARNING)
 def samples_repeated(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: factor, dt (s), better (s)."""

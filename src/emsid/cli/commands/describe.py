@@ -145,6 +145,7 @@ def as_document(look: "FirstLook") -> dict[str, Any]:
     document: dict[str, Any] = {
         "file": look.path,
         "rows": look.rows,
+        "looked_at": look.looked_at or look.rows,
         "kind": str(look.kind),
         "columns": [
             {

@@ -90,6 +90,7 @@ def least_squares(
     refinements: int = 0,
     rank_tolerance: float | None = None,
     threads: int | None = None,
+    each_block: Callable[[], object] | None = None,
 ) -> Fit[M_co]:
     """The parameters that minimise the one-step prediction error over one or several records (3.10).
 
@@ -101,6 +102,8 @@ def least_squares(
             fit itself. Needs records that can be read again.
         rank_tolerance: see `Information.solve`.
         threads: number of threads, by default one per core; the result does not depend on it.
+        each_block: is called before each block of the file that a record is an excerpt of, all rows of which are taken;
+            None takes the excerpt alone.
 
     Returns:
         A fit. Where the data do not determine every parameter, its ``ending`` is `Ending.RANK_DEFICIENT`, a finding
@@ -113,7 +116,7 @@ def least_squares(
         raise ModelError(f"a ridge of {ridge}; give a finite weight that is not negative")
     if refinements and not isinstance(records, Record):
         records = list(records)
-    information, first = gather(structure, records, threads)
+    information, first = gather(structure, records, threads, each_block)
     if ridge:
         information = information.with_prior(ridge)
     solution = information.solve(rank_tolerance)
@@ -167,9 +170,12 @@ def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -
 
 
 def gather(
-    structure: LinearStructure[object], records: Record | Iterable[Record], threads: int | None = None
+    structure: LinearStructure[object],
+    records: Record | Iterable[Record],
+    threads: int | None = None,
+    each_block: Callable[[], object] | None = None,
 ) -> tuple[Information, Record]:
-    """The information of the records about the parameters of a structure, and the first record.
+    """The information of the records about the parameters of a structure, and the first record; see `least_squares`.
 
     Raises:
         DataError: without a record, for one that `check_excitation` refuses, channels that differ, fewer samples than
@@ -183,7 +189,10 @@ def gather(
             check_excitation(record)
             first = first or record
             check_same_channels(first, record)
-            information = with_record(information, structure, record, parallel)
+            for part in (record,) if each_block is None else record.blocks(structure.memory):
+                if each_block is not None:
+                    each_block()
+                information = with_record(information, structure, part, parallel)
     if first is None:
         raise DataError("no record to identify from")
     check_information(information, structure, first.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -97,8 +98,10 @@ class OfRegressions(Capabilities[Narx]):
     def refitted(self, fit: Fit[Narx], data: Data, budget: Budget) -> Fit[Narx]:
         structure = fit.model.structure
         if fit.method != "gn":
-            found: Fit[Narx] = data.linear(structure, data.in_pieces)
-            plain = budget is Budget.LAST and found.method == "ls" and not data.given.get("ridge")
+            last = budget is Budget.LAST
+            each_block = partial(data.control.doing, "fitting to all rows") if last else None
+            found: Fit[Narx] = data.linear(structure, data.in_pieces, each_block=each_block)
+            plain = last and found.method == "ls" and not data.given.get("ridge")
             return with_robust_intervals(found, data.records) if plain else found
         last = budget is Budget.LAST
         found = fit_free_run(

@@ -46,7 +46,7 @@ def fit_structure(
         raise ModelError("start and transient are for a fit to the free run; give free_run=True, or leave them out")
     if not recursive:
         several = (records,) if isinstance(records, Record) else tuple(records)
-        fit = least_squares(structure, several, ridge=ridge, threads=threads)
+        fit = least_squares(structure, several, ridge=ridge, threads=threads, each_block=control.check)
         return fit if ridge else with_robust_intervals(fit, several)
     if ridge:
         raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")

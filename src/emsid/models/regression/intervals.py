@@ -42,11 +42,12 @@ def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) ->
 
     Args:
         fit: by least squares, all parameters determined.
-        records: what it was fitted to.
+        records: what it was fitted to, or excerpts of that: they show the colour of the residual.
     """
     structure = fit.model.structure
     several = (records,) if isinstance(records, Record) else tuple(records)
-    if fit.ending is not Ending.SOLVED or fit.samples * len(structure) > LARGEST:
+    held = min(fit.samples, sum(map(len, several)))
+    if fit.ending is not Ending.SOLVED or held * len(structure) > LARGEST:
         return fit
     parts = [
         np.hstack(list(structure.blocks(*chunk)))
@@ -69,6 +70,7 @@ def with_robust_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) ->
         covariance = _by_scores(parts, residuals)
     else:
         covariance = coloured_covariance([(e, part[:-1].T) for part, e in zip(parts, residuals, strict=True)])
+    covariance *= min(sum(map(len, residuals)) / fit.samples, 1.0)
     return replace(fit, covariance=covariance, findings=(*fit.findings, Finding(code, "", data)))
 
 

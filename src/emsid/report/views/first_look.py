@@ -40,6 +40,7 @@ def column_table(look: FirstLook, most: int | None = None) -> Table:
     rows = [_row(column, look) for column in look.columns]
     rows += [(name, "", "", "", reason, "", "", "") for name, reason in look.others.items()]
     caption = f"{look.name}: {look.kind}, {look.rows:,} row{'s' * (look.rows != 1)}"
+    caption += f", of which {look.looked_at:,} were looked at" * bool(look.looked_at)
     if most is not None and len(rows) > most:
         caption += f", {len(rows):,} columns, of which {most} are shown"
         first = sorted(range(len(rows)), key=lambda k: not rows[k][HEADER.index("Role")])[:most]

@@ -1,9 +1,10 @@
 r"""How much of one column another one explains: the evidence for a pair of input and output.
 
 Every column u drives a bank of simple responses: static and of first order with time constants τ over three decades,
-each also integrated, from a steady start and from rest, at several delays, and their size without a sign. Only a gain of any sign, and a drift of what
-is integrated, are fitted to a column y, on half of `STRETCHES` stretches; the response on the other half, a free run,
-leaves a share λ of the variance of y. The evidence that u drives y is, in nats,
+each also integrated, from a steady start and from rest, at several delays, and their size without a sign. Only a gain
+of any sign, and a drift of what is integrated, are fitted to a column y, on half of `STRETCHES` stretches; the
+response on the other half, a free run, leaves a share λ of the variance of y. The evidence that u drives y is, in
+nats,
 
     E = W/2 · log(λ₀/λ),      λ₀ what a straight line leaves,
 

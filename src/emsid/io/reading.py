@@ -328,7 +328,7 @@ def _of_blocks(record: Record, columns: Columns, file: Path, given: Mapping[str,
     assert columns.excerpt is not None
     reading = {name: value for name, value in given.items() if name not in ("path", "rows")}
     wide = [name for name in ("wrap", "resample", "filter", "detrend", "other files") if given.get(name)]
-    wide += ["edges"] * any(map(edges_of, (*_as_tuple(given["input"]), *_as_tuple(given["output"]))))
+    wide += ["edges(…)"] * any(map(edges_of, (*_as_tuple(given["input"]), *_as_tuple(given["output"]))))
     wide += ["decimate"] * (given["decimate"] != 1) + ["detrend"] * (given["detrend"] == 0)
     wide += ["mask"] * bool(given["mask"] and OVER_ALL_ROWS.search(given["mask"])) + ["other files"] * several
     data = {"rows": sum(map(len, columns.excerpt.stretches)), "of": columns.excerpt.rows, "whole": wide}

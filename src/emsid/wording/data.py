@@ -303,12 +303,13 @@ def data_resampled(f: Finding, argument: Spelling) -> str:
 
 @words("read-in-part")
 def read_in_part(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading that need
+    """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading and others that need
     neighbours of a row, so that no block of rows can be read by itself)."""
     d = f.data
     said = f"of {d['of']:,} rows of {f.subject}, {d['rows']:,} in stretches over the whole file are used"
     if d["whole"]:
-        return f"{said}; with {' and '.join(map(argument, d['whole']))} no model is fitted to all rows"
+        whole = " and ".join(argument(each) if each.isidentifier() else each for each in d["whole"])
+        return f"{said}; with {whole} no model is fitted to all rows"
     return f"{said}; only models fitted one step ahead by least squares, such as arx, are fitted to all rows"
 
 

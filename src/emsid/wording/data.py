@@ -303,8 +303,8 @@ def data_resampled(f: Finding, argument: Spelling) -> str:
 
 @words("read-in-part")
 def read_in_part(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading and others that need
-    neighbours of a row, so that no block of rows can be read by itself)."""
+    """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading, and words for
+    others, that need neighbours of a row, so that no block of rows can be read by itself)."""
     d = f.data
     said = f"of {d['of']:,} rows of {f.subject}, {d['rows']:,} in stretches over the whole file are used"
     if d["whole"]:

@@ -5,13 +5,16 @@ encoder; its command acts a delay later and is limited. Friction is as identifie
 backlash the encoder is behind it, on a load that friction holds while the motor crosses the gap.
 
 References: **hold** (a short move, then a long rest), **reversal** (a slow sine, counted where it is slow), **step**,
-and **sine** (a sine at a fifth of the bandwidth). Beside the cascade run, with the same velocity feed-forward,
+and **sine** (a sine at a fifth of the bandwidth). Beside the cascade run, on the same reference speed,
 
 - symmetric optimum: Kp = M/(2·f·T), T_i = 4·T, position gain 1/(8·T),
 - SIMC (Skogestad, J. Process Control 13, 2003): τ_c = T, Kp = M/(2·f·T), T_i = min(M/D, 8·T), position gain 1/(4·T),
 
+- LQR as WPILib makes it: by Bryson's rule for errors as large as the step and the speed of the slow sine and for half
+  of what is left of the command, with its compensation of the delay, K·(A − B·K)^(delay/h),
+
 where T is the sum of the delays: that of the command, one and a half samples and the lag of a current loop; and the
-cascade without the compensation of friction and dead zone.
+cascade without feed-forward and without the compensation of friction and dead zone.
 """
 
 from __future__ import annotations
@@ -25,9 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compensation import Compensation
-from emsid.controllers.cascade import RunningCascade, Settings
+from emsid.controllers.cascade import FRICTION, RunningCascade, Settings
 from emsid.controllers.loops import Plants
-from emsid.controllers.region import FRICTION, scaled
+from emsid.controllers.region import scaled
+from emsid.controllers.tuning import by_difference, observer
 from emsid.errors import ModelError
 from emsid.models.starting import start
 
@@ -35,7 +39,7 @@ Array = NDArray[np.float64]
 
 SLOW = 0.25
 """The part of the largest speed below which a reference is in its reversal."""
-TIMES, LEAST_SAMPLES, MOST_SAMPLES = 40.0, 400, 20_000
+TIMES, LEAST_SAMPLES, MOST_SAMPLES = 40.0, 400, 4000
 """A period of the slow sine in time constants of the plant, and the fewest and the most samples of it."""
 COUNTS = 10.0
 """Counts in a sample at the largest speed, of an encoder that is not given."""
@@ -46,7 +50,8 @@ AS_IS = "as identified"
 """The plant that is the model."""
 REST = 1.0
 """Length in s of the rest that is counted."""
-CASCADE, BARE, OPTIMUM, SIMC = "cascade", "cascade without compensation", "symmetric optimum", "SIMC"
+CASCADE, BARE, OPTIMUM = "cascade", "cascade without compensation", "symmetric optimum"
+SIMC, LQR = "SIMC", "LQR"
 """The controllers."""
 PIECES = 10
 """Pieces of a sample in which a delay that is no multiple of it is counted."""
@@ -85,6 +90,7 @@ class ControlBench:
         speed: the largest reference speed of the slow sine in rad/s (m/s).
         period: of the slow sine in s.
         resolution: a count of the encoder in rad (m).
+        origin: the position at which every run begins, in rad (m).
         backlash: in rad (m).
         settings: the cascade; None before it is designed.
         plants: the plants of its region.
@@ -101,11 +107,12 @@ class ControlBench:
     speed: float
     period: float
     resolution: float
+    origin: float = 0.0
     backlash: float = 0.0
     settings: Settings | None = None
     plants: Plants | None = None
     whole_delay: float = 0.0
-    names: tuple[str, ...] = (CASCADE, BARE, OPTIMUM, SIMC)
+    names: tuple[str, ...] = (CASCADE, BARE, OPTIMUM, SIMC, LQR)
     wrong: tuple[str, ...] = ("friction",)
 
     @property
@@ -136,13 +143,33 @@ class ControlBench:
         gain = float(plants.mass[0] / (2 * plants.force[0] * total))
         tau = float(plants.mass[0] / plants.damping[0]) if plants.damping[0] > 0 else inf
         follows = s.position > 0
-        rule = replace(bare, smoothing=1.0, prefilter=1.0, band=0.0, proportional=gain)
+        rule = by_difference(Settings(s.dt, 0.0, gain, 0.0, limit=s.limit, gain=s.gain, offset=s.offset), 1.0)
+        rule = replace(rule, **{name: getattr(s, name) for name in vars(s) if name.startswith("current_")})
+        place, turn = self._quadratic
         return {
             CASCADE: s,
-            BARE: replace(bare, band=0.0),
+            BARE: bare,
             OPTIMUM: replace(rule, integral=gain / (4 * total), position=follows / (8 * total)),
             SIMC: replace(rule, integral=gain / min(tau, 8 * total), position=follows / (4 * total)),
+            LQR: replace(rule, proportional=turn, position=follows * place / turn),
         }
+
+    @property
+    def _quadratic(self) -> tuple[float, float]:
+        """Feedback of position and speed of the LQR, in u per rad (m) and u per rad/s (m/s)."""
+        from scipy.linalg import fractional_matrix_power, solve_discrete_are
+
+        s, plants = self._designed
+        left, way, faster, further = observer(plants, s.dt, 1.0, 1.0)[0]
+        a, b = np.array([[1.0, way], [0.0, left]]), np.array([[further], [faster]])
+        sizes = [self._step_height(), self.speed]
+        if not s.position > 0:
+            a, b, sizes = a[1:, 1:], b[1:], sizes[1:]
+        cost, effort = np.diag([1 / size**2 for size in sizes]), np.array([[1 / self._designed[0].spare ** 2]])
+        x = solve_discrete_are(a, b, cost, effort)
+        k = np.linalg.solve(effort + b.T @ x @ b, b.T @ x @ a)
+        k = np.real(k @ fractional_matrix_power(a - b @ k, self.whole_delay / s.dt))
+        return float(k[0, 0]), float(k[0, -1])
 
     @cached_property
     def runs(self) -> dict[tuple[str, str, str], BenchRun]:
@@ -189,14 +216,15 @@ class ControlBench:
             rate = 2 * np.pi / period
             # a fast sine has the speed of the slow one, unless its acceleration takes more than half of the limit
             most = self.speed if not fast else min(self.speed, self._fastest(rate))
-            time = dt * np.arange(round((4 if fast else 2) * period / dt))
+            time = dt * np.arange(round(2 * period / dt))
             position = most / rate * (1 - np.cos(rate * time))
             speed, counted = most * np.sin(rate * time), time > period / 4
             if not fast:
                 counted &= np.abs(speed) < SLOW * most
             return position, speed, np.append(np.diff(speed), 0.0) / dt, counted
-        settle = 10 / max(self._width, 1e-9)
-        rest, move = (max(REST, settle), max(settle, 40 * dt)) if name == "hold" else (0.0, 0.0)
+        settle = 5 / max(self._width, 1e-9)
+        rest, move = (REST, max(settle, 40 * dt)) if name == "hold" else (0.0, 0.0)
+        settle *= 2 if name == "hold" else 1
         time = dt * np.arange(round((move + settle + rest) / dt))
         if name == "hold":  # a smooth move, then rest
             part = np.clip(time / move, 0.0, 1.0)
@@ -219,23 +247,15 @@ class ControlBench:
         inner = s.proportional * float(plants.force[0] / plants.mass[0])
         return (min(s.position, inner) if s.position > 0 else inner) / (2 * np.pi)
 
-    @property
-    def _spare(self) -> float:
-        """Half of what is left of the largest command beside friction and dead zone, in u of `Settings`."""
-        s = self._designed[0]
-        most = s.current_limit if s.current_dt > 0 else abs(s.gain) * s.limit
-        zone = 0.0 if s.current_dt > 0 else max(s.zone_high, -s.zone_low)
-        return 0.5 * max(most - zone - (1 + FRICTION) * max(s.friction[0][0], s.friction[1][0]), 0.1 * most)
-
     def _fastest(self, rate: float) -> float:
         """The speed of a sine of this rate whose force takes half of what is left beside friction and dead zone."""
         plants = self._designed[1]
-        return float(self._spare * plants.force[0] / np.hypot(plants.mass[0] * rate, plants.damping[0]))
+        return float(self._designed[0].spare * plants.force[0] / np.hypot(plants.mass[0] * rate, plants.damping[0]))
 
     def _step_height(self) -> float:
         """A step whose first command is half of what is left, so that its overshoot is that of the loop."""
         s = self._designed[0]
-        return self._spare / (s.proportional * (s.position or 1.0))
+        return self._designed[0].spare / (s.proportional * (s.position or 1.0))
 
     def run(self, settings: Settings, name: str, model: Any, backlash: float = 0.0) -> BenchRun:
         """A cascade over a reference.
@@ -254,15 +274,19 @@ class ControlBench:
         h = self.dt / pieces
         sampler: Any = getattr(start(model, dt=h), "sampler", None)
         assert sampler is not None
-        rest = -settings.offset
-        late = [rest if not current else 0.0] * round(self.delay / h)
-        fast = [rest]  # the current loop computes for one of its samples
         cascade, n = RunningCascade(settings), len(wanted)
+        designed = RunningCascade(self._designed[0])
+        bears = self._designed[0].load + designed.waves(self.origin, 0.0)  # so that the plant begins at rest
+        rest = designed.command(bears * (model.parameter_values()["resistance"] if current else 1.0))
+        late = [bears if current else rest] * round(self.delay / h)
+        fast = [rest]  # the current loop computes for one of its samples
+        sampler.motion[4 if len(sampler.motion) == 5 else 1] = self.origin
+        wanted = wanted + self.origin
         y, u = np.empty(len(sampler_signals(sampler))), np.empty(1)
         actual, commands = np.empty(n), np.empty(n)
-        load, follows = 0.0, settings.position > 0
+        load, follows, at_load = self.origin, settings.position > 0, self._designed[1].at_load
         for k in range(n):
-            where, turning, _ = motion_of(sampler)
+            where, turning, _ = motion_of(sampler, at_load)
             load = min(max(load, where - 0.5 * backlash), where + 0.5 * backlash)
             shown = load if backlash > 0 else where
             actual[k] = (where if backlash == 0 else load) if follows else turning
@@ -273,19 +297,19 @@ class ControlBench:
                 late.append(made)
                 acting = late.pop(0)
                 if current:
-                    where, turning, amps = motion_of(sampler)
+                    amps = motion_of(sampler, at_load)[2]
                     fast.append(cascade.current(acting, amps))
                     commands[k] = acting = fast.pop(0)
                 u[0] = acting
                 sampler.advance(u, y)
                 if backlash > 0:
-                    where = motion_of(sampler)[0]
+                    where = motion_of(sampler, at_load)[0]
                     load = min(max(load, where - 0.5 * backlash), where + 0.5 * backlash)
         reference = wanted if follows else speed
         error = float(np.sqrt(np.mean((reference - actual)[counted] ** 2)))
         overshoot = changes = float("nan")
         if name == "step":
-            overshoot = max(float(np.max(actual) / reference[-1]) - 1.0, 0.0)
+            overshoot = max(float(np.max(actual - reference[0]) / (reference[-1] - reference[0])) - 1.0, 0.0)
         if name == "hold":
             signs = np.sign(commands[counted] - rest)
             signs = signs[signs != 0]
@@ -305,11 +329,11 @@ def sampler_signals(sampler: Any) -> Any:
     return sampler.numbers[0].signals
 
 
-def motion_of(sampler: Any) -> tuple[float, float, float]:
+def motion_of(sampler: Any, at_load: bool) -> tuple[float, float, float]:
     """Position, speed and current of a plant; the current of one mass without inductance is not a number."""
     motion = sampler.motion.tolist()
     if len(motion) == 5:  # a motor with a shaft
-        return motion[4], motion[2], motion[0]
+        return (motion[4], motion[2], motion[0]) if at_load else (motion[4] + motion[3], motion[1], motion[0])
     return motion[1], motion[0], motion[2] / sampler.numbers[1].per_ampere if len(motion) == 3 else float("nan")
 
 
@@ -326,7 +350,8 @@ def fitted_bench(
     """The bench for a plant, from its own sizes.
 
     The largest speed of the slow sine is that at which the linear part needs the voltage (force) that dead zone and
-    break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives.
+    break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives. Under gravity it
+    begins where a quarter of its wave is from rest, a level arm, or at rest where the limit does not bear that.
 
     Raises:
         ModelError: for a limit that does not reach the break-away, or is missing; for a speed that is not positive.
@@ -355,16 +380,21 @@ def fitted_bench(
     speed = jump * per_volt * tau / inside.mass if amplitude is None else amplitude
     samples = int(min(max(TIMES * tau / dt, LEAST_SAMPLES), MOST_SAMPLES))
     reference = speed * np.sin(2 * np.pi * np.arange(samples) / samples)
-    need = float(np.max(np.abs(inverse.feedforward(reference))))
+    hung = motion_of(getattr(start(model, dt=dt), "sampler", None), True)[0]
+    level = hung + min((0.5 * np.pi / k for k, c, s in inverse.friction.waves.tolist() if c or s), default=0.0)
+    needs = {at: float(np.max(np.abs(inverse.feedforward(reference, at)))) for at in (level, hung)}
     if not isfinite(most):
-        most = 2 * need
+        most = 2 * needs[level]
+    origin, need = next(((at, each) for at, each in needs.items() if each <= most), (hung, needs[hung]))
     if need > most:
         raise ModelError(
             f"a limit of {most:.4g} is below the {need:.4g} that a speed of {speed:.4g} takes; raise it, or give a "
             "smaller amplitude",
             arguments=("limit", "amplitude"),
         )
-    return ControlBench(model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, plants=plants)
+    return ControlBench(
+        model, dt, delay, current_dt, most, speed, samples * dt, speed * dt / COUNTS, origin, plants=plants
+    )
 
 
 def rows_of(bench: ControlBench) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

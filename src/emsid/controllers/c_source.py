@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import fields
 from math import isfinite
 
-from emsid.controllers.cascade import KNOTS, Settings
+from emsid.controllers.cascade import KNOTS, LATE, MOST_DELAY, Settings
 
 LARGEST = 3.0e38
 """What stands for infinity in single precision."""
@@ -28,14 +28,18 @@ extern "C" {{
 typedef CASCADE_REAL cascade_real;
 
 #define CASCADE_KNOTS {KNOTS}
+#define CASCADE_KEPT {MOST_DELAY + 2} /* commands that are kept, for a delay of {MOST_DELAY} samples at most */
 
-/* The gains, in SI units; u is V, A, N*m or N, as the header with the gains says. */
+/* The gains, in SI units; u is V, A, N*m or N, as the header with the gains says.
+   model: of the observer over a sample: speed left, position per speed, speed and position per u; correction: of
+   position, speed and load; notch: b0, b1, b2, a1, a2; waves: of gravity and cogging, each 1/period, cosine, sine. */
 typedef struct {{
 FIELDS}} cascade_settings;
 
 typedef struct {{
-    int begun;
-    cascade_real before, speed, total, reference, current_total;
+    int begun, rests, latest;
+    cascade_real before, shift, speed, load, loads[2], push, wanted, total, reference, notch[2], current_total;
+    cascade_real made[CASCADE_KEPT];
 }} cascade_state;
 
 /* Begin, with the drive at rest. */
@@ -50,9 +54,9 @@ cascade_real cascade_step(const cascade_settings *settings, cascade_state *state
 cascade_real cascade_current(const cascade_settings *settings, cascade_state *state, cascade_real wanted,
                              cascade_real current);
 
-/* What a reference takes, and the command for a value wanted behind the dead zone. */
-cascade_real cascade_feedforward(const cascade_settings *settings, cascade_real speed, cascade_real acceleration);
+/* The command for a value wanted behind the dead zone, and the value that a command gives. */
 cascade_real cascade_command(const cascade_settings *settings, cascade_real wanted);
+cascade_real cascade_behind(const cascade_settings *settings, cascade_real command);
 
 #ifdef __cplusplus
 }}
@@ -81,6 +85,12 @@ static real root(real x)
     return sizeof(real) == sizeof(float) ? (real)sqrtf((float)x) : (real)sqrt((double)x);
 }
 
+static real wave(real angle, real cosine, real sine)
+{
+    return sizeof(real) == sizeof(float) ? (real)((float)cosine * cosf((float)angle) + (float)sine * sinf((float)angle))
+                                         : (real)((double)cosine * cos((double)angle) + (double)sine * sin((double)angle));
+}
+
 static real limited_to(real x, real most)
 {
     return x > most ? most : (x < -most ? -most : x);
@@ -88,26 +98,44 @@ static real limited_to(real x, real most)
 
 void cascade_reset(cascade_state *state)
 {
-    state->begun = 0;
-    state->before = state->speed = state->total = state->reference = state->current_total = K(0.0);
+    int k;
+    state->begun = state->rests = state->latest = 0;
+    state->before = state->shift = state->speed = state->load = state->push = state->wanted = K(0.0);
+    state->total = state->reference = K(0.0);
+    state->loads[0] = state->loads[1] = state->notch[0] = state->notch[1] = state->current_total = K(0.0);
+    for (k = 0; k < CASCADE_KEPT; k++) {
+        state->made[k] = K(0.0);
+    }
 }
 
-real cascade_feedforward(const cascade_settings *s, real speed, real acceleration)
+/* The direction of the reference when the command acts, and the friction against it. */
+static real friction(const cascade_settings *s, real speed, real acceleration, real *level)
 {
-    const real middle = speed + K(0.5) * s->dt * acceleration;
+    const real middle = speed + (s->delay + K(0.5) * s->dt) * acceleration;
     const real size = (speed < K(0.0) || speed > K(0.0)) ? absolute(middle) : K(0.0);
     const real *table = s->friction[middle < K(0.0) ? 1 : 0];
     const real part = root(size / s->friction_speed);
     const real at = (part < K(1.0) ? part : K(1.0)) * K(CASCADE_KNOTS - 1);
     const int low = (int)at < CASCADE_KNOTS - 2 ? (int)at : CASCADE_KNOTS - 2;
-    const real level = table[low] + (at - (real)low) * (table[low + 1] - table[low]);
-    real way;
+    *level = table[low] + (at - (real)low) * (table[low + 1] - table[low]);
     if (s->speed_width > K(0.0)) {
-        way = limited_to(middle / s->speed_width, K(1.0));
-    } else {
-        way = middle > K(0.0) ? K(1.0) : (middle < K(0.0) ? K(-1.0) : K(0.0));
+        return limited_to(middle / s->speed_width, K(1.0));
     }
-    return s->per_speed * speed + s->per_acceleration * acceleration + s->load + way * level;
+    return middle > K(0.0) ? K(1.0) : (middle < K(0.0) ? K(-1.0) : K(0.0));
+}
+
+/* What gravity and cogging take at a reference when the command acts. */
+static real waves(const cascade_settings *s, real position, real speed)
+{
+    const real at = position + (s->delay + K(0.5) * s->dt) * speed;
+    real total = K(0.0);
+    unsigned k;
+    for (k = 0; k < sizeof s->waves / sizeof s->waves[0]; k++) {
+        if (absolute(s->waves[k][1]) > K(0.0) || absolute(s->waves[k][2]) > K(0.0)) {
+            total += wave(s->waves[k][0] * at, s->waves[k][1], s->waves[k][2]);
+        }
+    }
+    return total;
 }
 
 real cascade_command(const cascade_settings *s, real wanted)
@@ -124,41 +152,96 @@ real cascade_command(const cascade_settings *s, real wanted)
     return wanted / s->gain - s->offset;
 }
 
+real cascade_behind(const cascade_settings *s, real command)
+{
+    const real volts = s->gain * (command + s->offset);
+    const real high = volts - s->zone_high, low = volts - s->zone_low;
+    return (high > K(0.0) ? s->slope_high * high : K(0.0)) + (low < K(0.0) ? s->slope_low * low : K(0.0));
+}
+
 real cascade_step(const cascade_settings *s, cascade_state *state, real position, real wanted, real speed,
                   real acceleration)
 {
-    real moved, away, error, command, limited;
-    int stands, near;
+    const int follows = s->position > K(0.0), whole = (int)(s->delay / s->dt + K(LATE));
+    const real rest = s->delay / s->dt - (real)whole, part = rest > K(0.0) ? rest : K(0.0);
+    real moved, away, way, level, resists, dry, found, error, made, raw, command, limited, net;
+    int still, near, stands, rests, newest, earlier, k;
     if (!state->begun) {
         state->before = position;
         state->begun = 1;
     }
     moved = position - state->before;
-    stands = !(moved < K(0.0) || moved > K(0.0));
-    state->speed += s->smoothing * (moved / s->dt - state->speed);
     state->before = position;
     if (s->prefilter < K(1.0)) {
         acceleration = s->prefilter * (speed - state->reference) / s->dt;
         speed = state->reference;
         state->reference += acceleration * s->dt;
     }
-    away = s->position > K(0.0) ? wanted - position : K(0.0);
-    near = s->position > K(0.0) && !(speed < K(0.0) || speed > K(0.0)) &&
-           !(acceleration < K(0.0) || acceleration > K(0.0)) && absolute(away) <= s->band;
-    if (near) {
-        away = K(0.0);
+    still = !(speed < K(0.0) || speed > K(0.0)) && !(acceleration < K(0.0) || acceleration > K(0.0));
+    away = follows ? wanted - position : K(0.0);
+    near = follows && still && absolute(away) <= s->band;
+    stands = near && absolute(moved) <= K(2.0) * s->band;
+    way = friction(s, speed, acceleration, &level);
+    resists = way * level;
+    rests = still && follows && s->adapt > K(0.0);
+    if (rests) {
+        const int side = away < K(0.0) ? 1 : 0;
+        if (!state->rests || wanted < state->wanted || wanted > state->wanted) {
+            level = s->friction[side][0];
+            for (k = 1; k < CASCADE_KNOTS; k++) {
+                level = s->friction[side][k] < level ? s->friction[side][k] : level;
+            }
+            state->push = side ? -level : level;
+            if (!state->rests) {
+                state->load = state->loads[side];
+            }
+        }
+        if (near || away * state->push <= K(0.0)) {
+            state->push = K(0.0);
+        }
+        resists = state->push;
     }
-    error = (near && stands) ? K(0.0) : speed + s->position * away - state->speed;
-    command = cascade_feedforward(s, speed, acceleration) + s->proportional * error + state->total;
-    if (s->current_dt > K(0.0)) {
-        limited = limited_to(command, s->current_limit);
+    state->rests = rests;
+    state->wanted = wanted;
+    dry = resists + s->load + waves(s, follows ? wanted : position, speed);
+
+    /* the observer, corrected by the position */
+    found = stands ? K(0.0) : moved - state->shift;
+    state->speed = stands ? K(0.0) : state->speed + s->correction[1] * found;
+    if (still) {
+        state->load -= s->correction[2] * found;
     } else {
-        command = cascade_command(s, command);
-        limited = limited_to(command, s->limit);
+        const real forward = K(0.5) * (K(1.0) + s->adapt * way), backward = K(0.5) * (K(1.0) - s->adapt * way);
+        const real share = s->correction[2] * found / (forward * forward + backward * backward);
+        state->loads[0] -= share * forward;
+        state->loads[1] -= share * backward;
+        state->load = forward * state->loads[0] + backward * state->loads[1];
+    }
+
+    error = stands ? K(0.0) : speed + s->position * (near ? K(0.0) : away) - state->speed;
+    raw = s->per_speed * (speed + s->delay * acceleration) + s->per_acceleration * acceleration + dry;
+    raw += s->proportional * error + state->total + state->load;
+    made = s->notch[0] * raw + state->notch[0];
+    state->notch[0] = s->notch[1] * raw - s->notch[3] * made + state->notch[1];
+    state->notch[1] = s->notch[2] * raw - s->notch[4] * made;
+    command = s->current_dt > K(0.0) ? made : cascade_command(s, made);
+    limited = limited_to(command, s->current_dt > K(0.0) ? s->current_limit : s->limit);
+    if (absolute(command) > absolute(limited)) {
+        made = s->current_dt > K(0.0) ? limited : cascade_behind(s, limited);
     }
     if (absolute(command) <= absolute(limited) || error * command < K(0.0)) {
         state->total += s->integral * s->dt * error;
     }
+
+    /* the observer, over the sample that follows, in which the command of a delay ago acts */
+    newest = (state->latest + 1) % CASCADE_KEPT;
+    state->latest = newest;
+    state->made[newest] = made - dry;
+    earlier = (newest + CASCADE_KEPT - whole) % CASCADE_KEPT;
+    net = (K(1.0) - part) * state->made[earlier] - state->load;
+    net += part * state->made[(earlier + CASCADE_KEPT - 1) % CASCADE_KEPT];
+    state->shift = (s->correction[0] - K(1.0)) * found + s->model[1] * state->speed + s->model[3] * net;
+    state->speed = s->model[0] * state->speed + s->model[2] * net;
     return limited;
 }
 
@@ -187,8 +270,7 @@ def sources(settings: Settings, name: str, unit: str, way: str) -> dict[str, str
     units = units_of(unit, way)
     rows = [each.name for each in fields(Settings)]
     declared = "".join(
-        f"    cascade_real {row}{'[2][CASCADE_KNOTS]' if row == 'friction' else ''};{_padded(units[row])}\n"
-        for row in rows
+        f"    cascade_real {row}{_lengths(getattr(settings, row))};{_padded(units[row])}\n" for row in rows
     ).replace(f"/* {unit}", "/* u")
     values = "".join(f"    .{row} = {_literal(getattr(settings, row))},  /* {units[row] or '1'} */\n" for row in rows)
     gains = (
@@ -196,7 +278,15 @@ def sources(settings: Settings, name: str, unit: str, way: str) -> dict[str, str
         f'#define {name.upper()}_GAINS_H\n\n#include "cascade.h"\n\n'
         f"static const cascade_settings {name}_gains = {{\n{values}}};\n\n#endif\n"
     )
-    return {"cascade.h": HEADER.replace("FIELDS", declared), "cascade.c": SOURCE, f"{name}_gains.h": gains}
+    return {
+        "cascade.h": HEADER.replace("FIELDS", declared),
+        "cascade.c": SOURCE.replace("LATE", repr(LATE)),
+        f"{name}_gains.h": gains,
+    }
+
+
+def _lengths(value: object) -> str:
+    return f"[{len(value)}]{_lengths(value[0])}" if isinstance(value, tuple) else ""
 
 
 def _padded(unit: str) -> str:
@@ -209,7 +299,8 @@ def units_of(unit: str, way: str) -> dict[str, str]:
     found = dict.fromkeys((each.name for each in fields(Settings)), "")
     return found | {
         "dt": "s", "position": "1/s", "proportional": f"{unit} per {speed}", "integral": f"{unit} per {way}",
-        "per_speed": f"{unit} per {speed}", "per_acceleration": f"{unit} per {speed}^2", "load": unit,
+        "delay": "s", "model": f"1, s, {speed} and {way} per {unit}", "correction": f"1, 1/s, {unit} per {way}",
+        "waves": f"1/{way}, {unit}, {unit}", "per_speed": f"{unit} per {speed}", "per_acceleration": f"{unit} per {speed}^2", "load": unit,
         "friction": f"{unit}, forward and backward", "friction_speed": speed, "speed_width": speed,
         "zone_low": "V", "zone_high": "V", "zone_width": "V", "gain": "V per unit of the command",
         "offset": "unit of the command", "limit": "unit of the command", "band": way, "current_dt": "s",

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from emsid.controllers.bench import ControlBench, rows_of
 from emsid.controllers.c_source import sketch, sources, units_of
+from emsid.controllers.cascade import Settings
+from emsid.controllers.loops import INPUTS, controller_of
 from emsid.controllers.verb import Controller
 from emsid.exports.verb import c_name
 from emsid.io.files import indented_json, write_new
@@ -25,7 +27,7 @@ def write(
     force: bool = False,
     more: Mapping[str, str | bytes] | None = None,
 ) -> list[Path]:
-    """Write a controller: ``cascade.c`` and ``.h``, ``NAME_gains.h``, ``NAME.ino``, ``CONTROL.md``, ``control.json``.
+    """Write a controller: ``cascade.c`` and ``.h``, ``NAME_gains.h``, ``NAME.ino``, ``NAME_control.py``, its texts and JSON.
 
     Args:
         found: the controller.
@@ -46,6 +48,7 @@ def write(
     files: dict[str, str | bytes] = {
         **sources(found.settings, called, found.unit, way),
         f"{called}.ino": sketch(found.settings, called, way, found.resolution),
+        f"{called}_control.py": script(found, called),
         README: readme(found, called),
         JSON: indented_json({"schema": 1, **found.to_data()}),
         **(more or {}),
@@ -53,34 +56,50 @@ def write(
     return write_new(files, path, force=force)
 
 
+SCRIPT = """\
+# Made by emsid: the linear part of the cascade of NAME, without limits, friction and dead zone.
+import control
+import numpy as np
+
+NAME = control.ss(
+    np.array(A),
+    np.array(B),
+    np.array([C]),
+    np.array([D]),
+    DT,
+    inputs=INPUTS,
+    outputs=["command"],
+)  # command in UNIT
+"""
+
+
+def script(found: Controller, name: str) -> str:
+    """The linear part of the cascade as a script that makes the system ``NAME`` of python-control."""
+    text = SCRIPT.replace("NAME", name).replace("INPUTS", repr(list(INPUTS))).replace("DT", repr(found.settings.dt))
+    for key, each in zip("ABCD", controller_of(found.settings), strict=True):
+        text = text.replace(f"({key})", f"({each.tolist()!r})").replace(f"[{key}]", f"[{each.tolist()!r}]")
+    return text.replace("UNIT", plain_unit(found.unit))
+
+
 def readme(found: Controller, name: str) -> str:
     """What the loops are, their margins, the bench, and the gains for firmware."""
     s, way = found.settings, "m" if found.linear else "rad"
     units = units_of(plain_unit(found.unit), way)
     lines = [f"# {name}: cascade", "", *summary(found), "", "## Gains", "", "| gain | value | unit |", "|---|---|---|"]
-    shown: tuple[str, ...] = (
-        "position",
-        "proportional",
-        "integral",
-        "smoothing",
-        "prefilter",
-        "per_speed",
-        "per_acceleration",
-        "load",
-    )
-    shown += ("zone_low", "zone_high", "zone_width", "speed_width", "limit", "band")
-    if s.current_dt > 0:
-        shown += ("current_dt", "current_proportional", "current_integral", "current_limit")
-    lines += [f"| {row} | {getattr(s, row):.6g} | {units[row] or '–'} |" for row in ("dt", *shown)]
+    shown = [
+        name for name in units if name not in ("friction", "waves") and (s.current_dt > 0 or "current" not in name)
+    ]
+    lines += [f"| {row} | {_number(getattr(s, row))} | {units[row] or '–'} |" for row in shown]
     for firmware, rows in found.firmware.items():
         lines += ["", f"## {firmware}", "", "| setting | value | unit |", "|---|---|---|"]
         lines += [f"| {row} | {value:.6g} | {unit or '–'} |" for row, value, unit in rows]
     if "ODrive" in found.firmware:
         lines += [
             "",
-            "All gains are on the side of the motor. Those of ODrive and VESC command a current: they are designed for "
-            "the motor without the braking of its back EMF, at the same sample time and delay. Resistance, constant "
-            "and voltage are those of the record: of a brushless motor they must be those of the q axis.",
+            "All gains are on the side of the motor, of a PI controller without load observer. Those of ODrive and VESC "
+            "command a current: they are designed for the motor without the braking of its back EMF, at the same sample "
+            "time and delay. Resistance, constant and voltage are those of the record: of a brushless motor they must "
+            "be those of the q axis.",
         ]
     lines += ["", "## Bench", "", f"RMS error of the true {found.bench.motion[0]} in {found.bench.motion[1]}.", ""]
     lines += bench_lines(found.bench)
@@ -105,6 +124,10 @@ def readme(found: Controller, name: str) -> str:
     return "\n".join(lines)
 
 
+def _number(value: float | tuple[float, ...]) -> str:
+    return ", ".join(f"{each:.6g}" for each in (value if isinstance(value, tuple) else (value,)))
+
+
 def bench_lines(bench: ControlBench) -> list[str]:
     """The table of a bench in Markdown."""
     header, rows = rows_of(bench)
@@ -123,6 +146,13 @@ def summary(found: Controller) -> list[str]:
         f"The worst {over}: gain margin {m.gain:.2f}, phase margin {m.phase:.1f}°, sensitivity peak "
         f"{m.sensitivity:.2f}, overshoot of a step {100 * found.overshoot:.1f} %.",
     ]
+    lines.append(
+        "A load observer on the model takes the place of an integral; it learns the load of each direction by itself, so "
+        "that friction that differs from the model is known at a reversal."
+    )
+    if found.plants.mode is not None and found.settings.notch != Settings.notch:
+        frequency = found.plants.mode[0] / (2 * pi)
+        lines.append(f"A notch filter is at the flexible mode of {frequency:.3g} Hz.")
     if not found.draws:
         lines.append("The model has no intervals, so that the margins do not contain errors of its estimates.")
     if found.reduced and found.wanted_bandwidth is not None:

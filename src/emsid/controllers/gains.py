@@ -1,7 +1,8 @@
 r"""Gains in the units of SimpleFOC, ODrive, VESC and WPILib, all on the side of the motor.
 
-ODrive and VESC command a torque or a current, so that their speed loop is designed for the plant without the braking of
-the armature, with the same sample time, delay, margins and overshoot. With the torque constant K per ampere:
+None of them has a load observer, so that their speed loop is a PI controller with the same sample time, delay, margins
+and overshoot. ODrive and VESC command a torque or a current: theirs is for the plant without the braking of the
+armature. With the torque constant K per ampere:
 
 =========  =============================================================================================
 SimpleFOC  ``PID_velocity`` in V (or A) per rad/s, ``P_angle`` in 1/s, ``LPF_velocity.Tf`` in s
@@ -16,36 +17,17 @@ from __future__ import annotations
 from math import pi
 
 from emsid.controllers.cascade import Settings
-from emsid.controllers.loops import Plants
-from emsid.controllers.tuning import fastest
 
 Row = tuple[str, float, str]
 
 
 def time_constant(settings: Settings) -> float:
     """That of the smoothing of the speed in s."""
-    return settings.dt * (1 - settings.smoothing) / settings.smoothing
-
-
-def torque_loop(
-    base: Settings, plants: Plants, delay: float, overshoot: float, position: bool, wanted: float
-) -> Settings | None:
-    """The cascade that commands a current, where the firmware has a current loop of its own; None where none holds.
-
-    Args:
-        base: sample time and feed-forward.
-        plants: of the region, for a current.
-        delay: of the loop in s.
-        overshoot: the largest part of a step.
-        position: whether there is a position loop.
-        wanted: bandwidth in rad/s.
-    """
-    found = fastest(plants, base, delay, overshoot, position=position, wanted=wanted)
-    return None if found is None else found.settings
+    return 1 / settings.correction[1] - settings.dt
 
 
 def firmware(
-    settings: Settings,
+    settings: Settings | None,
     unit: str,
     current: Settings | None,
     constant: float,
@@ -56,15 +38,17 @@ def firmware(
     """A table of name, value and unit for every firmware.
 
     Args:
-        settings: the cascade.
+        settings: the cascade with a PI controller; None where none keeps the margins.
         unit: of what it commands.
-        current: the cascade that commands a current; None where there is none.
+        current: that which commands a current; None where there is none.
         constant: N·m per ampere.
         inductance: in H; 0 where it is not known.
         pole_pairs: of the motor, for VESC.
         current_max: the largest current of the VESC in A.
     """
     found: dict[str, list[Row]] = {}
+    if settings is None:
+        return found
     s = settings
     if unit in ("V", "A"):
         volts = unit == "V"

@@ -6,20 +6,18 @@ systems, 3rd ed., 4.3.4)
 
     s(t + 1) = Φ·s(t) + Γ₀·u(t − d) + Γ₁·u(t − d − 1).
 
-The controller sees the position at the samples only. Its speed is the difference of two positions, smoothed:
-
-    v̂(t) = v̂(t − 1) + α·((x(t) − x(t − 1))/h − v̂(t − 1)).
-
-The speed loop is a PI controller of v̂, whose integral is that before the sample; the position loop is a gain before it.
+The controller is a linear system too, `controller_of`, from the position at the samples and the references to the
+command.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from emsid.controllers.cascade import Settings
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -38,10 +36,12 @@ class Plants:
     """P plants in SI units, the nominal one first.
 
     Attributes:
-        mass: (P,) inertia or mass.
+        mass: (P,) inertia or mass, of rotor and load together.
         damping: (P,) force per speed, with the braking of the armature where a voltage drives it.
         stiffness: (P,) force per position against it, of gravity and cogging; negative above the upright position.
         force: (P,) force per unit of what the speed loop commands: volts behind the dead zone, amperes, N·m or N.
+        shaft: (P, 3) inertia of the load, stiffness and damping of a shaft before it; None for one mass.
+        at_load: whether the position is that of the load, not of the rotor.
         lag: time constant in s of a current loop between; 0 for none.
     """
 
@@ -49,12 +49,25 @@ class Plants:
     damping: Array
     stiffness: Array
     force: Array
+    shaft: Array | None = None
+    at_load: bool = False
     lag: float = 0.0
 
     @property
     def nominal(self) -> Plants:
         """The first one alone."""
-        return Plants(self.mass[:1], self.damping[:1], self.stiffness[:1], self.force[:1], self.lag)
+        arrays = {name: getattr(self, name)[:1] for name in ("mass", "damping", "stiffness", "force")}
+        return replace(self, **arrays, shaft=None if self.shaft is None else self.shaft[:1])
+
+    @property
+    def mode(self) -> tuple[float, float] | None:
+        """Frequency in rad/s and damping ratio of the flexible mode of the nominal plant; None for one mass."""
+        if self.shaft is None:
+            return None
+        load, stiffness, damping = self.shaft[0].tolist()
+        reciprocal = 1 / load + 1 / (float(self.mass[0]) - load)
+        frequency = float(np.sqrt(stiffness * reciprocal))
+        return frequency, 0.5 * damping * reciprocal / frequency
 
 
 @dataclass(frozen=True)
@@ -89,32 +102,49 @@ def frequencies(dt: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Plants over a sample: Φ (P, n, n), Γ₀ and Γ₁ (P, n), and the whole samples d of the delay."""
+    """Plants over a sample: Φ (P, n, n), Γ₀ and Γ₁ (P, n), the whole samples d of the delay, and the command (P,) that
+    bears the stiffness of a position of 1."""
 
     transition: Array
     late: Array
     later: Array
     delay: int
     dt: float
+    bearing: Array
 
     @classmethod
     def of(cls, plants: Plants, dt: float, delay: float) -> Sampled:
         """The plants with a sample time and a delay in s."""
         from scipy.linalg import expm
 
-        count = len(plants.mass)
-        n = 3 if plants.lag > 0 else 2
-        whole = np.zeros((count, n + 1, n + 1))  # position, speed, (what acts), command
-        whole[:, 0, 1] = 1.0
-        whole[:, 1, 0], whole[:, 1, 1] = -plants.stiffness / plants.mass, -plants.damping / plants.mass
-        whole[:, 1, 2] = plants.force / plants.mass
-        if plants.lag > 0:
-            whole[:, 2, 2], whole[:, 2, 3] = -1.0 / plants.lag, 1.0 / plants.lag
+        count, lagging = len(plants.mass), plants.lag > 0
+        n = (2 if plants.shaft is None else 4) + lagging
+        acting = n - 1 if lagging else n
+        whole = np.zeros(
+            (count, n + 1, n + 1)
+        )  # measured position and speed, (those of the other mass), (acting), command
+        rotor, load = (0, 2) if plants.shaft is None or not plants.at_load else (2, 0)
+        inertia = plants.mass if plants.shaft is None else plants.mass - plants.shaft[:, 0]
+        whole[:, rotor, rotor + 1] = 1.0
+        whole[:, rotor + 1, rotor], whole[:, rotor + 1, rotor + 1] = (
+            -plants.stiffness / inertia,
+            -plants.damping / inertia,
+        )
+        whole[:, rotor + 1, acting] = plants.force / inertia
+        if plants.shaft is not None:
+            whole[:, load, load + 1] = 1.0
+            for here, there, mass in ((rotor, load, inertia), (load, rotor, plants.shaft[:, 0])):
+                for k, each in enumerate(plants.shaft[:, 1:].T):
+                    whole[:, here + 1, here + k] -= each / mass
+                    whole[:, here + 1, there + k] += each / mass
+        if lagging:
+            whole[:, acting, acting], whole[:, acting, n] = -1.0 / plants.lag, 1.0 / plants.lag
         samples = int(np.floor(delay / dt + 1e-9))
         part = max(delay - samples * dt, 0.0)
         first, second = expm(whole * part), expm(whole * (dt - part))
         after = second[:, :n, :n]
-        return cls(after @ first[:, :n, :n], second[:, :n, n], (after @ first[:, :n, n:])[:, :, 0], samples, dt)
+        later = (after @ first[:, :n, n:])[:, :, 0]
+        return cls(after @ first[:, :n, :n], second[:, :n, n], later, samples, dt, plants.stiffness / plants.force)
 
     def response(self, w: Array) -> Complex:
         """(P, F) from the command to the position at the samples."""
@@ -124,12 +154,6 @@ class Sampled:
         right = self.late[:, None, :] + self.later[:, None, :] / z[None, :, None]
         states = np.linalg.solve(left, right[..., None])[..., 0]
         return np.asarray(states[..., 0] * z ** -float(self.delay))
-
-
-def speed_filter(w: Array, dt: float, alpha: float) -> Complex:
-    """(F,) from the position to the speed that the controller forms."""
-    back = np.exp(-1j * w * dt)
-    return np.asarray((1 - back) / dt * alpha / (1 - (1 - alpha) * back))
 
 
 def pi_response(w: Array, dt: float, proportional: float, integral: float) -> Complex:
@@ -167,56 +191,91 @@ def bandwidth(w: Array, closed: Complex) -> float:
     return float(w[fallen[0]]) if len(fallen) else float(w[-1])
 
 
-def step_responses(sampled: Sampled, settings: Any, samples: int) -> Array:
+INPUTS = ("position", "wanted", "speed", "acceleration")
+"""What a controller reads: the measured position and the reference."""
+
+
+def controller_of(settings: Settings) -> tuple[Array, Array, Array, Array]:
+    """The linear part of a cascade as a discrete system: A (m, m), B (m, 4), C (m,) and D (4,), from `INPUTS` to u.
+
+    Limits, friction, dead zone, gravity and the rule at rest are left out, and the load is one of both directions.
+    """
+    s, (whole, part) = settings, settings.late
+    follows = s.position > 0
+    # state: position, shift, speed, load of the observer; integral; prefilter; notch; commands, the latest first
+    before, shift, speed, load, total, filtered, first, second, made = range(9)
+    m = made + whole + 1
+    row = np.eye(m + len(INPUTS))
+    measured, wanted, reference, acceleration = row[m:]
+    found = measured - row[before] - row[shift]
+    v, d = row[speed] + s.correction[1] * found, row[load] - s.correction[2] * found
+    if s.prefilter < 1:
+        acceleration = s.prefilter / s.dt * (reference - row[filtered])
+        reference = row[filtered]
+    error = reference + s.position * (wanted - measured) * follows - v
+    raw = s.per_speed * (reference + s.delay * acceleration) + s.per_acceleration * acceleration
+    raw = raw + s.proportional * error + row[total] + d
+    command = s.notch[0] * raw + row[first]
+    late = [command, *row[made:m]]
+    net = (1 - part) * late[whole] + part * late[whole + 1] - d
+    after = np.zeros((m, m + len(INPUTS)))
+    after[before], after[load] = measured, d
+    after[shift] = (s.correction[0] - 1) * found + s.model[1] * v + s.model[3] * net
+    after[speed] = s.model[0] * v + s.model[2] * net
+    after[total] = row[total] + s.integral * s.dt * error
+    after[filtered] = row[filtered] + s.dt * acceleration if s.prefilter < 1 else 0.0
+    after[first] = s.notch[1] * raw - s.notch[3] * command + row[second]
+    after[second] = s.notch[2] * raw - s.notch[4] * command
+    after[made:] = late[:-1]
+    return after[:, :m], after[:, m:], command[:m], command[m:]
+
+
+def controller_response(w: Array, settings: Settings) -> tuple[Complex, Complex]:
+    """(F,) from the position, against its sign, and from the reference to the command."""
+    a, b, c, d = controller_of(settings)
+    z = np.exp(1j * w * settings.dt)
+    columns = [0, 1 if settings.position > 0 else 2]
+    states = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b[None, :, columns].astype(complex))
+    position, reference = (states.transpose(0, 2, 1) @ c + d[columns]).T
+    return -position, reference
+
+
+def step_responses(sampled: Sampled, settings: Settings, samples: int) -> Array:
     """(at least samples, P) position of the plants after a step of its reference; without a position loop, their speed.
 
+    Gravity and cogging are borne at the reference by the feed-forward.
+
     Args:
-        sampled: the plants.
-        settings: gains of the cascade, see `emsid.controllers.cascade.Settings`.
+        sampled: the plants, delayed no more than the settings say.
+        settings: gains of the cascade.
         samples: how many.
     """
-    s, dt, d = settings, sampled.dt, sampled.delay
+    a, b, c, d = controller_of(settings)
     count, n = sampled.late.shape
-    follows = s.position > 0
-    # state: the plant; position and speed of the sample before; integral; prefilter; commands, the latest first; 1
-    before, speed, total, filtered, command = range(n, n + 5)
-    size = command + d + 2
-    one = size - 1
-    row = np.zeros((size,))  # of the speed
-    row[speed] = 1 - s.smoothing
-    row[0], row[before] = s.smoothing / dt, -s.smoothing / dt
-    error, fed = -row, np.zeros(size)
-    if follows:
-        error[0] -= s.position
-        error[one] += s.position
-    else:
-        error[filtered] += 1.0
-        fed[filtered] = s.per_speed - s.per_acceleration * s.prefilter / dt
-        fed[one] = s.per_acceleration * s.prefilter / dt
-    made = fed + s.proportional * error
-    made[total] += 1.0
+    follows, m, late = settings.position > 0, len(a), sampled.delay
+    size = n + m + 1
+    reads = slice(n, n + m)
+    made = np.zeros(size)
+    made[0], made[reads], made[-1] = d[0], c, d[1 if follows else 2]
+    kept = n + m - settings.late[0] - 1
     step = np.zeros((count, size, size))
-    step[:, :n, :n] = sampled.transition
-    for late, gains in ((d, sampled.late), (d + 1, sampled.later)):
-        acting = made if late == 0 else np.eye(size)[command + late - 1]
+    step[:, :n, :n], step[:, -1, -1] = sampled.transition, 1.0
+    for samples_late, gains in ((late, sampled.late), (late + 1, sampled.later)):
+        acting = made if samples_late == 0 else np.eye(size)[kept + samples_late - 1]
         step[:, :n] += gains[:, :, None] * acting
-    step[:, before, 0] = step[:, one, one] = step[:, total, total] = 1.0
-    step[:, speed] = row
-    step[:, total] += s.integral * dt * error
-    step[:, filtered, filtered], step[:, filtered, one] = 1 - s.prefilter, s.prefilter
-    step[:, command] = made
-    for k in range(1, d + 1):
-        step[:, command + k, command + k - 1] = 1.0
+    if follows:
+        step[:, :n, -1] += (sampled.late + sampled.later) * sampled.bearing[:, None]
+    step[:, reads, reads], step[:, reads, 0], step[:, reads, -1] = a, b[:, 0], b[:, 1 if follows else 2]
     out = np.zeros((count, 1, size))
     out[:, 0, 0 if follows else 1] = 1.0
     rows = [out]
     for _ in range(BLOCK - 1):
         rows.append(rows[-1] @ step)
-    reads, ahead = np.concatenate(rows, axis=1), np.linalg.matrix_power(step, BLOCK)
+    reading, ahead = np.concatenate(rows, axis=1), np.linalg.matrix_power(step, BLOCK)
     state = np.zeros((count, size, 1))
-    state[:, one] = 1.0
+    state[:, -1] = 1.0
     found = []
     for _ in range(-(-samples // BLOCK)):
-        found.append((reads @ state)[:, :, 0].T)
+        found.append((reading @ state)[:, :, 0].T)
         state = ahead @ state
     return np.concatenate(found)

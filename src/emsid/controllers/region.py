@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.compensation import Compensation, compensate
+from emsid.controllers.cascade import FRICTION
 from emsid.controllers.loops import Plants
 from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Fit
+from emsid.models.plants.parameters import Signal
 from emsid.models.verbs import as_model
 from emsid.plant import Measure
 
 Array = NDArray[np.float64]
 
-FRICTION = 0.3
-"""The error of friction that margins and bench must bear: it changes with temperature and wear."""
 DRAWS = 64
 """Points on the ellipsoid; with 512 the worst margins of the tests change by less than 1 %."""
+SHAFT = ("load_inertia", "shaft_stiffness", "shaft_damping")
 LEAST = 0.01
 """The smallest value of a positive parameter on the ellipsoid, as a part of its estimate."""
 
@@ -109,21 +110,27 @@ class Electrics:
     inductance: Array
 
 
-def plants_of(inverses: list[Compensation], current: bool) -> Plants:
-    """The plants of some inverses, each with friction as it is, 30 % lower and 30 % higher, and with the stiffness of
+def plants_of(models: list[Any], inverses: list[Compensation], current: bool) -> Plants:
+    """The plants of some models and their inverses, each with friction as it is, 30 % lower and 30 % higher, and with the stiffness of
     gravity and cogging of either sign."""
-    rows = []
-    for each in inverses:
+    rows, shafts = [], []
+    values = models[0].parameter_values()
+    for each, model in zip(inverses, models, strict=True):
         inside, friction = each.inside, each.friction
         braking, force = (0.0, inside.per_ampere) if current else (inside.braking, inside.after * inside.before)
         viscous = inside.viscous + float(np.mean(friction.viscous))
         stiffness = float(sum(k * np.hypot(c, s) for k, c, s in friction.waves.tolist()))
-        rows += [
-            (inside.mass, braking + factor * viscous, way * stiffness, force)
+        changes = [
+            (factor, way * stiffness)
             for factor in (1.0, 1.0 - FRICTION, 1.0 + FRICTION)
             for way in ((0.0, -1.0, 1.0) if stiffness > 0 else (0.0,))
         ]
-    return Plants(*np.array(rows).T)
+        rows += [(inside.mass, braking + factor * viscous, against, force) for factor, against in changes]
+        if "shaft_stiffness" in values:
+            values = model.parameter_values()
+            shafts += len(changes) * [[values[name] for name in SHAFT]]
+    at_load = Signal.ROTOR_SPEED not in getattr(models[0], "signals", ())
+    return Plants(*np.array(rows).T, shaft=np.array(shafts) if shafts else None, at_load=at_load)
 
 
 def electrics_of(models: list[Any]) -> Electrics | None:
@@ -137,15 +144,18 @@ def electrics_of(models: list[Any]) -> Electrics | None:
 
 
 def inverse_of(model: Any, dt: float) -> Compensation:
-    """The inverse of a plant of one mass.
+    """The inverse of a plant of one mass; of a motor with a shaft, that of rotor and load together.
 
     Raises:
         ModelError: for a model without one.
     """
-    if not hasattr(as_model(model), "plant"):
+    subject = as_model(model)
+    if not hasattr(subject, "plant"):
         raise ModelError(
-            f"{as_model(model).name} has no inertia and friction to control; identify rigid-motor, joint or linear-axis"
+            f"{subject.name} has no inertia and friction to control; identify rigid-motor, motor, joint or linear-axis"
         )
-    found = compensate(as_model(model), dt=dt)
+    if "shaft_stiffness" in subject.parameter_values():
+        subject = replace(subject, plant=replace(subject.plant, motor=subject.plant.motor.rigid()))
+    found = compensate(subject, dt=dt)
     assert isinstance(found, Compensation)
     return found

@@ -1,15 +1,18 @@
 r"""Gains for loops: the fastest cascade that keeps its margins for every plant of a region.
 
-One number is searched, the crossover ω of the speed loop, for a few shapes of the cascade each:
+One number is searched, the bandwidth ω of the speed loop, for a few shapes of the cascade each:
 
-- integral time T_i = β/ω, where β = 4 is that of the symmetric optimum with a phase lead of 76°, and a larger one gives
-  less overshoot and a weaker integral;
+- with a load observer: Kp = ω·M/f, the poles of position and speed at κ·ω, that of the load at λ·ω: larger ones reject
+  a load faster and leave less margin;
+- without one: a PI controller of the smoothed difference of the positions, integral time T_i = β/ω, where β = 4 is that
+  of the symmetric optimum with a phase lead of 76°, and a smoothing of a tenth of 1/ω, which costs 6° of phase;
 - gain of the position loop ω/ρ;
-- time constant of the smoothing of the speed a tenth of 1/ω, which costs 6° of phase.
+- where the plant has a flexible mode, a notch filter at it, whose poles have one of a few damping ratios.
 
-Each shape is made as fast as margins and overshoot allow. Of the shapes, that with the largest product of the integral
-gain and the position gain is taken: the integral of the error after a step of the load is its inverse (Åström,
-Hägglund, Advanced PID control, 2006, 4.2). Where a bandwidth is wanted, only the shapes that reach it count.
+Each shape is made as fast as margins, overshoot and encoder allow: one count more may not command more than half of what
+is left of the largest command beside friction and dead zone. Of the fastest shapes, or those that reach the wanted
+bandwidth, that which moves least under a constant load at the lowest frequency is taken (Åström, Hägglund, Advanced PID
+control, 2006, 4.2: the integral of the error after a step of the load).
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,10 +32,10 @@ from emsid.controllers.loops import (
     Plants,
     Sampled,
     bandwidth,
+    controller_response,
     frequencies,
     margins,
     pi_response,
-    speed_filter,
     step_responses,
 )
 
@@ -40,13 +44,19 @@ LEAST = Margins(2.0, 45.0, 2.0)
 60°, from 1.2 to 2)."""
 INTEGRAL = (4.0, 7.0, 12.0, 20.0, 35.0)
 """β: the integral time in units of 1/ω."""
+OBSERVERS = (2.0, 4.0, 8.0)
+"""κ: the poles of position and speed of the observer in units of ω."""
+LOADS = (0.1, 0.25, 0.5, 1.0)
+"""λ: the pole of its load in units of ω."""
+NOTCHES = (0.3, 0.7)
+"""Damping ratios of the poles of a notch filter."""
 RATIOS = (2.0, 3.0, 4.0, 6.0)
 """ρ: crossover of the speed loop over that of the position loop."""
 SMOOTHING = 0.1
 """Time constant of the smoothing of the speed in units of 1/ω."""
 STEPS = 9
 """Halvings of a range of one decade and a half: 0.7 % of the bandwidth."""
-ALIKE = 0.95
+ALIKE = 0.9
 """Bandwidths within this factor of the largest one are taken for the same."""
 HORIZON = 40.0
 """Length of a step response in units of 1/ω, times ρ."""
@@ -54,44 +64,45 @@ MOST_SAMPLES = 2000
 """Of a step response; a slower loop is judged by its first so many."""
 
 
+class Shape(NamedTuple):
+    """ρ, the damping of the notch filter (0 for none), and κ and λ of an observer or β of an integral."""
+
+    ratio: float
+    notch: float
+    observer: float = 0.0
+    load: float = 0.0
+    integral: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class LoopResponses:
-    """The loops of a cascade at the frequencies ``w``, for P plants.
+    """The loop of a cascade at the frequencies ``w``, for P plants.
 
     Attributes:
         w: (F,) in rad/s.
-        speed: (P, F) the speed loop, without position loop.
         whole: (P, F) opened at the plant's command: position and speed loop together.
-        position: (P, F) the position loop, opened at its gain.
-        closed: (P, F) from the reference to the position; without a position loop to the measured speed, without the
-            feed-forward.
+        closed: (P, F) from the reference to the position; without a position loop to the speed, without the feed-forward
+            of the acceleration.
     """
 
     w: Array
-    speed: Complex
     whole: Complex
-    position: Complex
     closed: Complex
 
     @classmethod
     def of(cls, response: Complex, w: Array, settings: Settings) -> LoopResponses:
-        """From the response (P, F) of the plants."""
-        pi = pi_response(w, settings.dt, settings.proportional, settings.integral)
-        path = speed_filter(w, settings.dt, settings.smoothing)
-        speed = response * pi * path
-        position = settings.position * response * pi / (1 + speed)
-        whole = speed + settings.position * response * pi
-        if settings.position > 0:
-            return cls(w, speed, whole, position, position / (1 + position))
-        back, weight = np.exp(-1j * w * settings.dt), settings.prefilter
-        filtered = np.ones(1) if weight == 1 else weight * back / (1 - (1 - weight) * back)
-        return cls(w, speed, whole, position, filtered * speed / (1 + speed))
+        """From the response (P, F) of the plants from the command to the position."""
+        back, ahead = controller_response(w, settings)
+        whole, dt = response * back, settings.dt
+        if not settings.position > 0:
+            ahead = controller_response(w, replace(settings, per_acceleration=0.0))[1] * (1 - np.exp(-1j * w * dt)) / dt
+        closed = response * ahead / (1 + whole)
+        return cls(w, whole, closed)
 
     @property
     def margins(self) -> Margins:
         """The worst of all."""
-        worst = margins(self.speed)
-        return worst.worse(margins(self.whole)).worse(margins(self.position)) if self.position.any() else worst
+        return margins(self.whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,30 +114,69 @@ class Tuned:
         bandwidth: of the nominal closed loop in rad/s.
         margins: the worst.
         overshoot: the largest overshoot of a step, as a part of it.
+        shape: of the search.
     """
 
     settings: Settings
     bandwidth: float
     margins: Margins
     overshoot: float
+    shape: Shape
 
 
-def shaped(response: Complex, w: Array, base: Settings, crossover: float, beta: float, ratio: float) -> Settings:
-    """The cascade of a shape, whose nominal speed loop has this crossover."""
+def observer(plants: Plants, dt: float, speed: float, load: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The model of the nominal plant over a sample, and the correction that gives its observer two poles at −speed and
+    one at −load, in rad/s, by Ackermann's formula (Franklin, Powell, Workman, 3rd ed., 8.2)."""
+    mass, damping, force = (float(each[0]) for each in (plants.mass, plants.damping, plants.force))
+    rate = damping / mass
+    left = float(np.exp(-rate * dt))
+    way = dt if rate * dt < 1e-6 else (1 - left) / rate
+    fall = 0.5 * dt * dt if rate * dt < 1e-6 else (dt - way) / rate
+    model = (left, way, force / mass * way, force / mass * fall)
+    a, one = np.array([[1.0, way, -model[3]], [0.0, left, -model[2]], [0.0, 0.0, 1.0]]), np.eye(3)
+    seen = np.array([one[0], a[0], (a @ a)[0]])
+    placed = np.linalg.matrix_power(a - np.exp(-speed * dt) * one, 2) @ (a - np.exp(-load * dt) * one)
+    gains = np.linalg.solve(a, placed @ np.linalg.solve(seen, one[2]))
+    return model, (float(gains[0]), float(gains[1]), -float(gains[2]))
+
+
+def notch_of(mode: tuple[float, float], damping: float, dt: float) -> tuple[float, ...]:
+    """The notch filter whose zeros are the poles of a mode, and whose poles have the same frequency and this damping."""
+
+    def factors(ratio: float) -> Array:
+        size, angle = np.exp(-ratio * mode[0] * dt), mode[0] * np.sqrt(max(1 - ratio * ratio, 0.0)) * dt
+        return np.array([1.0, -2 * size * np.cos(angle), size * size])
+
+    zeros, poles = factors(min(mode[1], 1.0)), factors(damping)
+    return (*(zeros * (poles.sum() / zeros.sum())).tolist(), *poles[1:].tolist())
+
+
+def shaped(response: Complex, w: Array, base: Settings, plants: Plants, crossover: float, shape: Shape) -> Settings:
+    """The cascade of a shape, whose nominal speed loop has this bandwidth."""
+    position = 0.0 if shape.ratio == inf else crossover / shape.ratio
+    notch = base.notch
+    if shape.notch > 0 and plants.mode is not None:
+        notch = notch_of(plants.mode, shape.notch, base.dt)
+    if shape.observer > 0:
+        model, correction = observer(plants, base.dt, shape.observer * crossover, shape.load * crossover)
+        gain = crossover * float(plants.mass[0] / plants.force[0])
+        return replace(
+            base, position=position, proportional=gain, model=model, correction=correction, notch=notch, adapt=1.0
+        )
     alpha = base.dt / (SMOOTHING / crossover + base.dt)
-    unit = response[0] * pi_response(w, base.dt, 1.0, crossover / beta) * speed_filter(w, base.dt, alpha)
-    size = np.exp(np.interp(np.log(crossover), np.log(w), np.log(np.abs(unit))))
-    gain = float(1 / size)
-    return replace(
-        base,
-        position=0.0 if ratio == inf else crossover / ratio,
-        proportional=gain,
-        integral=gain * crossover / beta,
-        smoothing=float(alpha),
-    )
+    integral = crossover / shape.integral
+    made = by_difference(replace(base, position=0.0, proportional=1.0, integral=integral, notch=notch), alpha)
+    unit = response[0] * controller_response(w, made)[0]
+    gain = float(1 / np.exp(np.interp(np.log(crossover), np.log(w), np.log(np.abs(unit)))))
+    return replace(made, position=position, proportional=gain, integral=gain * integral)
 
 
-def judged(sampled: Sampled, response: Complex, w: Array, settings: Settings) -> Tuned:
+def by_difference(settings: Settings, alpha: float) -> Settings:
+    """The cascade with the difference of two positions, smoothed by this weight of the newest, for its speed."""
+    return replace(settings, model=(1.0, settings.dt, 0.0, 0.0), correction=(1.0, alpha / settings.dt, 0.0), adapt=0.0)
+
+
+def judged(sampled: Sampled, response: Complex, w: Array, settings: Settings, shape: Shape) -> Tuned:
     """What a cascade reaches."""
     loops = LoopResponses.of(response, w, settings)
     found = loops.margins
@@ -140,7 +190,7 @@ def judged(sampled: Sampled, response: Complex, w: Array, settings: Settings) ->
             overshoot = float(np.nan_to_num(np.max(after) - 1.0, nan=inf))
             if not np.max(np.abs(after[-1] - 1.0)) < 0.5:  # it does not come to rest: unstable
                 overshoot = inf
-    return Tuned(settings, width, found, max(overshoot, 0.0))
+    return Tuned(settings, width, found, max(overshoot, 0.0), shape)
 
 
 def fastest(
@@ -151,6 +201,8 @@ def fastest(
     *,
     position: bool = True,
     wanted: float = inf,
+    observer: bool = True,
+    shapes: Sequence[Shape] | None = None,
 ) -> Tuned | None:
     """The fastest cascade whose margins and overshoot hold for all plants, or that of a wanted bandwidth.
 
@@ -161,19 +213,27 @@ def fastest(
         overshoot: the largest part of a step.
         position: whether there is a position loop.
         wanted: bandwidth in rad/s.
+        observer: whether a load observer is in it, in place of an integral.
+        shapes: those that are tried; by default all.
 
     Returns:
         The cascade; None where no bandwidth holds.
     """
+    base = replace(base, delay=delay + plants.lag)
     w, sampled = frequencies(base.dt), Sampled.of(plants, base.dt, delay)
     response = sampled.response(w)
-    shapes = [(beta, ratio) for ratio in (RATIOS if position else (inf,)) for beta in INTEGRAL]
-    each = (_of_shape(sampled, response, w, base, *shape, overshoot, wanted) for shape in shapes)
+    reached = plants.mode is not None and plants.mode[0] < np.pi / base.dt
+    shapes = shapes or [
+        Shape(ratio, notch, *each)
+        for ratio in (RATIOS if position else (inf,))
+        for notch in ((0.0, *NOTCHES) if reached else (0.0,))
+        for each in ([(k, n, 0.0) for k in OBSERVERS for n in LOADS] if observer else [(0.0, 0.0, b) for b in INTEGRAL])
+    ]
+    each = (_of_shape(sampled, response, w, base, plants, shape, overshoot, wanted) for shape in shapes)
     found = [tuned for tuned in each if tuned is not None]
-    if wanted < inf and found:
-        best = max(tuned.bandwidth for tuned in found)
-        found = [tuned for tuned in found if tuned.bandwidth >= ALIKE * best]
-    return max(found, key=lambda tuned: tuned.settings.integral * (tuned.settings.position or 1.0), default=None)
+    best = max((tuned.bandwidth for tuned in found), default=0.0)
+    found = [tuned for tuned in found if tuned.bandwidth >= ALIKE * best]
+    return max(found, key=lambda tuned: abs(controller_response(w[:1], tuned.settings)[0][0]), default=None)
 
 
 def _of_shape(
@@ -181,17 +241,19 @@ def _of_shape(
     response: Complex,
     w: Array,
     base: Settings,
-    beta: float,
-    ratio: float,
+    plants: Plants,
+    shape: Shape,
     overshoot: float,
     wanted: float,
 ) -> Tuned | None:
     """The fastest cascade of a shape, not faster than wanted, by bisection of the logarithm of its crossover."""
 
     def good(crossover: float) -> Tuned | None:
-        settings = shaped(response, w, base, crossover, beta, ratio)
-        for prefilter in (1.0,) if ratio < inf else prefilters(crossover, base.dt):
-            tuned = judged(sampled, response, w, replace(settings, prefilter=prefilter))
+        settings = shaped(response, w, base, plants, crossover, shape)
+        if settings.per_count > settings.spare:
+            return None
+        for prefilter in (1.0,) if shape.ratio < inf else prefilters(crossover, base.dt):
+            tuned = judged(sampled, response, w, replace(settings, prefilter=prefilter), shape)
             if tuned.bandwidth > wanted * 1.005 or not tuned.margins.hold(LEAST):
                 return None
             if tuned.overshoot <= overshoot:

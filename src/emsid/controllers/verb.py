@@ -15,9 +15,9 @@ from emsid.arguments import as_names_with_commas
 from emsid.compensation import Compensation, compensate
 from emsid.compensation.inverse import lower_ends
 from emsid.controllers.bench import BARE, CASCADE, ControlBench, fitted_bench, unit_of
-from emsid.controllers.cascade import RunningCascade, Settings, knots
-from emsid.controllers.gains import Row, firmware, torque_loop
-from emsid.controllers.loops import Margins, Plants, Sampled, frequencies
+from emsid.controllers.cascade import HALF, MOST_DELAY, WAVES, RunningCascade, Settings, knots
+from emsid.controllers.gains import Row, firmware
+from emsid.controllers.loops import INPUTS, Margins, Plants, Sampled, controller_of, frequencies
 from emsid.controllers.region import (
     check_identified,
     electrics_of,
@@ -30,6 +30,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import refuse_assumed
 from emsid.exports.verb import check_stable
+from emsid.models.linear_parts import python_control
 from emsid.models.verbs import as_model
 
 Array = NDArray[np.float64]
@@ -103,9 +104,19 @@ class Controller:
     @cached_property
     def loops(self) -> LoopResponses:
         """The frequency responses of its loops, for all plants of the region."""
-        sampled = Sampled.of(self.plants, self.settings.dt, self.delay)
         w = frequencies(self.settings.dt)
-        return LoopResponses.of(sampled.response(w), w, self.settings)
+        return LoopResponses.of(Sampled.of(self.plants, self.settings.dt, self.delay).response(w), w, self.settings)
+
+    def to_control(self) -> Any:
+        """The linear part of the cascade as a discrete python-control system, from the measured position and the
+        reference position, speed and acceleration to what the speed loop commands.
+
+        Raises:
+            ModelError: if python-control is not installed.
+        """
+        a, b, c, d = controller_of(self.settings)
+        names = {"inputs": list(INPUTS), "outputs": ["command"], "name": self.name}
+        return python_control().ss(a, b, c[None], d[None], self.settings.dt, **names)
 
     def to_data(self) -> dict[str, Any]:
         """Gains, margins and the table of the bench in built-in types."""
@@ -241,7 +252,7 @@ def control(
     late = step if delay is None else delay
     drive_delay = float(subject.plant.drive.delay)
     inverses = [estimated, *(inverse_of(each, step) for each in region[1:])]
-    plants = plants_of(inverses, cascaded)
+    plants = plants_of(region, inverses, cascaded)
     inner: Margins | None = None
     kp = ki = 0.0
     if cascaded and electrics is not None:
@@ -249,51 +260,62 @@ def control(
         plants = replace(plants, lag=float(electrics.inductance[0]) / kp)
     whole_delay = late + drive_delay + (1.5 * fast if cascaded else 0.0)
 
+    if whole_delay + plants.lag > MOST_DELAY * step:
+        raise ModelError(
+            f"a delay of {whole_delay + plants.lag:g} s in all; {MOST_DELAY} sample times, {MOST_DELAY * step:g} s, are "
+            "the most",
+            arguments=("delay", "dt"),
+        )
     cautious = inverse_of(lower_ends(model), step)
     base, bench = without_gains(subject, cautious, plants, encoder, limit, late, fast if cascaded else 0.0)
     resolution = bench.resolution
-    base = replace(base, current_proportional=kp, current_integral=ki)
+    base = replace(base, current_proportional=kp, current_integral=ki, band=HALF * resolution)
     follows = loop == "position"
     wanted = inf if bandwidth is None else 2 * pi * bandwidth
-    alone = fastest(plants.nominal, base, whole_delay, overshoot, position=follows, wanted=wanted)
     found = fastest(plants, base, whole_delay, overshoot, position=follows, wanted=wanted)
-    if alone is None or found is None:
+    if found is None:
         raise ModelError(
             f"no {loop} loop of {subject.name} keeps a gain margin of {LEAST.gain:g}, a phase margin of "
             f"{LEAST.phase:g}° and an overshoot of {100 * overshoot:g} % at a sample time of {step:g} s and a delay of "
             f"{late:g} s; sample faster, or allow more overshoot",
             arguments=("dt", "delay", "overshoot"),
         )
-    settings = smoothed(found.settings, resolution)
+    alone = fastest(plants.nominal, base, whole_delay, overshoot, position=follows, wanted=wanted, shapes=[found.shape])
+    settings = smoothed(found.settings)
     widest = _backlash(subject, backlash, resolution)
     bench = replace(bench, settings=settings, backlash=widest, plants=plants, whole_delay=whole_delay)
     unit, values = "A" if cascaded else unit_of(subject), subject.parameter_values()
     constant = float(values.get("motor_constant", 0.0)) if unit in ("V", "A") else 0.0
-    commands_current = settings if unit == "A" else None
+
+    def usual(these: Plants, late: float) -> Settings | None:
+        """The cascade with a PI controller, which firmware has."""
+        tuned = fastest(these, base, late, overshoot, position=follows, wanted=wanted, observer=False)
+        return None if tuned is None else tuned.settings
+
+    plain = usual(plants, whole_delay)
+    commands_current = plain if unit == "A" else None
     if unit == "V" and constant > 0:
-        commands_current = torque_loop(base, plants_of(inverses, True), late, overshoot, follows, wanted)
+        commands_current = usual(plants_of(region, inverses, True), late)
     tables = firmware(
-        settings, unit, commands_current, constant, float(values.get("inductance", 0.0)), pole_pairs, current_max
+        plain, unit, commands_current, constant, float(values.get("inductance", 0.0)), pole_pairs, current_max
     )
     return Controller(
         subject.name, settings, unit, subject.name == "linear-axis", whole_delay, resolution,
-        found.bandwidth / (2 * pi), alone.bandwidth / (2 * pi), bandwidth, found.margins,
+        found.bandwidth / (2 * pi), (alone or found).bandwidth / (2 * pi), bandwidth, found.margins,
         _nominal(found, plants, whole_delay), found.overshoot, inner, plants,
         len(region) - 1, bench, tables,
     )  # fmt: skip
 
 
-def smoothed(settings: Settings, resolution: float) -> Settings:
+def smoothed(settings: Settings) -> Settings:
     """Gains with the widths of smoothing of their encoder.
 
-    One count more moves the wanted voltage by what it adds to speed and position: up to that, the inverse of the dead
-    zone is a straight line. The direction of friction is one up to the speed of a count in the time constant of the
-    loop, below which the encoder does not show which way the drive moves.
+    Up to the voltage that one count adds, the inverse of the dead zone is a straight line. The direction of friction is
+    one up to the speed of a count in the time constant of the speed loop.
     """
-    shown = settings.smoothing * resolution / settings.dt
-    volts = settings.proportional * (shown + settings.position * resolution)
-    volts *= settings.current_proportional if settings.current_dt > 0 else 1.0
-    return replace(settings, zone_width=volts, speed_width=shown, band=resolution)
+    volts = settings.per_count * (settings.current_proportional if settings.current_dt > 0 else 1.0)
+    width = settings.proportional * settings.model[2] / settings.dt * settings.band / HALF
+    return replace(settings, zone_width=volts, speed_width=width)
 
 
 def _nominal(found: Tuned, plants: Plants, delay: float) -> Margins:
@@ -346,9 +368,11 @@ def without_gains(
         level = np.abs(exact.friction_force(way * (speeds + moves))) / force
         level[0] = np.abs(float(exact.friction_force(0.0, way * moves))) / force  # break-away
         table.append(tuple(level.tolist()))
+    nothing = [[0.0] * 3] * WAVES
     settings = Settings(
         dt=dt, position=0.0, proportional=0.0, integral=0.0,
         per_speed=damping / force, per_acceleration=mass * dt / hold / force, load=inside.load / force,
+        waves=tuple((k, c / force, s / force) for k, c, s in [*inverse.friction.waves.tolist(), *nothing][:WAVES]),
         friction=(table[0], table[1]), friction_speed=float(speeds[-1]),
         zone_low=zone.b_l, zone_high=zone.b_r, slope_low=zone.m_l, slope_high=zone.m_r,
         gain=gain * (1.0 - loss), offset=offset, limit=bench.limit, current_dt=current_dt,
@@ -390,7 +414,7 @@ def compensated(
     subject: Any = as_model(model)
     estimated = inverse_of(subject, dt)
     check_stable(subject, dt)
-    plants = plants_of([estimated], False)
+    plants = plants_of([subject], [estimated], False)
     if encoder is None:
         whole = without_gains(subject, estimated, plants, None, limit, delay * dt, 0.0, amplitude)[1]
         encoder = (1.0 if subject.name == "linear-axis" else 2 * pi) / whole.resolution
@@ -398,6 +422,7 @@ def compensated(
     assert isinstance(inverse, Compensation)
     base, bench = without_gains(subject, inverse, plants, encoder, limit, delay * dt, 0.0, amplitude)
     whole_delay = delay * dt + float(subject.plant.drive.delay)
+    base = replace(base, band=HALF * bench.resolution)
     found = fastest(plants, base, whole_delay, OVERSHOOT)
     if found is None:
         raise ModelError(
@@ -405,9 +430,7 @@ def compensated(
             "samples; sample faster",
             arguments=("dt", "delay"),
         )
-    settings = replace(
-        found.settings, zone_width=inverse.zone_width, speed_width=inverse.speed_width, band=inverse.count
-    )
+    settings = replace(found.settings, zone_width=inverse.zone_width, speed_width=inverse.speed_width)
     wrong = ("friction", "dead zone")
     bench = replace(
         bench, settings=settings, plants=plants, whole_delay=whole_delay, names=(CASCADE, BARE), wrong=wrong

@@ -27,7 +27,7 @@ import numpy as np
 
 import emsid
 from arguments import asked_parts
-from emsid.cli.structures import structure_of
+from emsid.cli.commands.track import structure_of
 from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, RecursiveLeastSquares, Window
 from emsid.estimation.linear.recursive_kernels import update
 from emsid.live.log import Log

@@ -20,7 +20,7 @@ from rich.table import Table
 import emsid
 from arguments import numbers, parser_of
 from emsid.first_look.data_advice import advice
-from emsid.validation.metrics import fit_percent
+from emsid.validation.comparison import fit_percent
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))

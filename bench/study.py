@@ -15,7 +15,7 @@ from pathlib import Path
 
 import emsid
 from emsid.excitation import sines
-from emsid.study.setup import IDENTIFICATION, INPUTS, Settings
+from emsid.study.models import IDENTIFICATION, INPUTS, Settings
 from emsid.study.survey import RECORDED
 
 HOME = Path(__file__).resolve().parents[1]

@@ -46,8 +46,8 @@ from emsid.models.regression.structures import arx, wiener_hammerstein_regressio
 from emsid.plant import Bench, DeadZoneLaw, Friction, Motor
 from emsid.record import Record
 from emsid.study.models import FIXED, LINEAR, START, blocks, searches, structures, two_masses
-from emsid.study.motors import EXAMPLE, Case, compared, records
-from emsid.study.setup import IDENTIFICATION, INPUTS, UNSEEN, Settings, measure
+from emsid.study.survey import EXAMPLE, Case, compared, records
+from emsid.study.models import IDENTIFICATION, INPUTS, UNSEEN, Settings, measure
 from emsid.study.survey import FREE_RUN, ONE_STEP, InputRow, Largest, MotorRow, Survey, TwoMassRow
 from emsid.validation.comparison import Assessment, assess
 

@@ -48,7 +48,7 @@ from emsid.report.document import (
 )
 from emsid.report.views import cascade as cascade_views
 from emsid.report.views import grey_box as grey_box_views
-from emsid.report.views.physical_parameters import physical_table
+from emsid.report.views.grey_box import physical_table
 from emsid.validation.comparison import assess, assess_model, compare
 
 NASTY = '<script>alert("$x_1$")</script>'

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from emsid import ModelError, Record, arx, concatenate, identify, least_squares
 from emsid.models.model import Run
-from emsid.validation.agreement import disagreement
-from emsid.validation.lateness import lateness
+from emsid.validation.agreement import disagreement, lateness
 
 Array = NDArray[np.float64]
 

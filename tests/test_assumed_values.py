@@ -22,7 +22,7 @@ from emsid.fleets.work import FleetRow, estimates_of
 from emsid.io.model_file import _checksum, _Document, _read
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
-from emsid.studio.exports import exported
+from emsid.studio.studio import exported
 from emsid.studio.worker import parameter
 
 TRUE = Motor(

@@ -387,7 +387,7 @@ def test_every_static_map_of_a_cascade_is_among_its_curves():
 @pytest.mark.parametrize("variance", [1e-6, np.inf])
 def test_the_maps_of_a_feedback_model_have_a_band_where_the_fit_has_intervals(variance):
     from emsid.report.document import Band
-    from emsid.report.views.feedback import maps_in_feedback
+    from emsid.report.views.cascade import maps_in_feedback
 
     count = len(LOOP.parameters)
     fit = Fit(LOOP, LOOP.names, LOOP.parameters, np.diag(np.full(count, variance)), 1.0, 600.0, 1.0, count)
@@ -401,7 +401,7 @@ def test_the_maps_of_a_feedback_model_have_a_band_where_the_fit_has_intervals(va
 def test_equal_poles_of_a_feedback_model_are_all_seen():
     """Points that are drawn later are smaller, so that they do not cover the others."""
     from emsid.report.document import Points
-    from emsid.report.views.feedback import poles_by_level
+    from emsid.report.views.cascade import poles_by_level
 
     count = len(LOOP.parameters)
     fit = Fit(LOOP, LOOP.names, LOOP.parameters, np.eye(count), 1.0, 600.0, 1.0, count)

@@ -38,7 +38,7 @@ from emsid.models.blocks.static_maps import Saturation
 from emsid.models.free_run import free_run_error
 from emsid.plant import Bench, Motor
 from emsid.record import Record, concatenate
-from emsid.validation.metrics import fit_percent
+from emsid.validation.comparison import fit_percent
 from independent.diode_circuit import diode_circuit
 
 # --- orders ----------------------------------------------------------------------------------------------------------

@@ -33,8 +33,7 @@ from emsid.plants import (
     scalar,
 )
 from emsid.record import Record
-from emsid.report.views.grey_box import friction
-from emsid.report.views.physical_parameters import physical_table
+from emsid.report.views.grey_box import friction, physical_table
 
 Array = NDArray[np.float64]
 DT = 5e-3

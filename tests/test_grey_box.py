@@ -18,8 +18,8 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.record import Record
-from emsid.report.views.physical_parameters import plant_equations
-from emsid.validation.metrics import fit_percent
+from emsid.report.views.grey_box import plant_equations
+from emsid.validation.comparison import fit_percent
 from simulated_plants import DT, LATE, LEVELS, RIGID, SPEED, driven, record_of
 
 

@@ -30,13 +30,12 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record, concatenate
-from emsid.record.overlap import fingerprint, has_common_samples, has_fingerprint
+from emsid.record.holding_back import fingerprint, has_common_samples, has_fingerprint
 from emsid.report.identification_page import which_model
 from emsid.report.notebook import parameter_rows
 from emsid.report.views import parameter_table
 from emsid.validation.comparison import assess_model
-from emsid.validation.correlation import cross_correlation
-from emsid.validation.nonlinear_correlation import nonlinear_terms, nonlinear_tests
+from emsid.validation.correlation import cross_correlation, nonlinear_terms, nonlinear_tests
 from independent.fitting import START, fitted
 from independent.misfits import FREE, MISFITS
 from independent.regressions import EQUATIONS, Equation

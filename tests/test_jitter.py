@@ -11,9 +11,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid.cli.reading import Reader
 from emsid.first_look import describe
-from emsid.record.resampling import equidistant
-from emsid.record.time_axis import time_axis
-from emsid.record.timer import on_timer, timer_of
+from emsid.record.time_axis import equidistant, on_timer, time_axis, timer_of
 
 DT, N = 0.01, 2000
 K = np.arange(N)

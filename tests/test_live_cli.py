@@ -17,7 +17,7 @@ import pytest
 
 from emsid import Record, RecursiveLeastSquares
 from emsid import save as save_model
-from emsid.cli.structures import structure_of
+from emsid.cli.commands.track import structure_of
 from emsid.estimation import Directional
 from emsid.findings import Finding
 from emsid.io import read

@@ -7,8 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from emsid import Motor, Record, RecursiveLeastSquares, arx
-from emsid.cli.commands.track import USUAL
-from emsid.cli.structures import structure_of
+from emsid.cli.commands.track import USUAL, structure_of
 from emsid.estimation import Directional
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.excitation import SIGNALS

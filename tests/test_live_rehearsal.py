@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 from emsid import RecursiveLeastSquares, load
-from emsid.cli.structures import structure_of
+from emsid.cli.commands.track import structure_of
 from emsid.estimation import Directional
 from emsid.live.rehearsal import rehearse
 from emsid.live.session import Settings

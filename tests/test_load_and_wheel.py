@@ -21,7 +21,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Friction, Motor
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
+from emsid.record.holding_back import excerpt
 from independent.cases import axis
 
 R, K, J, B, L, DT, N = 2.0, 0.05, 1e-4, 1e-5, 2e-3, 0.01, 200

@@ -14,7 +14,7 @@ from emsid.identification.result import determined
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.report.notebook import parameter_rows
-from emsid.report.views.physical_parameters import physical_table
+from emsid.report.views.grey_box import physical_table
 
 R, K, J, COULOMB, DT = 0.5, 0.05, 2e-5, 0.004, 1e-3
 TRUE = {"resistance": R, "motor_constant": K, "rotor_inertia": J, "rotor_friction.coulomb": COULOMB}

@@ -236,9 +236,9 @@ def saved(command, tmp_path_factory):
 
 
 VALIDATION_PARTS = {
-    "errors by region": "emsid.validation.regions.errors_by_region",
-    "worst region": "emsid.validation.regions.worst_region",
-    "late record": "emsid.validation.lateness.lateness",
+    "errors by region": "emsid.validation.comparison.errors_by_region",
+    "worst region": "emsid.validation.comparison.worst_region",
+    "late record": "emsid.validation.agreement.lateness",
     "table": "emsid.cli.commands.validate._print",
     "prediction": "emsid.cli.commands.validate._ahead",
     "figure": "emsid.report.views.measured_and_simulated",

@@ -22,7 +22,7 @@ from emsid.models.regression.capabilities import OfRegressions
 from emsid.options import Options
 from emsid.report.identification_page import report, summary
 from emsid.validation.comparison import assess
-from emsid.validation.residual_test import NOTABLE, SIGNIFICANCE, ResidualTest, residual_tests
+from emsid.validation.correlation import NOTABLE, SIGNIFICANCE, ResidualTest, residual_tests
 
 DT = 0.01
 

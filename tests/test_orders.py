@@ -14,7 +14,7 @@ from emsid import Ending, ModelError, Record
 from emsid.estimation.linear.filtering import coherence, filtered, filtered_from, mirrored, past_state, spectrum
 from emsid.models.regression.search.orders import order_grid, output_error_orders
 from emsid.record import concatenate
-from emsid.validation.metrics import fit_percent
+from emsid.validation.comparison import fit_percent
 from independent.structures import known
 
 A, B, OFFSET = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5], 0.6

@@ -18,7 +18,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.options import Options
 from emsid.plant import Friction, Motor
 from emsid.record import Record
-from emsid.report.views.physical_parameters import units_taken
+from emsid.report.views.grey_box import units_taken
 from simulated_plants import DT, LEVELS, RIGID, SPEED, USUAL, VOLTAGE, driven, record_of, rms
 
 CODED = np.where(np.arange(len(LEVELS)) % 400 < 50, 999.0, LEVELS)

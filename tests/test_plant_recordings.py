@@ -14,7 +14,7 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction
-from emsid.validation.metrics import fit_percent
+from emsid.validation.comparison import fit_percent
 from simulated_plants import RIGID, rms
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from emsid import load
 from emsid.cli.commands.describe import proposals
-from emsid.cli.shell import command_line, file_word
+from emsid.cli.reading import command_line, file_word
 from emsid.cli.terminal import harmless
 from emsid.first_look import describe_files, groups
 

@@ -27,7 +27,7 @@ from emsid.models.refitting import refitted, usable_refit
 from emsid.options import Options
 from emsid.record.holding_back import left_out_once, stretches_in_turn
 from emsid.report.figures import draw
-from emsid.report.page_plots import page_figure
+from emsid.report.page import page_figure
 from emsid.report.views.front import front_figure
 from emsid.selection.improvement import StretchErrors, better, better_by_ratio, equivalent, front
 from emsid.validation.comparison import as_fit, compare

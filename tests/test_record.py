@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
 from emsid.record import Record, check_same_channels, concatenate, hold_back, segments, time_axis
-from emsid.record.excerpt import _pieces, excerpt, outside_excerpt
+from emsid.record.holding_back import _pieces, excerpt, outside_excerpt
 
 
 def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:

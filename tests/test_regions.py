@@ -14,8 +14,16 @@ import emsid
 from emsid.blocks import Rational
 from emsid.models.free_run import free_run_error
 from emsid.report.views.front import record_table, region_tables
-from emsid.validation.comparison import as_fit, compare
-from emsid.validation.regions import REGIONS, by_record, by_region, errors_by_region, region_of, worst_region
+from emsid.validation.comparison import (
+    REGIONS,
+    as_fit,
+    by_record,
+    by_region,
+    compare,
+    errors_by_region,
+    region_of,
+    worst_region,
+)
 
 DT = 0.01
 

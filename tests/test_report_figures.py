@@ -29,10 +29,8 @@ from emsid.report.document import (
     Stroke,
 )
 from emsid.report.figures import draw
-from emsid.report.layout import above, below, layout, text_width
-from emsid.report.page import page
-from emsid.report.page_plots import HEIGHT, WIDTH, page_figure
-from emsid.report.svg import svg
+from emsid.report.page import HEIGHT, WIDTH, page, page_figure
+from emsid.report.svg import above, below, layout, svg, text_width
 from emsid.report.views.conventions import MODELS
 from report_examples import FIGURES, NASTY, TABLES, VIEWS, inside
 

@@ -11,7 +11,7 @@ from emsid.report.document import Fact
 from emsid.report.identification_page import _once, report, values, which_model
 from emsid.report.numbers import first_up
 from emsid.report.views import ranking
-from emsid.report.views.feedback import NEAREST, ROOM, around
+from emsid.report.views.cascade import NEAREST, ROOM, around
 
 FREE = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb")
 DT = 0.005

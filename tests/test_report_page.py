@@ -16,10 +16,9 @@ from emsid.report import document as content
 from emsid.report import views
 from emsid.report.document import Axis, Figure, Line, Plot, Report, Section, Table
 from emsid.report.figures import draw
-from emsid.report.page import page, report_files, write_files
-from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
+from emsid.report.page import HEIGHT, PAGE_POINTS, WIDTH, page, page_figure, report_files, write_files
 from emsid.report.views.conventions import MODELS
-from emsid.report.views.physical_parameters import units_taken
+from emsid.report.views.grey_box import units_taken
 from report_examples import CASCADE_FITS, FIGURES, NASTY, PLANT_FITS, PROFILES, RECURSIVE, TABLES, drive, inside
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from emsid.report.document import Ink, Report, Section
-from emsid.report.page import page
-from emsid.report.palette import DARK, LIGHT, PAIRS, TEXT
+from emsid.report.page import DARK, LIGHT, PAIRS, TEXT, page
 
 
 def luminance(colour: str) -> float:

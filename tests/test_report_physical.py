@@ -12,7 +12,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
 from emsid.report.document import Band, Line, Points, Spans
 from emsid.report.views import grey_box as grey_box_views
-from emsid.report.views.physical_parameters import physical_table
+from emsid.report.views.grey_box import physical_table
 from report_examples import PLANT_FITS, PROFILES
 
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from emsid.report import views
-from emsid.report.thinning import thin
-from emsid.report.views.timeline import timeline
+from emsid.report.paths import thin
+from emsid.report.views.conventions import timeline
 from report_examples import COMPARISONS, drive, with_gaps
 
 values = st.floats(-1e6, 1e6) | st.just(np.nan)

@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.cli.imports import without_collection
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.second_process import fits, is_possible, meanwhile
+from emsid.cli.second_process import fits, is_possible, meanwhile, without_collection
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import short_tasks

@@ -30,15 +30,13 @@ from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.record import Record
 from emsid.studio import uplot, worker
-from emsid.studio.actions import EDITS, edit_for
-from emsid.studio.guard import POLICY, SMALL
+from emsid.studio.data import EDITS, Signal, edit_for, packed
 from emsid.studio.live import Live
 from emsid.studio.play import input_of
 from emsid.studio.runs import Runs
-from emsid.studio.server import Messages, application
+from emsid.studio.server import POLICY, SMALL, Messages, application
 from emsid.studio.session import Session
 from emsid.studio.studio import Studio
-from emsid.studio.windows import Signal, packed
 from emsid.wording import CATALOGUE
 
 TOKEN = "token-of-the-test"

@@ -35,9 +35,9 @@ import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
-from emsid.studio import impatient, server, studio
+from emsid.studio import server, studio
 from emsid.cli.commands.studio import command_of, track_of
-impatient.HEAD = 1.0
+server.HEAD = 1.0
 studio.Studio.warm = lambda self: None
 signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends by an exception, as in a command
 with suppress(KeyboardInterrupt):

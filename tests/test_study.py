@@ -20,29 +20,38 @@ from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 from emsid.report.document import Wire
 from emsid.report.numbers import number
-from emsid.report.study_page import WORST, lead_inputs, study_report, study_rows
-from emsid.report.study_views import models_table, times
-from emsid.study.conclusions import about_the_survey, paper_ratios
-from emsid.study.inputs import HIGHEST_ORDER
-from emsid.study.load_friction import load_friction, rotor_level
+from emsid.report.study_page import WORST, lead_inputs, models_table, study_report, study_rows, times
 from emsid.study.models import (
     BLOCKS,
     CHOSEN,
+    EXPERIMENT,
     FIXED,
     FRICTION,
     FULL,
+    INPUTS,
     LINEAR,
     ONE_MASS,
     PAPER,
+    SIMULATION,
     START,
     TWO_MASSES,
+    Settings,
+    load_friction_difference,
+    measure,
     structures,
     two_masses,
 )
-from emsid.study.motors import records, regressions
-from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
-from emsid.study.summary import findings, headline, study_data, summary
-from emsid.study.survey import FREE_RUN, ONE_STEP, recorded
+from emsid.study.summary import about_the_survey, findings, headline, paper_ratios, study_data, summary
+from emsid.study.survey import (
+    FREE_RUN,
+    HIGHEST_ORDER,
+    ONE_STEP,
+    load_friction,
+    recorded,
+    records,
+    regressions,
+    rotor_level,
+)
 from emsid.study.workflow import study
 from emsid.validation.comparison import assess
 from emsid.wording import sentence

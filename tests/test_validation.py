@@ -24,8 +24,7 @@ from emsid import (
     validate,
 )
 from emsid.models.free_run import mean_squared_error
-from emsid.validation.comparison import Row, assess_model
-from emsid.validation.metrics import fit_percent
+from emsid.validation.comparison import Row, assess_model, fit_percent
 
 Array = NDArray[np.float64]
 

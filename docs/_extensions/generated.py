@@ -95,11 +95,9 @@ SUBJECTS = {
     "agreement": "Several records, and model files",
     "identification": "Identification",
     "verdict": "Verdicts and recommendation",
-    "conclusions": "Conclusions and next steps",
     "linear": "Regressions",
     "blocks": "Cascades of blocks",
     "plants": "Physical models",
-    "search": "Searches",
     "live": "Live tracking",
     "study": "The study",
 }

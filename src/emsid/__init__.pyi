@@ -114,7 +114,7 @@ from .validation.analysis import zeros as zeros
 from .validation.comparison import Comparison as Comparison
 from .validation.comparison import compare as compare
 from .validation.comparison import validate as validate
+from .validation.correlation import ResidualTest as ResidualTest
 from .validation.reestimation import reestimate as reestimate
-from .validation.residual_test import ResidualTest as ResidualTest
 
 __version__: str

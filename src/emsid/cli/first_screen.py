@@ -240,7 +240,7 @@ def _details(result: Identification) -> None:
     """Parameters of physical models with their intervals, and the equation of the best model if it is another one."""
     from emsid.models.kinds import capabilities_of
     from emsid.models.plants.search.result import has_physical_parameters
-    from emsid.report.views.physical_parameters import own_parameters
+    from emsid.report.views.grey_box import own_parameters
 
     for fit in _in_detail(result):
         if has_physical_parameters(fit):

@@ -12,9 +12,8 @@ from typer.main import get_command
 
 from emsid.cli import commands
 from emsid.cli.app import FIRST_STEPS, app, for_words
-from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly
+from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly, open_streams, output_is_lost
 from emsid.cli.options import with_options
-from emsid.cli.streams import open_streams, output_is_lost
 from emsid.cli.terminal import SPELT_OUT, say, warn
 from emsid.compiled import NOTICE
 from emsid.errors import EmsidError

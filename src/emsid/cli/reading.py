@@ -1,7 +1,17 @@
-"""The options for reading files, shared by all commands that read records."""
+r"""The options for reading files, shared by all commands that read records.
 
+Command lines that can be pasted into a shell.
+
+A word is quoted as a POSIX shell reads it. One with control characters or bytes that are no text goes into ``$'…'``,
+which bash, zsh and ksh read, so that nothing that a terminal obeys is printed: ``$'a\033b'``.
+"""
+
+from __future__ import annotations
+
+import os
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+import shlex
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from emsid.cli.options import Command, option, takes
-from emsid.cli.shell import command_line, file_word
 from emsid.errors import DataError, EmsidError
 from emsid.options import READING
 
@@ -39,7 +48,7 @@ class Reader:
     recalled_units: frozenset[str] = frozenset()
     recalled_from: frozenset[str] = frozenset()
 
-    def __call__(self, path: Path, *, in_part: bool = False) -> "Record":
+    def __call__(self, path: Path, *, in_part: bool = False) -> Record:
         """Read a file, of a very large one an excerpt if that is enough; another sample time stated in it is a finding
         of the record."""
         from emsid.first_look.clock import contradiction, stated_clock
@@ -56,7 +65,7 @@ class Reader:
             record, findings=(*record.findings, *contradiction(stated_clock(parsed.columns, path.name), path.name, dt))
         )
 
-    def together(self, paths: Sequence[Path]) -> "list[Record]":
+    def together(self, paths: Sequence[Path]) -> list[Record]:
         """The records of several files, or excerpts of very large ones; resampled ones have a common step."""
         from emsid.io.reading import common_step
 
@@ -68,7 +77,7 @@ class Reader:
             else [replace(self, given={**self.given, "dt": step})(path, in_part=True) for path in paths]
         )
 
-    def for_columns(self, columns: "Columns") -> dict[str, Any]:
+    def for_columns(self, columns: Columns) -> dict[str, Any]:
         """The arguments for a file, without recalled units of columns whose header in it gives one."""
         from emsid.units import column_of
 
@@ -79,7 +88,7 @@ class Reader:
             given["units"] = {name: unit for name, unit in given["units"].items() if name not in stated}
         return given
 
-    def _by_its_clock(self, parsed: "ParsedFile", options: Mapping[str, Any]) -> "Record | None":
+    def _by_its_clock(self, parsed: ParsedFile, options: Mapping[str, Any]) -> Record | None:
         """The record with the clock of its file, where that has another sample time; None where it has not."""
         from emsid.findings import Finding
         from emsid.first_look.clock import clock_of_file, differs
@@ -96,7 +105,7 @@ class Reader:
         found = Finding("sample-time-of-file", record.name, {"column": clock.column, "dt": record.dt, "before": before})
         return replace(record, findings=(*record.findings, found))
 
-    def with_columns(self, files: Sequence[Path]) -> "tuple[Reader, Sequence[Path]]":
+    def with_columns(self, files: Sequence[Path]) -> tuple[Reader, Sequence[Path]]:
         """This reader with the columns that a first look is almost certain of, where none are named, and its files.
 
         It prints the command that reads the files in the same way.
@@ -150,7 +159,7 @@ class Reader:
         """The arguments that also suit other files of the same kind: all but the rows. A model file keeps them."""
         return {name: value for name, value in self.given.items() if name != "rows"}
 
-    def after(self, remembered: Mapping[str, Any] | None, channels: Collection[str] = ()) -> "Reader":
+    def after(self, remembered: Mapping[str, Any] | None, channels: Collection[str] = ()) -> Reader:
         """A reader that takes arguments that are not given from a model file.
 
         Gains, offsets and units are merged column by column, whether a column is named with its unit or without it. An
@@ -244,7 +253,7 @@ def _certain_columns(
     return None, [], lines
 
 
-def identify_words(group: "Hypothesis | Group") -> list[str]:
+def identify_words(group: Hypothesis | Group) -> list[str]:
     """The words of the command that identifies from files as a first look reads them."""
     files = [file_word(look.path) for look in group.looks]
     return ["emsid", "identify", *files, *as_options(group.reading)]
@@ -284,3 +293,38 @@ def reads_records(**defaults: Any) -> Callable[[Command], Command]:
         defaults: values of options that are not given.
     """
     return takes(READING, "reader", lambda given: Reader(given, defaults), **defaults)
+
+
+def command_line(words: Iterable[str]) -> str:
+    r"""Words of a command as one line, which a shell divides into the same words.
+
+    >>> print(command_line(["emsid", "describe", "my log.csv"]), command_line(["a\nb"]))
+    emsid describe 'my log.csv' $'a\nb'
+    """
+    return " ".join(_quoted(word) for word in words)
+
+
+def file_word(path: str) -> str:
+    """The path of a file as a word of a command line, which is not taken for an option.
+
+    >>> file_word("-x.csv"), file_word("x.csv")
+    ('./-x.csv', 'x.csv')
+    """
+    return f"./{path}" if path.startswith("-") else path
+
+
+_ESCAPES = {"\n": r"\n", "\r": r"\r", "\t": r"\t", "\\": r"\\", "'": r"\'"}
+
+
+def _quoted(word: str) -> str:
+    if word.isprintable():
+        return shlex.quote(word)
+    return f"$'{''.join(map(_escaped, word))}'"
+
+
+def _escaped(sign: str) -> str:
+    if sign in _ESCAPES:
+        return _ESCAPES[sign]
+    if sign.isprintable():
+        return sign
+    return "".join(f"\\{byte:03o}" for byte in os.fsencode(sign))

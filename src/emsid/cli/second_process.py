@@ -2,11 +2,15 @@
 
 Most searches spend their time in Python, where threads wait for each other. The fork shares what this process has
 loaded, and looks at the same flag of Ctrl-C (`Interruption.pressed`).
+
+Fast imports of large libraries.
 """
 
+import gc
 import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from emsid.estimation import Fit
     from emsid.identification import Options
     from emsid.record import Record
+
 
 Result = TypeVar("Result")
 
@@ -106,3 +111,33 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
     os._exit(0)
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Within this context no garbage is collected; objects that exist at its end are left out of later collections.
+
+    Imports make many objects that stay. To visit them again and again takes a quarter of the time of a short command.
+    """
+    collected = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        if collected:
+            gc.enable()
+
+
+def load_reading() -> None:
+    """Import what the reading of a file and an identification both need."""
+    import emsid.first_look.clock
+    import emsid.io  # noqa: F401
+
+
+def load_identification() -> None:
+    """Import what an identification needs, with what the first call of a compiled function loads for all of them."""
+    import emsid.identification  # noqa: F401
+    from emsid.estimation.linear.filtering import filtered
+
+    filtered([1.0], [1.0], [1.0])

@@ -19,8 +19,7 @@ from emsid.first_look.levels import SAME
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.sampling import clock_resets, counted_on, entry_with_sample_time, running_rows
-from emsid.record.time_axis import TimeAxis, time_axis
-from emsid.record.time_units import SECONDS, seconds_of
+from emsid.record.time_axis import SECONDS, TimeAxis, seconds_of, time_axis
 
 Array = NDArray[np.float64]
 

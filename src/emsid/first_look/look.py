@@ -46,7 +46,7 @@ from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_n
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
-from emsid.record.time_units import SECONDS
+from emsid.record.time_axis import SECONDS
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from emsid.first_look.levels import NAMED
-from emsid.record.time_units import CLOCK_NAMES
+from emsid.record.time_axis import CLOCK_NAMES
 from emsid.units import BRACKETED, edges_of, known_unit, unit_in_name
 
 

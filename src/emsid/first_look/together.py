@@ -28,7 +28,7 @@ from emsid.first_look.systems import Source, systems
 from emsid.io.columns import as_numbers
 from emsid.io.reading import read_columns
 from emsid.record import Record, concatenate
-from emsid.record.overlap import has_equal_samples
+from emsid.record.holding_back import has_equal_samples
 
 OF_ALL = frozenset(
     {

@@ -49,7 +49,7 @@ from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameter
 from emsid.models.refit_data import Data
 from emsid.options import Options
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
+from emsid.record.holding_back import excerpt
 from emsid.units import name_and_unit
 
 REFERENCE = 8_000

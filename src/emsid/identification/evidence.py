@@ -67,13 +67,10 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import has_physical_parameters
 from emsid.record import Record
-from emsid.record.overlap import has_common_samples
+from emsid.record.holding_back import has_common_samples
 from emsid.selection.improvement import NEGLIGIBLE, equivalent
-from emsid.validation.comparison import Assessment, Comparison, models_noise
-from emsid.validation.correlation import autocorrelation
-from emsid.validation.metrics import FEWEST
-from emsid.validation.regions import worst_region
-from emsid.validation.residual_test import residual_tests
+from emsid.validation.comparison import FEWEST, Assessment, Comparison, models_noise, worst_region
+from emsid.validation.correlation import autocorrelation, residual_tests
 
 Array = NDArray[np.float64]
 

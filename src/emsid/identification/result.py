@@ -32,8 +32,7 @@ from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.channels import ChannelNames
 from emsid.validation.bands import frequency_response_band, step_response_band, usual_step
-from emsid.validation.comparison import Comparison
-from emsid.validation.regions import RecordError, RegionError, by_region
+from emsid.validation.comparison import Comparison, RecordError, RegionError, by_region
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -131,7 +131,7 @@ class RegionData(msgspec.Struct, forbid_unknown_fields=True):
     """The error of a model on unseen data in one operating region of an output.
 
     ``region`` is ``standstill``, ``low speed``, ``reversal`` or ``high speed``; their limits
-    are in `emsid.validation.regions`. ``share`` is that of the squared error.
+    are in `emsid.validation.comparison`. ``share`` is that of the squared error.
     """
 
     model: str

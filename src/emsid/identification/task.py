@@ -61,8 +61,7 @@ from emsid.models.regression.structures import arx
 from emsid.options import Options
 from emsid.plant.motor import read_number
 from emsid.record import Record, concatenate
-from emsid.record.excerpt import excerpt, outside_excerpt
-from emsid.record.holding_back import FAIR, hold_back_records, shares
+from emsid.record.holding_back import FAIR, excerpt, hold_back_records, outside_excerpt, shares
 from emsid.selection.improvement import matters
 
 FEWEST, FEWEST_FITTED = 20, 10

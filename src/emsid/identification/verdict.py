@@ -93,10 +93,8 @@ from emsid.selection.improvement import (
     simplest,
 )
 from emsid.validation.agreement import difference_of_pieces
-from emsid.validation.comparison import Assessment, Comparison, compare, models_noise
-from emsid.validation.correlation import LAGS, input_test
-from emsid.validation.metrics import SMALL
-from emsid.validation.residual_test import residual_tests
+from emsid.validation.comparison import SMALL, Assessment, Comparison, compare, models_noise
+from emsid.validation.correlation import LAGS, input_test, residual_tests
 
 LARGER = 1.5
 """An error, as a share of the output's deviation, is larger on unseen data from this ratio on."""

@@ -36,8 +36,7 @@ from emsid.models.model import Model
 from emsid.options import KEYWORDS, Options, takes_options
 from emsid.record import Record
 from emsid.validation.agreement import disagreement
-from emsid.validation.comparison import Comparison
-from emsid.validation.regions import RecordError, by_record
+from emsid.validation.comparison import Comparison, RecordError, by_record
 
 
 @takes_options

@@ -9,7 +9,7 @@ import numpy as np
 
 from emsid.errors import DataError
 from emsid.io.columns import Columns, as_numbers
-from emsid.record.resampling import held_at
+from emsid.record.time_axis import held_at
 
 
 def on_one_clock(columns: Columns, clock: str, held: Collection[str]) -> Columns:

@@ -42,7 +42,7 @@ from emsid.io.files import atomic_write, indented_json, read_bytes
 from emsid.io.fit_data import FitData, fit_data, fit_of
 from emsid.io.limits import check_limits
 from emsid.record.channels import ChannelNames
-from emsid.record.overlap import fingerprint, has_fingerprint
+from emsid.record.holding_back import fingerprint, has_fingerprint
 from emsid.units import channel_and_unit
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     Attributes:
         dt: sample time in seconds.
         inputs, outputs: name and unit of every channel.
-        fingerprint: shows whether a record contains some of that record, see `emsid.record.overlap`.
+        fingerprint: shows whether a record contains some of that record, see `emsid.record.holding_back`.
     """
 
     dt: float

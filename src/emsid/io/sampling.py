@@ -20,9 +20,7 @@ from emsid.findings import Finding
 from emsid.io.columns import Columns
 from emsid.io.selection import Selection
 from emsid.record import Record, TimeAxis, concatenate, time_axis
-from emsid.record.time_axis import BRIDGED, about_time
-from emsid.record.time_units import SECONDS, UNIT_IN_NAME, seconds_in_unit
-from emsid.record.timer import on_timer
+from emsid.record.time_axis import BRIDGED, SECONDS, UNIT_IN_NAME, about_time, on_timer, seconds_in_unit
 
 Array = NDArray[np.float64]
 

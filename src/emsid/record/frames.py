@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError
-from emsid.record.time_units import seconds_in_unit
+from emsid.record.time_axis import seconds_in_unit
 
 Array = NDArray[np.float64]
 

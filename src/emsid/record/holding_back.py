@@ -11,6 +11,25 @@ the state that the record has led to.
 
 The error of the best of several models is too small on the data that it was chosen on. Where the unseen data are long
 enough, one part of them chooses and the other gives the error of the model that was chosen.
+
+An excerpt of a long record: fewer samples that show what the whole record does.
+
+Of a long record, structures are compared, and searches begun, on an excerpt. An estimate from N samples has errors in
+proportion to 1/√N, so in a long record more samples cost time and change little. An excerpt has to keep the range of
+the record, because a model extrapolates beyond the range that it was fitted to.
+
+A part of a record with the samples that lead into it.
+
+Whether two records have samples in common, such as two cuts of one file.
+
+Samples are compared exactly. Stretches of `STRETCH` samples that are equal show how far one record is shifted against
+the other. Every experiment has stretches at standstill, and at constant speed a coarse sensor repeats the same counts.
+So a stretch counts only if at least half of its samples change some output, and if it occurs only once in its record.
+The records have samples in common only if they are equal wherever they overlap after the shift, in twice as many
+samples at least: the end of one may be like the beginning of the next by chance.
+
+A model file has no samples to compare with, but a fingerprint: the numbers of some stretches of the record that the
+model was fitted to. They are longer than those of two records.
 """
 
 from __future__ import annotations
@@ -297,3 +316,192 @@ def _without_fold(records: Sequence[Record], k: int) -> Split:
         rest.append(record.mask(gone))
         parts.append(record.part(first, last))
     return rest, parts
+
+
+Piece = tuple[int, int]
+"""The first sample, and the one after the last."""
+
+PIECES = 8
+"""Pieces of a record without gaps."""
+SHORT_RECORD = 500
+"""A record with more segments has as many pieces, where they have no fewer samples than these."""
+REACHED = 0.02
+"""An excerpt reaches an extreme of a channel if it comes as near as this share of the channel's range."""
+
+
+def excerpt(record: Record, most: int, least: int = PIECES) -> Record:
+    """Pieces of a record at equal distances, with at most this many samples in all; a shorter record itself.
+
+    No piece contains a gap; where segments are shorter than pieces, whole segments are taken. Where the pieces do not
+    reach the smallest or the largest value of a channel, the piece next to it is moved there.
+
+    Args:
+        record: of any length.
+        most: samples of the excerpt.
+        least: number of its pieces, where the record has no more segments and these are long enough.
+    """
+    if len(record) <= most:
+        return record
+    return concatenate([record[first:stop] for first, stop in _pieces(record, most, least)], name=record.name)
+
+
+def outside_excerpt(record: Record, most: int, least: int = PIECES) -> Record | None:
+    """The samples that `excerpt` leaves out; None where it leaves out none."""
+    if len(record) <= most:
+        return None
+    inside = np.zeros(len(record), dtype=bool)
+    for first, stop in _pieces(record, most, least):
+        inside[first:stop] = True
+    return record.mask(inside) if not inside.all() else None
+
+
+def _pieces(record: Record, most: int, least: int) -> list[Piece]:
+    """The pieces of an excerpt, in the order of time."""
+    pieces = _at_equal_distances(record, most, least)
+    kept: set[Piece] = set()  # those that reach an extreme
+    for signal in (*record.input.T, *record.output.T):
+        near = REACHED * float(np.ptp(signal))
+        for values in (signal, -signal):
+            place = int(np.argmax(values))
+            reach = [(a, b) for a, b in pieces if values[a:b].max() >= values[place] - near]
+            free = [piece for piece in pieces if piece not in kept]
+            if not reach and free:
+                nearest = min(free, key=lambda piece: abs(sum(piece) // 2 - place))
+                pieces.remove(nearest)
+                there, rest = _moved(nearest, place, pieces, record)
+                pieces, reach = sorted([*pieces, there, *rest]), [there]
+            if kept.isdisjoint(reach):
+                kept |= set(reach[:1])
+    return pieces
+
+
+def _moved(piece: Piece, place: int, others: Sequence[Piece], record: Record) -> tuple[Piece, list[Piece]]:
+    """The piece around a sample of its segment, between the others; and the rest, where there is no room for all."""
+    k = int(np.searchsorted(record.breaks, place, side="right"))
+    edges = (0, *record.breaks, len(record))
+    low = max([edges[k], *(stop for _, stop in others if stop <= place)])
+    high = min([edges[k + 1], *(first for first, _ in others if first > place)])
+    first, stop = piece
+    left = stop - first - (high - low)
+    if left > 0:
+        return (low, high), [(first, first + left)]
+    begin = min(max(place - (stop - first) // 2, low), high - (stop - first))
+    return (begin, begin + stop - first), []
+
+
+def _at_equal_distances(record: Record, most: int, least: int) -> list[Piece]:
+    """Pieces of equal length in every long segment; of a segment that has no room for its pieces, all of it."""
+    edges = np.array([0, *record.breaks, len(record)])
+    sizes = np.sort(np.diff(edges))
+    half = int(sizes[np.searchsorted(np.cumsum(sizes), len(record) / 2)])  # half of the samples: in segments this long
+    length = max(min(most // max(least, min(len(sizes), most // SHORT_RECORD)), half), 1)
+    starts = np.linspace(0, len(record) - length, most // length).astype(int)
+    owners = np.searchsorted(edges, starts + length // 2, side="right") - 1
+    pieces: list[Piece] = []
+    for k in np.unique(owners):
+        low, high = int(edges[k]), int(edges[k + 1])
+        own = np.maximum(starts[owners == k], low)
+        if high - low <= length * len(own):
+            pieces.append((low, high))
+            continue
+        after = length * np.arange(len(own))  # pieces that do not overlap, from the first one on, end in the segment
+        own = np.minimum(np.maximum.accumulate(own - after), high - length * len(own)) + after
+        pieces += [(int(first), int(first) + length) for first in own]
+    return pieces
+
+
+STRETCH = 16
+"""Samples of a stretch that is looked for; a common part of twice as many contains one wherever it begins."""
+COMMON = 2 * STRETCH
+"""The fewest common samples of two segments, where the shorter one has as many."""
+
+LONG = 64
+"""Samples of a stretch in a fingerprint."""
+APART, FEWEST, MOST_STRETCHES = 1_000, 32, 256
+"""A fingerprint has one stretch for about this many samples; the fewest and the most stretches."""
+
+
+def fingerprint(record: Record) -> bytes:
+    """The numbers of stretches spread over a record, 8 bytes each; empty for a short, constant or periodic record."""
+    numbers = np.concatenate([_stretches(segment, LONG) for segment in record.segments])
+    once = np.flatnonzero(_occurs_once(numbers))
+    count = min(max(len(numbers) // APART, FEWEST), MOST_STRETCHES, len(once))
+    kept = once[np.linspace(0, len(once) - 1, count).round().astype(int)]
+    return bytes(numbers[kept].astype("<u8").tobytes())
+
+
+def has_fingerprint(record: Record, known: bytes) -> bool:
+    """Whether a record contains some of the record that a fingerprint is from.
+
+    It sees a part that is longer than `LONG` samples and than the distance of the stretches in the fingerprint.
+    """
+    sought = np.frombuffer(known[: len(known) // 8 * 8], dtype="<u8")
+    return any(bool(np.isin(sought, _stretches(segment, LONG)).any()) for segment in record.segments)
+
+
+def has_equal_samples(record: Record, other: Record) -> bool:
+    """Whether two records have the same inputs and outputs, sample by sample."""
+    return np.array_equal(record.input, other.input) and np.array_equal(record.output, other.output)
+
+
+def has_common_samples(record: Record, other: Record) -> bool:
+    """Whether a stretch of one record is also one of the other, in every input and output."""
+    return any(_shared_stretch(one, two) for one in record.segments for two in other.segments)
+
+
+def _shared_stretch(one: Record, other: Record) -> bool:
+    """Whether two segments are equal, or have a stretch in common."""
+    if one.input.shape[1:] != other.input.shape[1:] or one.output.shape[1:] != other.output.shape[1:]:
+        return False
+    if has_equal_samples(one, other):
+        return True
+    few, many = sorted((one, other), key=len)
+    if len(few) < STRETCH:
+        return False
+    sought, present = _stretches(few), _stretches(many)
+    starts = np.flatnonzero(_occurs_once(sought))
+    starts = starts[starts % STRETCH == 0]
+    starts = starts[np.isin(sought[starts], present)]  # sorts once; each start below searches the whole record
+    return any(
+        _equal_after(few, many, int(k - start)) for start in starts for k in np.flatnonzero(present == sought[start])
+    )
+
+
+def _equal_after(few: Record, many: Record, shift: int) -> bool:
+    """Whether segments are equal wherever they overlap if sample 0 of the first is sample ``shift`` of the second."""
+    here = slice(max(0, -shift), min(len(few), len(many) - shift))
+    if here.stop - here.start < min(COMMON, len(few)):
+        return False
+    there = slice(here.start + shift, here.stop + shift)
+    return np.array_equal(few.output[here], many.output[there]) and np.array_equal(few.input[here], many.input[there])
+
+
+def _stretches(segment: Record, length: int = STRETCH) -> NDArray[np.uint64]:
+    """(N − length + 1,) a hash of every stretch, equal only for equal stretches; zero at standstill."""
+    if len(segment) < length:
+        return np.zeros(0, dtype=np.uint64)
+    values = np.column_stack([segment.input, segment.output]) + 0.0  # no negative zero
+    bits = np.ascontiguousarray(values).view(np.uint64)
+    rng = np.random.default_rng(0)
+    factors = rng.integers(1, 2**63, length + bits.shape[1], dtype=np.uint64) | np.uint64(1)
+    row = _mixed((bits * factors[length:]).sum(axis=1, dtype=np.uint64))
+    count = len(segment) - length + 1
+    number = np.zeros(count, dtype=np.uint64)
+    for k, factor in enumerate(factors[:length]):
+        number += row[k : k + count] * factor
+    changes = np.concatenate([[0], np.cumsum(np.any(np.diff(segment.output, axis=0) != 0, axis=1))])
+    moving = changes[length - 1 :] - changes[:count] >= STRETCH // 2
+    return np.where(moving, number, np.uint64(0))
+
+
+def _occurs_once(numbers: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    """(N,) whether a stretch is in motion, and differs from all others of its record."""
+    _, group, count = np.unique(numbers, return_inverse=True, return_counts=True)
+    return np.asarray((count[group] == 1) & (numbers != 0))
+
+
+def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """A number from every number whose bits all depend on all of it (the finaliser of MurmurHash3)."""
+    bits = bits ^ (bits >> np.uint64(33))
+    bits = bits * np.uint64(0xFF51AFD7ED558CCD)
+    return np.asarray(bits ^ (bits >> np.uint64(29)))

@@ -33,10 +33,7 @@ from emsid.record.checks import (
 )
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
 from emsid.record.frames import FrameMethods, numbers, seconds
-from emsid.record.parts import part_with_lead
-from emsid.record.resampling import equidistant
-from emsid.record.time_axis import TimeAxis, about_time, time_axis
-from emsid.record.timer import on_timer
+from emsid.record.time_axis import TimeAxis, about_time, equidistant, on_timer, time_axis
 from emsid.record.unit_methods import UnitMethods
 from emsid.units import called, name_and_unit, readable_unit
 
@@ -337,7 +334,7 @@ class Record(Presented, FrameMethods, UnitMethods):
 
         A free run over the part begins with these and goes on through it; errors are those of the part alone.
         """
-        part: Record = part_with_lead(self, first, stop)
+        part: Record = _part_with_lead(self, first, stop)
         return part
 
     @typed(fraction=NUMBER)
@@ -552,3 +549,19 @@ class Record(Presented, FrameMethods, UnitMethods):
         value, samples = gain * number + offset, self.channel(name)
         closest = float(samples[np.argmin(np.abs(samples - value))])
         return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
+
+
+def _part_with_lead(record: Record, first: int, stop: int) -> Record:
+    """Samples ``first`` to ``stop`` of a record; ``before`` of the part has those from the beginning of its segment."""
+    here = record[first:stop]
+    number = int(np.searchsorted(record.breaks, first, "right"))
+    edge = (0, *record.breaks)[number]
+    if first == edge:
+        return here
+    known = record.before[number] if record.before else None
+    lead = replace(record[edge:first], before=())
+    if known is not None:
+        u, y = np.concatenate([known.input, lead.input]), np.concatenate([known.output, lead.output])
+        lead = replace(lead, input=u, output=y, times=known.times)
+    rest = record.before[number + 1 : number + 1 + len(here.breaks)] or (None,) * len(here.breaks)
+    return replace(here, before=(lead, *rest))

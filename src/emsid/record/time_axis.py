@@ -1,7 +1,29 @@
-"""The time column of a record: whether its samples are equidistant."""
+r"""The time column of a record: whether its samples are equidistant.
+
+Units of a time column: from what is given, from the end of its name, or from the function that it is named after.
+
+Rows that a timer samples and that are stamped late: equidistant, although their stamps are not.
+
+With nₖ the number of a row, counted with the rows that were lost, the stamps are tₖ = a + T·nₖ + rₖ. The slope T is
+the median of the slopes between rows that are half a record apart (a Theil–Sen estimate with N/2 pairs): a minority of
+late stamps does not move it. The rows are equidistant where every rₖ is within half a sample of a straight line, so
+that no stamp belongs to another row, and the means of rₖ over some rows move by less than half a sample: a row that is
+lost or written twice moves them by a whole one, and a clock that drifts moves them steadily.
+
+References:
+    Sen, P. K. (1968). Estimates of the regression coefficient based on Kendall's tau. Journal of the American
+    Statistical Association 63(324), 1379–1389.
+
+Samples at equidistant times, from samples at measured times.
+
+Between its samples an input is constant (it comes from a digital output). A step of it goes to the row whose time is
+nearest, so that it is as often early as late: the value at the new times would be late by half a sample on average,
+and a lag or an inertia estimated from it too large.
+"""
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +31,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
 from emsid.findings import Finding
-from emsid.record.timer import timer_of
 
 Array = NDArray[np.float64]
 
@@ -198,3 +219,182 @@ def _simplest(value: float, allowed: float) -> float:
 def rounding(t: Array) -> float:
     """How far the difference of two times (N,) may be off because they are stored with limited digits."""
     return 4 * float(np.finfo(float).eps) * float(np.max(np.abs(t)))
+
+
+SECONDS = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "µs": 1e-6,  # the micro sign
+    "μs": 1e-6,  # the Greek letter
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
+}
+CLOCK_NAMES = {"millis": "ms", "micros": "us"}
+"""Units of columns that are called like the function of a board that they come from."""
+UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
+_RATE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*([kM]?)Hz")
+"""Of ticks that a time column counts."""
+
+
+def seconds_in_unit(column: str, given: str | None = None, stated: str = "") -> float:
+    """Seconds in one unit of a time column; one in which nothing says a unit is in seconds.
+
+    >>> seconds_in_unit("t"), seconds_in_unit("time_ms"), seconds_in_unit("Timestamp(us)"), seconds_in_unit("t", "min")
+    (1.0, 0.001, 1e-06, 60.0)
+
+    Args:
+        column: its name.
+        given: the unit that the user gives.
+        stated: the one that the file states elsewhere.
+
+    Raises:
+        DataError: for a unit that is given and not one of time.
+    """
+    if given is not None:
+        if given not in SECONDS and not _RATE.fullmatch(given):
+            known = ", ".join(SECONDS)
+            raise DataError(f"time unit {given!r} is not understood; give one of {known}, or a rate, 8kHz")
+        return seconds_of(given)
+    written = UNIT_IN_NAME.search(column)
+    in_name = written["bracketed"] or written["suffix"] if written else CLOCK_NAMES.get(column.lower(), "s")
+    return SECONDS.get(stated or in_name, 1.0)
+
+
+def seconds_of(unit: str) -> float:
+    """Seconds in a unit, or in a tick of a rate; one in which it is unknown.
+
+    >>> seconds_of("ms"), seconds_of("8kHz"), seconds_of("")
+    (0.001, 0.000125, 1.0)
+    """
+    rate = _RATE.fullmatch(unit)
+    if rate is None or not float(rate[1]):
+        return SECONDS.get(unit, 1.0)
+    return 1 / (float(rate[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[rate[2]])
+
+
+Array = NDArray[np.float64]
+
+FEWEST = 8
+"""Through the stamps of fewer rows, a straight line shows neither steps nor drift."""
+MEANS = 25
+"""Rows in a mean: noise of half a sample moves it by a tenth of a sample, and so 100 means by less than 0.3.
+As many before and after a long step say by their medians whether rows were lost there, or one stamp was late."""
+SLOWLY = 0.5
+"""Means may move by less than this many samples: halfway to the sample by which a lost row moves them."""
+_SPAN = 32
+"""Rows over which the sample time is taken at first: few enough that most spans have no lost row."""
+
+
+class Timer(NamedTuple):
+    """The straight line of the stamps.
+
+    Attributes:
+        numbers: (N,) the number of every row on the timer, counted with the rows that were lost.
+        dt: the sample time in seconds.
+        error: the largest distance of a stamp from the line in seconds.
+    """
+
+    numbers: NDArray[np.intp]
+    dt: float
+    error: float
+
+
+def timer_of(t: Array) -> Timer | None:
+    """The timer that sampled the rows with these stamps (N,) in seconds; None where they are really irregular."""
+    if len(t) < FEWEST or not t[-1] > t[0]:
+        return None
+    rows = np.arange(len(t))
+    whole = _line(t, rows)
+    if whole is not None:
+        return whole
+    span = min(_SPAN, len(t) // 2)
+    dt = float(np.median(t[span:] - t[:-span])) / span
+    for lost in (_rounded, _by_medians) if dt > 0 else ():
+        line = _line(t, rows + np.append(0, np.cumsum(lost(t, dt))))
+        if line is not None:
+            return line
+    return None
+
+
+def on_timer(t: Array) -> Array:
+    """(N,) the stamps where their timer puts them; the stamps themselves where they are really irregular."""
+    timer = timer_of(t)
+    return t if timer is None else t[0] + timer.dt * (timer.numbers - timer.numbers[0])
+
+
+def _line(t: Array, numbers: NDArray[np.intp]) -> Timer | None:
+    """The line of stamps over the numbers of their rows; None where they are not close to one."""
+    half = len(t) // 2
+    dt = float(np.median((t[half:] - t[:-half]) / (numbers[half:] - numbers[:-half])))
+    away = t - dt * numbers
+    error = float(np.ptp(away)) / 2
+    size = max(min(MEANS, len(t) // 4), 1)
+    means = away[: len(t) // size * size].reshape(-1, size).mean(axis=1)
+    return Timer(numbers, dt, error) if error < dt / 2 * (1 - 1e-6) and np.ptp(means) < SLOWLY * dt else None
+
+
+def _rounded(t: Array, dt: float) -> NDArray[np.intp]:
+    """(N - 1,) the rows lost in every step, by the length of the step alone: for stamps of little jitter."""
+    lost: NDArray[np.intp] = np.maximum(np.rint(np.diff(t) / dt) - 1, 0).astype(np.intp)
+    return lost
+
+
+def _by_medians(t: Array, dt: float) -> NDArray[np.intp]:
+    """(N - 1,) the rows lost in every step, by the stamps of several rows before and after it, longest steps first."""
+    away = t - dt * np.arange(len(t))
+    lost = np.zeros(len(t) - 1, dtype=np.intp)
+    steps = np.diff(t)
+    for k in sorted(np.flatnonzero(steps > 1.5 * dt), key=lambda k: -steps[k]):
+        moved = np.median(away[k + 1 : k + 1 + MEANS]) - np.median(away[max(k + 1 - MEANS, 0) : k + 1])
+        lost[k] = max(int(np.rint(moved / dt)), 0)
+        away[k + 1 :] -= lost[k] * dt
+    return lost
+
+
+Array = NDArray[np.float64]
+
+
+def equidistant(time: Array, input: Array, output: Array, step: float) -> tuple[Array, Array]:
+    """Inputs and outputs at the times ``time[0] + k * step``.
+
+    Inputs are constant from sample to sample, outputs are interpolated linearly.
+
+    Args:
+        time: (N,) the time of every sample in seconds; of samples with equal times the last is used.
+        input: (N, nu) inputs.
+        output: (N, ny) outputs.
+        step: between the new samples, in seconds.
+
+    Raises:
+        DataError: where the time goes back, or the step is too short for the time.
+    """
+    if not 1e-8 * (time[-1] - time[0]) < step < np.inf:
+        raise DataError(f"cannot resample {time[-1] - time[0]:g} s to a sample time of {step:g} s; give another")
+    last = np.append(np.diff(time) != 0, True)
+    t, u, y = time[last], input[last], output[last]
+    if np.any(np.diff(t) <= 0):
+        raise DataError("the time column goes back; sort the file by time first")
+    late = min(1e-9 * step + rounding(t), step / 2)  # by how much rounding may make a time later than the grid
+    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0] + late) / step)) + 1)
+    columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
+    return u[held_at(t, grid + late, step)], np.column_stack(columns) if columns else np.empty((len(grid), 0))
+
+
+def held_at(time: Array, rows: Array, step: float) -> NDArray[np.intp]:
+    """(M,) the sample of an input that holds for most of each row of another clock.
+
+    >>> held_at(np.arange(4.0), np.array([0.2, 1.6, 2.2]), 1.0)
+    array([0, 2, 2])
+
+    Args:
+        time: (N,) of its samples, ascending.
+        rows: (M,) times of the rows.
+        step: how long a row lasts.
+    """
+    nearest = np.searchsorted(time, rows + (0.5 + 1e-9) * step, side="right") - 1
+    return np.asarray(np.clip(nearest, 0, len(time) - 1))

@@ -8,7 +8,7 @@ from emsid.controllers import Controller
 from emsid.controllers.bench import AS_IS, BARE, CASCADE, REFERENCES, SIMC, ControlBench, rows_of
 from emsid.controllers.files import summary
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Level, Line, Mark, Plot, Report, Section, Stroke, Table
-from emsid.report.views.timeline import TIME
+from emsid.report.views.conventions import TIME
 from emsid.units import plain_unit
 
 INKS = {CASCADE: Ink.BLUE, BARE: Ink.GREY, SIMC: Ink.ORANGE}

@@ -32,7 +32,9 @@ from emsid.report.document import (
     Stroke,
     Wire,
 )
-from emsid.report.layout import (
+from emsid.report.numbers import tick
+from emsid.report.paths import Entry, legend, thin
+from emsid.report.svg import (
     LABEL,
     LEGEND,
     PRINT_POINTS,
@@ -47,12 +49,9 @@ from emsid.report.layout import (
     legend_columns,
     name_range,
     sides,
+    svg,
     text_width,
 )
-from emsid.report.numbers import tick
-from emsid.report.paths import Entry, legend
-from emsid.report.svg import svg
-from emsid.report.thinning import thin
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -18,13 +18,12 @@ from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import both_directions, estimate, first_up, less_than, number, percent
-from emsid.report.views import terms
+from emsid.report.views import conventions as terms
 from emsid.report.views.conventions import in_words
 from emsid.report.views.front import front_figure, models_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
-from emsid.wording.chances import chance
-from emsid.wording.lists import NOT_SHOWN
+from emsid.wording.lists import NOT_SHOWN, chance
 
 if TYPE_CHECKING:
     from emsid.estimation.estimates import Estimate

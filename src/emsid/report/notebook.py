@@ -28,10 +28,10 @@ from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, less_than, number
 from emsid.report.views import analysis, first_look
 from emsid.report.views.conventions import channel_axis
-from emsid.report.views.free_run import measured_and_simulated, responses
+from emsid.report.views.front import results_table
 from emsid.report.views.grey_box import sticking
+from emsid.report.views.record import measured_and_simulated, responses
 from emsid.report.views.residuals import residuals
-from emsid.report.views.tables import results_table
 from emsid.units import readable_unit
 from emsid.validation.analysis import Residuals, Spectrum
 from emsid.validation.comparison import Assessment, Comparison

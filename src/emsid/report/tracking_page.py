@@ -25,8 +25,8 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import number, slug
-from emsid.report.views.recursion import settled_range
-from emsid.report.views.tables import regressor_column
+from emsid.report.views.front import regressor_column
+from emsid.report.views.record import settled_range
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
 

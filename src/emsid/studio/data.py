@@ -1,10 +1,17 @@
-"""The data of a session: what the first look finds, the record that is read, and marks on its plot."""
+"""The data of a session: what the first look finds, the record that is read, and marks on its plot.
+
+Windows of long signals: the lowest and highest value in every pixel, as float32.
+
+A window of W pixels takes one pass over its samples, whatever their number: two values a pixel show every extreme,
+which thinning would lose. Times are relative to the beginning of the window, of which float32 resolves a
+ten-millionth.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any
 
@@ -14,19 +21,16 @@ from numpy.typing import NDArray
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
-from emsid.findings import plain
+from emsid.findings import Finding, plain
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import at_rest
 from emsid.io import ParsedFile, read_columns
 from emsid.io.columns import from_arrays
 from emsid.record import Record
 from emsid.record.joining import check_same_channels
-from emsid.record.time_axis import NOTABLE
-from emsid.record.time_units import SECONDS
+from emsid.record.time_axis import NOTABLE, SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
-from emsid.studio.actions import channels_for
 from emsid.studio.session import Session
-from emsid.studio.windows import Signal
 from emsid.wording import Spelling, sentence, severity
 
 KEPT = 8
@@ -301,3 +305,97 @@ def _stretches(
     long = edges[edges[:, 1] - edges[:, 0] >= shortest]
     for a, b in long[np.argsort(long[:, 0] - long[:, 1])][:MOST_MARKS]:
         yield {"kind": kind, "first": float(time[a]), "last": float(time[b - 1]), "channel": channel}
+
+
+Array = NDArray[np.float64]
+WIDEST = 4000
+"""Most pixels of a window: those of a large screen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A signal over time.
+
+    Args:
+        time: (N,) ascending, in s.
+        values: (N,) NaN where there is none.
+        dt: sample time in s; a longer step is a gap.
+    """
+
+    time: Array
+    values: Array
+    dt: float
+
+    def window(self, first: float, last: float, width: int) -> tuple[Array, Array]:
+        """Times and values to draw between two times: all samples where they are few, else two a pixel.
+
+        The samples before and after the window are part of it, so that its line reaches its edges. NaN is a gap.
+        """
+        width = min(max(width, 1), WIDEST)
+        a = max(int(np.searchsorted(self.time, first, "left")) - 1, 0)
+        b = min(int(np.searchsorted(self.time, last, "right")) + 1, len(self.time))
+        t, x = self.time[a:b], self.values[a:b]
+        if len(t) <= 2 * width:
+            gaps = np.flatnonzero(np.diff(t) > 1.5 * self.dt)
+            return np.insert(t, gaps + 1, t[gaps] + self.dt), np.insert(x, gaps + 1, np.nan)
+        starts = np.linspace(0, len(t), width, endpoint=False).astype(int)
+        times = np.repeat(t[starts], 2)
+        extremes = np.column_stack([np.fmin.reduceat(x, starts), np.fmax.reduceat(x, starts)]).ravel()
+        ends = np.append(starts[1:], len(t)) - 1
+        step = (t[ends] - t[starts]).max() if width > 1 else 0.0
+        gaps = np.flatnonzero(t[starts[1:]] - t[ends[:-1]] > max(step / 2, 1.5 * self.dt)) * 2 + 2
+        return np.insert(times, gaps, times[gaps - 1] + self.dt), np.insert(extremes, gaps, np.nan)
+
+
+def packed(signals: list[Signal], first: float, last: float, width: int) -> bytes:
+    """Windows of signals with the same times: the number of points, their times from ``first`` on, and the values."""
+    drawn = [signal.window(first, last, width) for signal in signals]
+    rows = [(drawn[0][0] - first).astype("<f4"), *(values.astype("<f4") for _, values in drawn)]
+    return np.uint32(len(rows[0])).tobytes() + b"".join(row.tobytes() for row in rows)
+
+
+Edit = dict[str, Any]
+PHYSICAL = ["rigid-motor", "arx"]
+"""Models to compare where a physical one is proposed."""
+
+FREE_RUN = "-free-run"
+"""The end of the names of regressions that are fitted to the free run."""
+
+
+def fit_free_run(finding: Finding, record: Record) -> Edit:
+    """The same regression fitted to the free run; of a linear one that is output-error."""
+    from emsid.identification.candidates import CANDIDATES
+
+    name = f"{finding.model}{FREE_RUN}"
+    return {"models": [name if name in CANDIDATES else "output-error"]}
+
+
+EDITS: dict[str, Callable[[Finding, Record], Edit]] = {
+    "next-physical-model": lambda finding, record: {"models": PHYSICAL},
+    "regression-biased": fit_free_run,
+    "map-is-straight": lambda finding, record: {"models": ["output-error"]},
+    "interrupted": lambda finding, record: {"again": True},
+    "response-negative": lambda finding, record: {"given": {"scale": {record.input_names[0]: -1.0}}},
+}
+"""By the code of a finding: the changed parts of a step; ``given`` are arguments of `emsid.read`, and ``again`` fits
+again without a change."""
+
+
+def edit_for(finding: Finding, record: Record) -> Edit | None:
+    """The change that a finding proposes; None where it proposes none that can be made here."""
+    return EDITS[finding.code](finding, record) if finding.code in EDITS else None
+
+
+def channels_for(finding: Finding, reading: Mapping[str, Any]) -> Edit | None:
+    """The arguments of `emsid.read` with the further channels that a first look proposes; None where it has none.
+
+    A position takes the place of the speed that comes from it; a load and a current are used beside what is.
+    """
+    if finding.code != "further-channels":
+        return None
+    found = finding.data
+    if found["positions"]:
+        return {"output": found["positions"][0]}
+    role, more = ("output", found["outputs"]) if found["outputs"] else ("input", found["inputs"])
+    present = reading[role]
+    return {role: [*([present] if isinstance(present, str) else present), *more]}

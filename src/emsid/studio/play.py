@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.threads import one_blas_thread
-from emsid.studio.windows import Signal
+from emsid.studio.data import Signal
 
 Array = NDArray[np.float64]
 SAMPLES = 10_000

@@ -1,4 +1,13 @@
-"""The server of the studio: routes, messages to the pages, and the loopback socket."""
+"""The server of the studio: routes, messages to the pages, and the loopback socket.
+
+What every request must satisfy before it is answered, and the headers of every answer.
+
+Other programs and pages on the same machine can reach a loopback port. A request must therefore name the secret token
+as the first part of its path, address this host and port (a foreign name that resolves to the loopback address is
+refused), and come from this page, if it says where it comes from. A body is counted while it arrives.
+
+HTTP connections that are closed where the head of a request does not arrive.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +19,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from secrets import token_urlsafe
+from secrets import compare_digest, token_urlsafe
 from threading import Thread
 from typing import Any
 
+import h11
 import msgspec
 import uvicorn
 from starlette.applications import Starlette
@@ -21,21 +31,20 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import LOG, InternalError
 from emsid.findings import plain
 from emsid.io.files import NotWritten
 from emsid.studio import uplot
-from emsid.studio.exports import exported, formats
-from emsid.studio.guard import LARGE, Guard, TooLarge
-from emsid.studio.impatient import ImpatientProtocol
+from emsid.studio.data import Signal, packed
 from emsid.studio.live import Live
 from emsid.studio.play import free_runs, loaded, played, sliders
 from emsid.studio.runs import Runs
 from emsid.studio.session import Conflict, Session, held, in_session
-from emsid.studio.studio import Studio
-from emsid.studio.windows import Signal, packed
+from emsid.studio.studio import Studio, exported, formats
 
 PAGE = Path(__file__).parent / "page"
 MOST_AT_ONCE = 150
@@ -384,3 +393,136 @@ def write_door(path: Path, address: str) -> None:
 
 
 __all__ = ["Messages", "application", "serve", "uplot"]
+
+
+SMALL = 1 << 20
+"""Most bytes of a request that is no file: drawn inputs of 10 000 samples fit."""
+LARGE = 2 << 30
+"""Most bytes of a file: ten times a record of two million rows."""
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+)
+
+
+class TooLarge(Exception):
+    """Raised while a body with more bytes than are allowed arrives; the application answers with status 413."""
+
+
+class Guard:
+    """Passes requests with the token, from this page and for this host on to an application.
+
+    Args:
+        app: what answers them; it sees the path without the token.
+        token: the first part of every path.
+        port: of this server.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        self.app, self.token = app, token.encode()
+        self.hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        problem = self._problem(scope)
+        if problem:
+            await self._refuse(*problem, scope, receive, send)
+            return
+        most, count = self._most(scope), 0
+
+        async def counted() -> Message:
+            nonlocal count
+            message = await receive()
+            count += len(message.get("body", b""))
+            if count > most:
+                raise TooLarge
+            return message
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                given = {name.lower() for name, _ in message["headers"]}
+                message["headers"] = [*message["headers"], *(header for header in HEADERS if header[0] not in given)]
+            await send(message)
+
+        path = "/" + scope["path"].split("/", 2)[2]
+        await self.app({**scope, "path": path, "raw_path": path.encode()}, counted, with_headers)
+
+    @staticmethod
+    def _most(scope: Scope) -> int:
+        """Most bytes of the body of a request."""
+        return LARGE if scope["path"].endswith("/api/files") else SMALL
+
+    def _problem(self, scope: Scope) -> tuple[int, str] | None:
+        """The status and the reason with which a request is refused."""
+        headers = dict(scope["headers"])
+        host = headers.get(b"host", b"").decode("latin-1")
+        if host not in self.hosts:
+            return 403, "this server answers requests to its own address only"
+        if headers.get(b"origin", f"http://{host}".encode()) != f"http://{host}".encode():
+            return 403, "this server answers its own page only"
+        parts = scope["path"].split("/", 2)
+        if len(parts) < 3 or not compare_digest(parts[1].encode(), self.token):
+            return 403, "the address needs the token that `emsid studio` has printed"
+        most = self._most(scope)
+        length = headers.get(b"content-length", b"0")
+        if not length.isdigit() or len(length) > 20 or int(length) > most:
+            return 413, f"the request has more than {most:,} bytes"
+        return None
+
+    @staticmethod
+    async def _refuse(status: int, why: str, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = {name.decode(): value.decode() for name, value in HEADERS} | {"connection": "close"}
+        await PlainTextResponse(why, status, headers)(scope, receive, send)
+
+
+HEAD = 5.0
+"""Seconds for the head of a request, which a browser sends at once; the time that an idle connection is kept, too."""
+
+
+class ImpatientProtocol(H11Protocol):
+    """Closes a connection whose request has not named its address, and so the token, after some seconds.
+
+    Without this, anybody on this machine could hold all connections that the server accepts.
+    """
+
+    _closing: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to wait."""
+        super().connection_made(transport)
+        self._wait()
+
+    def data_received(self, data: bytes) -> None:
+        """Wait for the rest of a head, counted from its first byte."""
+        super().data_received(data)
+        self._wait()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop waiting."""
+        super().connection_lost(exc)
+        if self._closing is not None:
+            self._closing.cancel()
+
+    def _wait(self) -> None:
+        if self.conn.their_state is not h11.IDLE:
+            if self._closing is not None:
+                self._closing.cancel()
+            self._closing = None
+        elif self._closing is None:
+            self._closing = self.loop.call_later(HEAD, self._close)
+
+    def _close(self) -> None:
+        with suppress(RuntimeError):  # the loop has ended
+            self.transport.close()

@@ -1,19 +1,35 @@
-"""What the page can do: change the step, add files, fit, and the state that every page shows."""
+"""What the page can do: change the step, add files, fit, and the state that every page shows.
+
+A step as a program in Python that gives the same numbers.
+
+What can be done about a finding, as a change of the step that a button of the page makes.
+
+Export of a model for other programs, as an archive of the files that `emsid.export` writes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import io
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
+
+from starlette.responses import Response
 
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
+from emsid.exports import FORMATS
+from emsid.io import origin
+from emsid.models.verbs import as_model
 from emsid.options import IDENTIFY
-from emsid.studio.data import Data
-from emsid.studio.script import as_script
+from emsid.studio.data import Data, arguments
+from emsid.studio.play import loaded
 from emsid.studio.session import CHOICE, EMPTY, Conflict, Session
 
 if TYPE_CHECKING:
@@ -21,6 +37,7 @@ if TYPE_CHECKING:
 
     from emsid.studio.live import Live
     from emsid.studio.runs import Runs
+
 
 OF_KIND: dict[str, Callable[[Any], Any]] = {
     "whole": int,
@@ -353,3 +370,61 @@ def catalogue() -> dict[str, Any]:
         "parameters": [{"name": name, "unit": unit} for name, unit in parameters.items()],
         "examples": [{"name": example.name, "title": example.title} for example in EXAMPLES],
     }
+
+
+def as_script(task: Mapping[str, Any], folder: Path) -> str:
+    """The program for a task, with the files in a folder.
+
+    Args:
+        task: files, the reading of each, models and options.
+        folder: of the files.
+    """
+
+    def read(name: str, files: list[str]) -> list[str]:
+        lines = [f"{name} = ["]
+        for file in files:
+            given = arguments(task["readings"][file])
+            lines += ["    emsid.read(", f"        {str(folder / file)!r},"]
+            lines += [*(f"        {key}={value!r}," for key, value in given.items()), "    ),"]
+        return [*lines, "]"]
+
+    lines = ["import emsid", "", *read("records", task["files"])]
+    unseen = repr(task["unseen"])
+    if task["unseen_files"]:
+        unseen = "unseen"
+        lines += read(unseen, task["unseen_files"])
+    options = {**({"models": task["models"]} if task["models"] else {}), **task["options"]}
+    words = ["records", unseen, *(f"{name}={value!r}" for name, value in options.items())]
+    lines += [f"result = emsid.identify({', '.join(words)})", "print(result)"]
+    return "\n".join(lines) + "\n"
+
+
+def formats() -> list[str]:
+    """The formats of `emsid.export`."""
+    return sorted(FORMATS)
+
+
+def exported(path: Path, format: str, assume: Sequence[str] = ()) -> Response:
+    """A model in a format, as an archive.
+
+    Args:
+        path: the model file.
+        format: its name.
+        assume: parameters whose values nobody gave or measured and that may be written.
+
+    Raises:
+        DataError: for an unknown format.
+        EmsidError: where the model cannot be exported like this.
+    """
+    if format not in FORMATS:
+        raise DataError(f"there is no format {format}; there are {', '.join(FORMATS)}")
+    found, source, content = loaded(path), origin(path), io.BytesIO()
+    dt = source.dt if source is not None and as_model(found).dt is None else None
+    with tempfile.TemporaryDirectory() as folder:
+        emsid.export(found, format, folder, dt=dt, force=True, assume=tuple(assume))
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in sorted(Path(folder).rglob("*")):
+                if file.is_file():
+                    archive.write(file, file.relative_to(folder))
+    headers = {"content-disposition": f'attachment; filename="{path.stem}-{format}.zip"'}
+    return Response(content.getvalue(), media_type="application/zip", headers=headers)

@@ -34,8 +34,7 @@ from emsid.report.document import Report, Section, Table
 from emsid.report.identification_page import report
 from emsid.report.numbers import number
 from emsid.report.page import report_files, write_files
-from emsid.studio.actions import edit_for
-from emsid.studio.data import arguments
+from emsid.studio.data import arguments, edit_for
 from emsid.units import plain_unit
 from emsid.wording import as_python, sentence, severity
 

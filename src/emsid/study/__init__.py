@@ -1,6 +1,6 @@
 """The complete study of Kara and Abokoos."""
 
-from emsid.study.setup import Settings
+from emsid.study.models import Settings
 from emsid.study.workflow import Study, study
 
 __all__ = ["Settings", "Study", "study"]

@@ -31,21 +31,34 @@ from emsid.first_look.faults import without_faults
 from emsid.models.regression.narx import Structure
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
-from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input
-from emsid.study.load_friction import LoadFriction, load_friction
-from emsid.study.models import BLOCKS, chosen, of_the_paper, searches, structures
-from emsid.study.motors import EXAMPLE, regressions
-from emsid.study.priors import PriorRow, priors
-from emsid.study.setup import (
+from emsid.study.models import (
+    BLOCKS,
     EXPERIMENT,
     IDENTIFICATION,
     SIMULATION,
     UNSEEN,
     Settings,
+    chosen,
     load_friction_difference,
     measure,
+    of_the_paper,
+    searches,
+    structures,
 )
-from emsid.study.survey import Survey, recorded
+from emsid.study.survey import (
+    EXAMPLE,
+    Excitation,
+    LoadFriction,
+    PriorRow,
+    Richer,
+    Survey,
+    excitation_of,
+    load_friction,
+    priors,
+    recorded,
+    regressions,
+    richer_input,
+)
 from emsid.validation.comparison import Assessment, Row, assess
 
 

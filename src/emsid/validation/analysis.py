@@ -30,8 +30,7 @@ from emsid.models.verbs import as_model, for_model
 from emsid.record import Record
 from emsid.validation.bands import LONGEST, frequency_response_band, step_response_band
 from emsid.validation.comparison import Assessment, as_fit, assess
-from emsid.validation.nonlinear_correlation import NonlinearTest
-from emsid.validation.residual_test import ResidualTest, residual_tests
+from emsid.validation.correlation import NonlinearTest, ResidualTest, residual_tests
 from emsid.validation.responses import Analysed, FrequencyResponse, PoleMap, TimeResponse, of_each
 
 Array = NDArray[np.float64]

@@ -16,17 +16,12 @@ Every other code has a function, registered under it::
 
 from emsid.wording import agreement as agreement
 from emsid.wording import blocks as blocks
-from emsid.wording import conclusions as conclusions
 from emsid.wording import data as data
-from emsid.wording import designs as designs
 from emsid.wording import files as files
-from emsid.wording import fleets as fleets
 from emsid.wording import identification as identification
 from emsid.wording import linear as linear
 from emsid.wording import live as live
 from emsid.wording import plants as plants
-from emsid.wording import search as search
-from emsid.wording import sensors as sensors
 from emsid.wording import study as study
 from emsid.wording import verdict as verdict
 from emsid.wording.catalogue import CATALOGUE, Entry, Severity, Spelling, as_python, sentence, severity, words

@@ -8,9 +8,7 @@ from typing import Any
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
-from emsid.wording.durations import duration, sample_time
-from emsid.wording.lists import assigned, ordinal, shortened
-from emsid.wording.sureness import how_sure
+from emsid.wording.lists import assigned, duration, how_sure, ordinal, sample_time, shortened
 
 NOTABLE_DISTORTION, HIDDEN_DISTORTION = 0.02, 0.05
 """A linear model is enough up to the first share of the amplitude; less than the second cannot be seen in the noise."""

@@ -6,9 +6,7 @@ from shlex import quote
 
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
-from emsid.wording.durations import duration, sample_time
-from emsid.wording.lists import assigned, listed, shortened
-from emsid.wording.sureness import how_sure
+from emsid.wording.lists import assigned, duration, how_sure, listed, sample_time, shortened
 
 # --- how a file was read ---------------------------------------------------------------------------------------------
 

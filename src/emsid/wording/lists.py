@@ -1,4 +1,11 @@
-"""Names in a sentence: lists of them, and names in an argument."""
+"""Names in a sentence: lists of them, and names in an argument.
+
+Words for the chance that a test gives.
+
+Times in a sentence.
+
+How sure a finding is, in words.
+"""
 
 from __future__ import annotations
 
@@ -47,3 +54,55 @@ def ordinal(number: int) -> str:
     """
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
+
+
+SMALLEST = 1e-16
+"""A smaller chance says no more than this one, and a test is not that exact."""
+
+
+def chance(p: float) -> str:
+    """A chance, for the sign after its name.
+
+    >>> chance(0.0312), chance(4e-126)
+    ('= 0.031', '< 1e-16')
+    """
+    return f"= {p:.2g}" if p >= SMALLEST else f"< {SMALLEST:g}"
+
+
+def duration(seconds: float) -> str:
+    """A time in s, ms or µs.
+
+    >>> duration(0.0105), duration(33.2), duration(2e-5)
+    ('10.5 ms', '33.2 s', '20 µs')
+    """
+    factor, unit = _unit(seconds)
+    return f"{factor * seconds:.3g} {unit}"
+
+
+def sample_time(seconds: float) -> str:
+    """A sample time in s, ms or µs, with all the digits that a user gives.
+
+    >>> sample_time(0.010048), sample_time(2.0), sample_time(2e-5)
+    ('10.048 ms', '2 s', '20 µs')
+    """
+    factor, unit = _unit(seconds)
+    return f"{factor * seconds:g} {unit}"
+
+
+def _unit(seconds: float) -> tuple[float, str]:
+    """The unit for a time, and how many of it are in a second."""
+    if abs(seconds) >= 1:
+        return 1.0, "s"
+    return (1e3, "ms") if abs(seconds) >= 1e-3 or not seconds else (1e6, "µs")
+
+
+def how_sure(confidence: float) -> str:
+    """A confidence from 0 to 1 as an adverb.
+
+    >>> how_sure(0.95), how_sure(0.75), how_sure(0.5), how_sure(0.2)
+    ('almost certainly', 'likely', 'possibly', 'perhaps')
+    """
+    for least, word in ((0.9, "almost certainly"), (0.65, "likely"), (0.4, "possibly")):
+        if confidence >= least:
+            return word
+    return "perhaps"

@@ -8,8 +8,8 @@ from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import name_and_unit, with_unit
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
+from emsid.wording.linear import SHOW_ZONE
 from emsid.wording.lists import assigned, shortened
-from emsid.wording.search import SHOW_ZONE
 
 
 @words("unit-assumed", Severity.WARNING)

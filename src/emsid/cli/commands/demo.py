@@ -7,7 +7,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.shell import command_line, file_word
+from emsid.cli.reading import command_line, file_word
 from emsid.cli.terminal import say, working
 from emsid.cli.writing import check_folder
 

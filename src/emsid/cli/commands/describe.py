@@ -10,8 +10,7 @@ import typer
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, option
-from emsid.cli.reading import identify_words, reads_records
-from emsid.cli.shell import command_line
+from emsid.cli.reading import command_line, identify_words, reads_records
 from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.imports import load_identification, load_reading, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Details, Json, Out, Pdf, Rare, option, takes
 from emsid.cli.reading import reads_records
-from emsid.cli.second_process import fits, is_possible, meanwhile
+from emsid.cli.second_process import fits, is_possible, load_identification, load_reading, meanwhile, without_collection
 from emsid.cli.terminal import reader_may_leave, say_json, warn, working
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, completed, draw, kept, say_where, write
 from emsid.options import DECLARED, IDENTIFY, KEYWORDS
@@ -142,7 +141,7 @@ def _checked(
     Unseen records with data of the fit are named now, before searches of minutes.
     """
     from emsid.findings import Finding
-    from emsid.record.overlap import has_common_samples
+    from emsid.record.holding_back import has_common_samples
     from emsid.wording import sentence
 
     for test in tests:

@@ -9,8 +9,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import option
-from emsid.cli.reading import as_options
-from emsid.cli.shell import command_line, file_word
+from emsid.cli.reading import as_options, command_line, file_word
 from emsid.cli.terminal import say
 from emsid.cli.writing import check_folder
 from emsid.errors import DataError, FormatError

@@ -109,9 +109,8 @@ def study(
 
 def _print(result: "Study", details: bool) -> None:
     """What was found, the ratios of all models beside those of the paper, and warnings; then all errors and claims."""
-    from emsid.report.study_page import lead_inputs, study_rows
-    from emsid.report.study_views import claims_table, models_table, paper_table
-    from emsid.report.views.tables import results_table
+    from emsid.report.study_page import claims_table, lead_inputs, models_table, paper_table, study_rows
+    from emsid.report.views.front import results_table
     from emsid.study.summary import findings, headline
     from emsid.wording import Severity, sentence, severity
     from emsid.wording.first_screen import more

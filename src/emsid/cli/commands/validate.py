@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.io import Origin
     from emsid.record import Record
-    from emsid.validation.comparison import Assessment
+    from emsid.validation.comparison import Assessment, RegionError
     from emsid.validation.reestimation import Reestimation
-    from emsid.validation.regions import RegionError
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE", help="Records that the model was not fitted to.")]
@@ -160,7 +159,7 @@ def _run(
 ) -> _Run:
     """What follows from a run of the model on a record; what of it fails is left out, with a finding."""
     from emsid.estimation.borders import collected, tried
-    from emsid.validation.regions import errors_by_region
+    from emsid.validation.comparison import errors_by_region
 
     name = assessed.record.name
     with collected() as noted:
@@ -192,8 +191,8 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
     from emsid.findings import Finding
     from emsid.first_look.data_advice import questions
     from emsid.first_look.examined import response_of
-    from emsid.validation.lateness import lateness
-    from emsid.validation.regions import worst_region
+    from emsid.validation.agreement import lateness
+    from emsid.validation.comparison import worst_region
 
     record = assessed.record
     return joined(
@@ -219,8 +218,7 @@ def _ahead(assessed: "Assessment", horizon: int, transient: int | None) -> float
 
 def _print(run: _Run, horizon: int) -> None:
     """The errors on one record, the parameters that were estimated again, and the findings."""
-    from emsid.report.views.front import region_tables
-    from emsid.report.views.tables import results_table
+    from emsid.report.views.front import region_tables, results_table
     from emsid.wording import sentence
 
     record, again = run.assessed.record, run.again
@@ -241,7 +239,7 @@ def _report(model: Path, runs: "Sequence[_Run]", noted: "Sequence[Finding]") -> 
     from emsid.report import views
     from emsid.report.document import Fact, Notice, Report, Section
     from emsid.report.numbers import percent
-    from emsid.report.views import terms
+    from emsid.report.views import conventions as terms
     from emsid.report.views.front import region_tables
     from emsid.wording import sentence, severity
 

@@ -6,13 +6,18 @@ corresponding figures and tables of the paper.
 
 from emsid.report.views.bands import banded
 from emsid.report.views.conventions import channel_axis, labels
-from emsid.report.views.free_run import measured_and_simulated, ranking, responses
-from emsid.report.views.motor import nonlinearities
-from emsid.report.views.record import critical_intervals, inputs
-from emsid.report.views.recursion import convergence
+from emsid.report.views.front import motor_table, parameter_table, regressor_column, results_table
+from emsid.report.views.grey_box import nonlinearities
+from emsid.report.views.record import (
+    convergence,
+    critical_intervals,
+    inputs,
+    measured_and_simulated,
+    ranking,
+    responses,
+)
 from emsid.report.views.residuals import nonlinear_correlations, residuals
 from emsid.report.views.sections import model_section
-from emsid.report.views.tables import motor_table, parameter_table, regressor_column, results_table
 
 __all__ = [
     "banded",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import curve_with_band, limited
+from emsid.report.views.cascade import around
 from emsid.report.views.conventions import MODELS, channel_axis
-from emsid.report.views.feedback import around
 from emsid.validation.analysis import bode, pole_map, step
 from emsid.validation.responses import FrequencyResponse, PoleMap, Several, TimeResponse
 

@@ -13,8 +13,7 @@ import numpy as np
 from emsid.estimation.borders import border
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import number, slug
-from emsid.report.views.conventions import BAND, channel_axis
-from emsid.report.views.timeline import TIME
+from emsid.report.views.conventions import BAND, TIME, channel_axis
 from emsid.units import with_unit
 
 if TYPE_CHECKING:

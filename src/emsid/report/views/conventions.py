@@ -1,15 +1,24 @@
-"""Conventions of all views: the look of measurements and models, and the labels of models and outputs."""
+"""Conventions of all views: the look of measurements and models, and the labels of models and outputs.
+
+The time axis of a figure of a record.
+
+Definitions of the terms in tables and figures.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import inf
 from typing import TYPE_CHECKING
 
-from emsid.report.document import Axis, Dash, Ink, Stroke
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.report.document import Axis, Dash, Ink, Stroke, Term
 from emsid.report.numbers import capital
 from emsid.units import in_unit, name_and_unit
-from emsid.wording.durations import sample_time
+from emsid.wording.lists import sample_time
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -85,3 +94,57 @@ def channels(record: Record) -> range:
 def of_output(record: Record, channel: int, before: str = ": ") -> str:
     """The part of a title that names an output if there are several."""
     return f"{before}{record.output_names[channel]}" if len(channels(record)) > 1 else ""
+
+
+Array = NDArray[np.float64]
+
+TIME = Axis("Time", "s")
+
+
+def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
+    """The time axis of a figure of a record, with gaps between its segments.
+
+    Experiments that all begin at zero are placed one after the other.
+
+    Returns:
+        (M,) time in seconds, ascending, and (M,) the index of the sample there, −1 in a gap.
+    """
+    times: list[ArrayLike] = []
+    samples: list[ArrayLike] = []
+    offset, end = 0, -inf
+    for segment in record.segments:
+        t = segment.time
+        if t[0] < end:
+            t = t + (end - t[0])
+        if offset:
+            times.append([(end - record.dt + t[0]) / 2])
+            samples.append([-1])
+        times.append(t)
+        samples.append(np.arange(offset, offset + len(segment)))
+        offset, end = offset + len(segment), float(t[-1]) + record.dt
+    return np.concatenate(times), np.concatenate(samples).astype(np.intp)
+
+
+def with_gaps(values: Array, samples: NDArray[np.intp]) -> Array:
+    """(M,) values (N,) in the order of `timeline`, NaN in its gaps."""
+    return np.where(samples < 0, np.nan, values[samples])
+
+
+FREE_RUN = Term(
+    "Free run",
+    "simulation from the input alone: the model uses its own past outputs, never measured ones.",
+)
+ONE_STEP = Term(
+    "One step ahead",
+    "the model predicts the next sample from the measured past; models are not ranked by this error.",
+)
+FIT = Term(
+    "Fit",
+    "100·(1 − ‖error‖/‖output − mean‖): 100 % is exact, 0 % is no better than the mean of the output.",
+)
+MSE = Term("MSE, RMSE", "mean square error and its root; the RMSE is in the unit of the output.")
+METHOD = Term(
+    "Method",
+    "LS: least squares. RLS: recursive least squares, sample by sample. GN: Gauss–Newton, a search for the smallest "
+    "error of the free run.",
+)

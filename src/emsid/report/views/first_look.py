@@ -18,12 +18,10 @@ from emsid.record import Record
 from emsid.report.braille import braille
 from emsid.report.document import Axis, Figure, Ink, Line, Notice, Plot, Points, Report, Section, Stroke, Table
 from emsid.report.numbers import number
-from emsid.report.views.conventions import channel_axis, in_words
-from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.report.views.conventions import TIME, channel_axis, in_words, timeline, with_gaps
 from emsid.units import in_unit, plain_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
-from emsid.wording.durations import duration
-from emsid.wording.sureness import how_sure
+from emsid.wording.lists import duration, how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
 NAMED = 3

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Mark, Plot, Stroke
-from emsid.report.views.conventions import MODELS, channels, labels, of_output, output_axis
-from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.report.views.conventions import MODELS, TIME, channels, labels, of_output, output_axis, timeline, with_gaps
 from emsid.validation.correlation import autocorrelation, cross_correlation
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from emsid.estimation.borders import border
 from emsid.report.document import Figure, Section, Table
 from emsid.report.numbers import sentence, slug
-from emsid.report.views.tables import parameter_table, regressor_column
+from emsid.report.views.front import parameter_table, regressor_column
 from emsid.wording import Spelling, as_python
 from emsid.wording import sentence as worded
 
@@ -75,8 +75,15 @@ def _of_equation(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[
 
 
 def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
-    from emsid.report.views.grey_box import dead_zone, friction, likelihood, sticking
-    from emsid.report.views.physical_parameters import physical_table, plant_equations, units_taken
+    from emsid.report.views.grey_box import (
+        dead_zone,
+        friction,
+        likelihood,
+        physical_table,
+        plant_equations,
+        sticking,
+        units_taken,
+    )
 
     drawings: tuple[Drawing, ...] = (
         partial(sticking, fit, name=f"{prefix}-sticking"),
@@ -100,7 +107,7 @@ def _of_blocks(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Pr
 
 def _of_feedback(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
     from emsid.models.feedback.curves import rounded_equation
-    from emsid.report.views.feedback import maps_in_feedback, poles_by_level
+    from emsid.report.views.cascade import maps_in_feedback, poles_by_level
 
     drawings = (partial(maps_in_feedback, fit, record, prefix), partial(poles_by_level, fit, record, prefix))
     return Parts((rounded_equation(fit, record),), (parameter_table(fit),), drawings)

@@ -28,7 +28,7 @@ from emsid.models.feedback.search.moves import usual_size
 from emsid.models.feedback.search.trials import OF_USE, SEARCHED, FeedbackSearch, Trial, error_of_use, refusal
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
+from emsid.record.holding_back import excerpt
 
 Array = NDArray[np.float64]
 

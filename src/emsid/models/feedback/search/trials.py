@@ -32,8 +32,7 @@ from emsid.models.initial_states import initial_state
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.terms import check_whole
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import FOLDS, stretches_in_turn, validation_splits
+from emsid.record.holding_back import FOLDS, excerpt, stretches_in_turn, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 Array = NDArray[np.float64]

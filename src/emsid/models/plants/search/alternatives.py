@@ -47,7 +47,7 @@ from emsid.models.plants.search.conditions import TOLERABLE
 from emsid.models.plants.search.moves import may_have_inductance
 from emsid.models.plants.search.task import Task
 from emsid.record import concatenate
-from emsid.record.excerpt import excerpt
+from emsid.record.holding_back import excerpt
 from emsid.selection.improvement import NEGLIGIBLE, matters
 
 Array = NDArray[np.float64]

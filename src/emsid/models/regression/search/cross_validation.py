@@ -24,8 +24,7 @@ from emsid.models.model import Model
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import Split, folded, validation_splits
+from emsid.record.holding_back import Split, excerpt, folded, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors
 
 # The samples of a search, an excerpt of a longer record.

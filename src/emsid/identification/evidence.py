@@ -251,7 +251,6 @@ def _cancelled(modes: Modes) -> Iterator[Finding]:
                 yield Finding("zero-cancels-pole", "", of | {"pole": [float(pole.real), float(pole.imag)]})
 
 
-Array = NDArray[np.float64]
 Reason = dict[str, Any]
 
 WITHIN = 1.3
@@ -468,8 +467,6 @@ def about_the_maps(model: Any, record: Record, unseen: Record, seen: bool) -> li
             found.append(Finding("map-beyond-range", model.name, data))
     return found
 
-
-Array = NDArray[np.float64]
 
 # A residual of which the input predicts more than this share of the variance depends on the input.
 PREDICTABLE = 0.05

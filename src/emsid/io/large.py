@@ -18,7 +18,7 @@ import numpy as np
 from emsid.errors import FormatError
 from emsid.io.cells import numbers_or_text
 from emsid.io.columns import Columns, Excerpt, as_numbers
-from emsid.record.excerpt import REACHED
+from emsid.record.holding_back import REACHED
 
 if TYPE_CHECKING:
     import polars as pl

@@ -277,8 +277,6 @@ def seconds_of(unit: str) -> float:
     return 1 / (float(rate[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[rate[2]])
 
 
-Array = NDArray[np.float64]
-
 FEWEST = 8
 """Through the stamps of fewer rows, a straight line shows neither steps nor drift."""
 MEANS = 25
@@ -354,9 +352,6 @@ def _by_medians(t: Array, dt: float) -> NDArray[np.intp]:
         lost[k] = max(int(np.rint(moved / dt)), 0)
         away[k + 1 :] -= lost[k] * dt
     return lost
-
-
-Array = NDArray[np.float64]
 
 
 def equidistant(time: Array, input: Array, output: Array, step: float) -> tuple[Array, Array]:

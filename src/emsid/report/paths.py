@@ -402,9 +402,6 @@ def legends(figure: Figure) -> tuple[tuple[Entry, ...], list[tuple[Entry, ...]]]
     return (), own
 
 
-Array = NDArray[np.float64]
-
-
 def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:
     """Reduce a line to at most ``limit`` points that look the same: the lowest and highest of every bucket of samples.
 

@@ -186,8 +186,6 @@ def _stretches(record: Record, run: Run) -> list[slice]:
     return stretches
 
 
-Array = NDArray[np.float64]
-
 ITERATIONS = 8
 """Of Gauss–Newton."""
 LEAST_SHIFT = 0.1

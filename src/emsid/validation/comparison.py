@@ -34,7 +34,8 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
-from emsid.models.free_run import RESTING, from_rest, mean_squared_error
+from emsid.models.free_run import RESTING, from_rest
+from emsid.models.free_run import mean_squared_error as mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.models.verbs import for_model
 from emsid.presentation import Presented
@@ -459,8 +460,6 @@ def fit_percent(measured: Array, modelled: Array) -> float:
     spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
     return float(np.mean(100.0 * (1.0 - error[moves] / spread[moves])))
 
-
-Array = NDArray[np.float64]
 
 REST, FAST, TOP = 0.05, 0.3, 0.99
 """Limits of standstill and of high speed as shares of v, and the quantile of |y| that v is."""

@@ -170,8 +170,6 @@ def _lagged_products(a: Spectra, b: Spectra, lags: int) -> Array:
     return sums
 
 
-Array = NDArray[np.float64]
-
 NOTHING = 1e-6
 """A function with a smaller deviation, of signals whose largest value is one, is what the others have in common."""
 
@@ -308,8 +306,6 @@ def _powers(x: Array) -> Array:
     """(N, 4) 1, x, x², x³."""
     return np.stack([np.ones_like(x), x, x**2, x**3], axis=1)
 
-
-Array = NDArray[np.float64]
 
 LAGS_OF_WHITENESS = 25
 """Lags that are tested, in samples."""

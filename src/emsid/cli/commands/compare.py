@@ -49,7 +49,7 @@ def compare(
     """
     from emsid.first_look.faults import without_faults
     from emsid.io import load, origin, read_options
-    from emsid.report.views.tables import results_table
+    from emsid.report.views.front import results_table
     from emsid.validation.comparison import as_fit
     from emsid.validation.comparison import compare as compared
 
@@ -119,7 +119,7 @@ def _report(comparisons: "Sequence[Comparison]", fits: "Sequence[Fit[Any]]") -> 
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
     from emsid.report.numbers import percent
-    from emsid.report.views import terms
+    from emsid.report.views import conventions as terms
     from emsid.report.views.analysis import model_figures
     from emsid.validation.bands import usual_step
 

@@ -65,7 +65,7 @@ def show_models(models: ModelFiles, step: Step = 1.0, out: Folder = None, json: 
 def _channels(fit: "Fit[Any]") -> str:
     """Where a model was identified, as far as its file says."""
     from emsid.units import in_unit
-    from emsid.wording.durations import sample_time
+    from emsid.wording.lists import sample_time
 
     if fit.channels is None:
         return ""

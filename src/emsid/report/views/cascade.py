@@ -352,8 +352,6 @@ def _poles_along(model: FeedbackModel, seen: Visited, k: int) -> Plot:
     return Plot(tuple(marks), real, imaginary, title, height=SQUARE)
 
 
-Array = NDArray[np.float64]
-
 BEYOND, POINTS = 0.04, 400
 """A map is drawn this fraction of the range beyond the data, through this many points."""
 BINS = 80

@@ -170,9 +170,6 @@ def settled_range(history: Array, values: Array) -> tuple[float, float]:
     return low - room, high + room
 
 
-Array = NDArray[np.float64]
-
-
 def responses(assessments: Sequence[Assessment], intervals: Sequence[slice], *, name: str = "responses") -> Figure:
     """Measured outputs and free runs of several models on chosen intervals, as in Figures 5.2, 5.3, 5.6 and 5.7.
 

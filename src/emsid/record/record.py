@@ -104,7 +104,7 @@ class Record(Presented, FrameMethods, UnitMethods):
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     before: tuple[Record | None, ...] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
-    excerpt_of: tuple[FileRows, ...] = ()
+    excerpt_of: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         check_types(self.__dict__, KINDS | {"before": items_of(Record)})

@@ -67,6 +67,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4, "dt": 0.01}),
     Finding("sample-time-of-file", "other.csv", {"column": "t", "dt": 0.02, "before": 0.01}),
     Finding("data-resampled", "log.csv", {"dt": 0.01}),
+    Finding("read-in-part", "log.csv", {"rows": 1_048_576, "of": 48_000_000, "whole": []}),
+    Finding("read-in-part", "log.csv", {"rows": 1_048_576, "of": 48_000_000, "whole": ["resample", "filter"]}),
     Finding("outliers", "y", {"count": 2, "sample": 9, "size": 80.0, "confidence": 0.8, "mask": "", "masked": True}),
     Finding("output-clipped", "y", {"lower": -5.0, "upper": 5.0, "unit": "rad/s", "share": 0.4}),
     Finding(

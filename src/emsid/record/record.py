@@ -107,7 +107,7 @@ class Record(Presented, FrameMethods, UnitMethods):
     excerpt_of: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
-        check_types(self.__dict__, KINDS | {"before": items_of(Record)})
+        check_types(self.__dict__, KINDS | {"before": items_of(Record), "excerpt_of": items_of(FileRows)})
         for each in ("input_names", "output_names", "input_units", "output_units"):
             self._put(each, names_of(getattr(self, each), each, self.name))
         if self.output is None:

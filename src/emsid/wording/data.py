@@ -304,11 +304,11 @@ def read_in_part(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: rows (that are held), of (rows of the file), whole (arguments of reading, and words for
     others, that need neighbours of a row, so that no block of rows can be read by itself)."""
     d = f.data
-    said = f"of {d['of']:,} rows of {f.subject}, {d['rows']:,} in stretches over the whole file are used"
+    said = f"{d['rows']:,} of {d['of']:,} rows are used, from all over the file"
     if d["whole"]:
         whole = " and ".join(argument(each) if each.isidentifier() else each for each in d["whole"])
-        return f"{said}; with {whole} no model is fitted to all rows"
-    return f"{said}; only models fitted one step ahead by least squares, such as arx, are fitted to all rows"
+        return f"{said}; with {whole} no model is fitted to all"
+    return f"{said}; only regressions fitted one step ahead, such as arx, are fitted to all"
 
 
 @words("samples-repeated", Severity.WARNING)

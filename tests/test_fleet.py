@@ -33,6 +33,7 @@ from emsid.fleets.work import FleetRow, Job, Value, rows_of
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.plant.motor import Parameter
 from engine_tasks import ending, squares
+from fleet_of_motors import records
 
 ARX = emsid.arx(na=1, nb=1)
 
@@ -542,3 +543,23 @@ def test_a_fleet_that_is_ended_leaves_no_worker_and_no_word_of_one(tmp_path: Pat
             time.sleep(0.1)
     assert time.monotonic() < end
     assert not list((tmp_path / "out").rglob("*.tmp"))
+
+
+def test_what_differs_in_a_motor_is_named_by_its_cause() -> None:
+    """Motors of an independent simulation; the faults are a resistance, counts of an encoder, a load and a noise."""
+    faults = {2: {"R": 1.37}, 4: {"counts": 1.3}, 6: {"noise": 8.0}, 8: {"J": 1.5}}
+    plant = emsid.plants.rigid_motor().with_values({"resistance": 2.0, "voltage_dead_zone.half_width": 0.3})
+    reading = {"input": "voltage", "output": "speed", "time": "t", "units": {"voltage": "V", "speed": "rad/s"}}
+    with ThreadPoolExecutor(2) as pool:
+        result = emsid.fleet(records(16, 300, faults, 1, spread=0.01), plant, pool, motor="motor", **reading)
+    found = {(finding.code, finding.subject) for finding in result.findings if finding.subject}
+    one = "differs-by-one-cause"
+    assert found == {(one, "M02"), (one, "M04"), ("noisier-than-fleet", "M06"), ("differs-from-fleet", "M08")}
+    assert {each.motor: (each.causes[0], each.factor) for each in result.causes} == {
+        "M02": ("torque", pytest.approx(1.37, rel=0.05)),
+        "M04": ("angle", pytest.approx(1 / 1.3, rel=0.05)),
+    }
+    page = fleet_report(result, "motors")
+    plots = page.sections[0].figures[0].plots
+    assert all(plot.x.names == tuple(f"M{k:02d}" for k in range(16)) for plot in plots)
+    assert plots[-1].y.quantity == "noise of the output"

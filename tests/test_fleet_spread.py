@@ -8,6 +8,7 @@ from emsid.fleets.spread import (
     Outlier,
     Series,
     Spread,
+    causes,
     changes,
     largest_step,
     outliers,
@@ -17,11 +18,19 @@ from emsid.fleets.spread import (
 from emsid.fleets.work import FleetRow, Value
 
 
-def series(values: np.ndarray, errors: np.ndarray | float, name: str = "inertia") -> Series:
+def series(
+    values: np.ndarray, errors: np.ndarray | float, name: str = "inertia", unit: str = "kg*m^2", noise: bool = False
+) -> Series:
     motors, periods = values.shape
     names = tuple(f"M{k:03d}" for k in range(motors))
     return Series(
-        name, "kg*m^2", names, tuple(f"p{k:03d}" for k in range(periods)), values, np.broadcast_to(errors, values.shape)
+        name,
+        unit,
+        names,
+        tuple(f"p{k:03d}" for k in range(periods)),
+        values,
+        np.broadcast_to(errors, values.shape),
+        noise,
     )
 
 
@@ -140,3 +149,73 @@ def test_failures_are_grouped_by_reason() -> None:
     ]
     assert [len(reason) for reason in reasons(rows).values()] == [3, 1]
     assert 0 < ALPHA < 0.1
+
+
+UNITS = {"K": "N*m/A", "J": "kg*m^2", "B": "N*m*s/rad", "friction": "N*m", "zone": "V"}
+SIZES = {"K": 0.05, "J": 5e-5, "B": 2e-5, "friction": 0.01, "zone": 0.5}
+
+
+def named_causes(
+    rng: np.random.Generator, motors: int, faults: dict[int, dict[str, float]]
+) -> list[tuple[str, str, float]]:
+    """Motor, likeliest cause and factor in a fleet of motors in which parameters of some have other factors."""
+    every = []
+    for name, unit in UNITS.items():
+        values, errors = fleet(rng, motors)
+        for motor, factors in faults.items():
+            values[motor] *= factors.get(name, 1.0)
+            errors[motor] *= factors.get(name, 1.0)
+        every.append(series(SIZES[name] * values, SIZES[name] * errors, name, unit))
+    found, ordinary = outliers(every)
+    return [(each.motor, each.causes[0], each.factor) for each in causes(every, found, ordinary)]
+
+
+def test_one_cause_is_named_by_its_signature() -> None:
+    """A resistance 1.37 times that of the fleet, a gear, and a drive; a load and worn bearings are no such cause."""
+    torque, gear, drive = 1.37, 0.7, 1.4
+    faults = {
+        3: dict.fromkeys(("J", "B", "friction"), torque),
+        5: {"K": gear, "J": gear**2, "B": gear**2, "friction": gear},
+        7: {"K": drive, "J": drive**2, "B": drive**2, "friction": drive**2, "zone": drive},
+        9: {"J": 1.6},
+        11: {"friction": 1.8},
+    }
+    wanted = {"M003": ("torque", torque), "M005": ("angle", gear), "M007": ("voltage", drive)}
+    right = 0
+    for seed in range(20):
+        for motor, cause, factor in named_causes(np.random.default_rng(seed), 60, faults):
+            assert motor in wanted
+            assert cause == wanted[motor][0]
+            assert factor == pytest.approx(wanted[motor][1], rel=0.15)
+            right += 1
+    assert right >= 50  # of 60: the differences of some motors are not what a cause leaves
+
+
+@pytest.mark.parametrize("motors", [10, 40])
+def test_a_healthy_fleet_seldom_has_a_cause_named(motors: int) -> None:
+    rng = np.random.default_rng(motors)
+    assert sum(bool(named_causes(rng, motors, {})) for _ in range(200)) <= 2
+
+
+def test_a_noise_is_compared_by_its_logarithm_and_upwards_only() -> None:
+    rng = np.random.default_rng(12)
+    values = np.exp(0.3 * rng.standard_normal((40, 1)))
+    values[4], values[5] = 8.0, 1 / 8
+    (found,), _ = outliers([series(values, 0.01 * values, "noise", "rad/s", noise=True)])
+    assert (found.motor, found.value) == ("M004", 8.0)
+    assert found.centre == pytest.approx(1.0, rel=0.2)
+    named = sum(
+        bool(outliers([series(each, 0.01 * each, noise=True)])[0])
+        for each in np.exp(0.3 * rng.standard_normal((400, 40, 1)))
+    )
+    assert named <= 34
+
+
+def test_an_error_that_all_motors_share_hides_no_difference() -> None:
+    """Intervals that include what no record shows are far wider than the deviation of the estimates."""
+    rng = np.random.default_rng(13)
+    values = 1 + 0.02 * rng.standard_normal((40, 1))
+    values[7] = 1.37
+    assert [each.motor for each in outliers([series(values, 0.1)])[0]] == ["M007"]
+    healthy = 1 + 0.02 * rng.standard_normal((400, 40, 1))
+    assert sum(bool(outliers([series(each, 0.1)])[0]) for each in healthy) <= 34

@@ -27,6 +27,37 @@ EXAMPLES = (
             "score": 25.0,
         },
     ),
+    Finding(
+        "differs-by-one-cause",
+        "M04",
+        {
+            "causes": ["torque"],
+            "factor": 1.37,
+            "parameters": ["rotor_inertia"],
+            "ratios": {"rotor_inertia": 1.38, "rotor_friction.coulomb": 1.36},
+        },
+    ),
+    Finding(
+        "differs-by-one-cause",
+        "M05",
+        {
+            "causes": ["angle", "voltage"],
+            "factor": 0.7,
+            "parameters": ["rotor_inertia"],
+            "ratios": {"motor_constant": 0.7, "rotor_inertia": 0.49},
+        },
+    ),
+    Finding(
+        "noisier-than-fleet",
+        "M06",
+        {
+            "parameter": "noise of the output",
+            "unit": "rad/s",
+            "value": 1.46,
+            "half_width": 0.12,
+            **(_OF_FLEET | {"centre": 0.2}),
+        },
+    ),
     Finding("fleet-assumes", data={"parameters": ["rotor_inertia", "inductance"], "assumed": ["resistance"]}),
     Finding("motors-failed", data={"failed": 1, "rows": 24}),
     Finding("motors-failed", data={"failed": 3, "rows": 1200}),

@@ -29,6 +29,7 @@ from emsid.report.document import (
 from emsid.report.numbers import estimate, number, slug
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
+from emsid.wording.fleets import CAUSES
 
 MARK = "*"
 """Behind the names of parameters that depend on assumed values."""
@@ -70,13 +71,29 @@ def fleet_report(result: Fleet, source: str) -> Report:
             Fact(f"{len(result.failed):,}", "rows without a model"),
         ),
         sections=tuple(sections),
-        opening=Section("", tables=tuple(filter(None, (_outliers(result), _changes(result))))),
+        opening=Section("", tables=tuple(filter(None, (_causes(result), _outliers(result), _changes(result))))),
         notices=tuple(
             Notice(sentence(finding), severity(finding).value)
             for finding in result.findings
             if severity(finding) is not Severity.INFO and not finding.subject
         ),
         imprint=f"emsid fleet {source}",
+    )
+
+
+def _causes(result: Fleet) -> Table | None:
+    rows = tuple(
+        (
+            cause.motor,
+            " or ".join(CAUSES[each] for each in cause.causes),
+            ", ".join(f"{name} × {ratio:.3g}" for name, ratio in cause.ratios.items()),
+            f"{cause.factor:.3g}",
+        )
+        for cause in result.causes
+    )
+    head = ("Motor", "Cause", "Parameters, over those of the fleet", "Factor")
+    return (
+        Table(head, rows, "Motors in which one cause explains several differences.", text_columns=3) if rows else None
     )
 
 
@@ -167,21 +184,22 @@ def _marked(result: Fleet, parameter: str) -> str:
 def over_motors(result: Fleet) -> Figure:
     """Every parameter of all motors in the order of their names, with intervals, ordinary range and outliers."""
     plots = []
-    for each in result.series:
+    for each in [*result.series, *([result.noise] if result.noise is not None else [])]:
         means, errors = each.of_motors
-        places = np.arange(1.0, len(means) + 1)
+        places = np.arange(float(len(means)))
         known = np.isfinite(means)
         marks: list[Band | Level | Line | Points] = []
         usual = result.ordinary.get(each.parameter)
         if usual is not None and usual.deviation > 0:
             reach = HALF_WIDTH * usual.deviation
             low, high = np.full(2, usual.centre - reach), np.full(2, usual.centre + reach)
-            marks.append(Band(np.array([0.0, len(means) + 1.0]), low, high, "95 % of healthy motors", Ink.GREEN))
+            ends = np.array([-0.5, len(means) - 0.5])
+            marks.append(Band(ends, low, high, "95 % of healthy motors", Ink.GREEN))
         bars = np.array([[x, x, np.nan] for x in places[known]]).ravel()
         ends = np.column_stack([means - HALF_WIDTH * errors, means + HALF_WIDTH * errors, np.full(len(means), np.nan)])
         if np.any(errors[known] > 0):
-            marks.append(Line(bars, ends[known].ravel(), "95 % interval", Stroke(Ink.BLUE, width=0.6)))
-        marks.append(Points(places[known], means[known], "motor", Ink.NAVY, size=0.6))
+            marks.append(Line(bars, ends[known].ravel(), "95 % interval", Stroke(Ink.BLUE)))
+        marks.append(Points(places[known], means[known], "motor", Ink.NAVY))
         named = [one.motor for one in result.outliers if one.parameter == each.parameter]
         at = np.array([each.motors.index(motor) for motor in named], dtype=int)
         if len(at):
@@ -189,7 +207,11 @@ def over_motors(result: Fleet) -> Figure:
             marks.append(Points(places[at], means[at], "differs", Ink.RED, texts))
         span = _range(means[known])
         plots.append(
-            Plot(tuple(marks), Axis("Motor", "1"), Axis(_marked(result, each.parameter), each.unit, range=span))
+            Plot(
+                tuple(marks),
+                Axis("Motor", range=(-0.5, len(means) - 0.5), names=each.motors),
+                Axis(_marked(result, each.parameter), each.unit, range=span),
+            )
         )
     return Figure(
         "over-motors",
@@ -210,7 +232,7 @@ def over_periods(result: Fleet, series: Sequence[Series]) -> Figure:
     """Every parameter of all motors over the periods; those that have changed in colour."""
     plots = []
     for each in series:
-        time = np.array([1.0 + k for k in range(len(each.periods))])
+        time = np.arange(float(len(each.periods)))
         changed = [one.motor for one in result.changes if one.parameter == each.parameter][:MOST_NAMED]
         others = [k for k, motor in enumerate(each.motors) if motor not in changed]
         x = np.tile(np.append(time, np.nan), len(others))
@@ -220,11 +242,8 @@ def over_periods(result: Fleet, series: Sequence[Series]) -> Figure:
             values = each.values[each.motors.index(motor)]
             marks.append(Line(time, values, motor, Stroke(INKS[k % len(INKS)])))
         known = each.values[np.isfinite(each.values)]
-        plots.append(
-            Plot(
-                tuple(marks), Axis("Period", "1"), Axis(_marked(result, each.parameter), each.unit, range=_range(known))
-            )
-        )
+        axes = Axis("Period", names=each.periods), Axis(_marked(result, each.parameter), each.unit, range=_range(known))
+        plots.append(Plot(tuple(marks), *axes))
     first, last = series[0].periods[0], series[0].periods[-1]
     return Figure(
         f"over-periods-{slug(first)}" if slug(first) else "over-periods",

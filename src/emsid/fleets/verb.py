@@ -11,7 +11,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
@@ -30,7 +30,20 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
 from emsid.fleets.engine import Engine
 from emsid.fleets.sources import Batch, Found, batches, divided, found_files
-from emsid.fleets.spread import FEWEST_MOTORS, Change, Outlier, Series, Spread, changes, outliers, series_of
+from emsid.fleets.spread import (
+    FEWEST_MOTORS,
+    NOISE,
+    Cause,
+    Change,
+    Outlier,
+    Series,
+    Spread,
+    causes,
+    changes,
+    noise_of,
+    outliers,
+    series_of,
+)
 from emsid.fleets.work import FleetRow, Job, digest, record_of, rows_of, source_of
 from emsid.identification.workflow import identify
 from emsid.io import atomic_write, load
@@ -64,8 +77,18 @@ class Fleet:
         return series_of(self.rows)
 
     @cached_property
+    def noise(self) -> Series | None:
+        """The noise of the output over motors and periods; None without a model."""
+        return noise_of(self.rows) if self.series else None
+
+    @cached_property
     def _compared(self) -> tuple[list[Outlier], dict[str, Spread]]:
-        return outliers(self.series)
+        return outliers([*self.series, *([] if self.noise is None else [self.noise])])
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """What one thing explains of motors that differ in several parameters."""
+        return causes(self.series, self.outliers, self.ordinary)
 
     @property
     def outliers(self) -> list[Outlier]:
@@ -131,6 +154,7 @@ class Fleet:
             "findings": pl.List(pl.String),
             "rmse": pl.Float64,
             "fit_percent": pl.Float64,
+            "noise": pl.Float64,
             "samples": pl.Int64,
             "seconds": pl.Float64,
             "job": pl.String,
@@ -311,7 +335,15 @@ def _lost(job: Job, batch: Batch) -> FleetRow:
 
 def findings_of(result: Fleet, asked: int) -> list[Finding]:
     """What to know about a fleet, the most important first."""
-    named = (("differs-from-fleet", result.outliers), ("changed-over-periods", result.changes))
+    explained = {(each.motor, name) for each in result.causes for name in each.parameters}
+    alone = [each for each in result.outliers if (each.motor, each.parameter) not in explained]
+    noisy, differing = ([each for each in alone if (each.parameter == NOISE) is is_it] for is_it in (True, False))
+    named: tuple[tuple[str, Sequence[Any]], ...] = (
+        ("differs-by-one-cause", result.causes),
+        ("differs-from-fleet", differing),
+        ("noisier-than-fleet", noisy),
+        ("changed-over-periods", result.changes),
+    )
     found = [
         Finding(code, each.motor, {name: value for name, value in asdict(each).items() if name != "motor"})
         for code, several in named

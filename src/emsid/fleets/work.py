@@ -83,6 +83,8 @@ class FleetRow:
         findings: codes of the findings of the fit.
         rmse: of the free run on the unseen part, in the unit of the output.
         fit_percent: of that free run.
+        noise: standard deviation of the part of its error that is new from sample to sample, of the first output.
+        unit: of that output.
         samples: of the fit.
         seconds: processor time.
         job, data: hashes of what was done and of the samples.
@@ -97,6 +99,8 @@ class FleetRow:
     findings: tuple[str, ...] = ()
     rmse: float = nan
     fit_percent: float = nan
+    noise: float = nan
+    unit: str = ""
     samples: int = 0
     seconds: float = 0.0
     job: str = ""
@@ -194,7 +198,10 @@ def fitted(job: Job, record: Record) -> tuple[Fit[Any], dict[str, Any]]:
     on_rest = compare([found], rest)
     row = on_rest.best.row
     (verdict,) = model_verdicts(compare([found], train), on_rest, found.findings)
-    return found, {"verdict": verdict.code, "rmse": row.simulation_rmse, "fit_percent": row.fit_percent}
+    errors = on_rest.best.errors[:, 0]
+    noise = float(np.sqrt(0.5 * np.nanmean(np.diff(errors) ** 2))) if len(errors) > 1 else nan
+    values = {"rmse": row.simulation_rmse, "fit_percent": row.fit_percent, "noise": noise}
+    return found, {"verdict": verdict.code, **values, "unit": record.output_units[0]}
 
 
 def estimates_of(found: Fit[Any]) -> dict[str, Value]:

@@ -33,7 +33,7 @@ from emsid.report.document import (
     Wire,
 )
 from emsid.report.numbers import tick
-from emsid.report.paths import Entry, legend, thin
+from emsid.report.paths import Entry, legend, x_scale, thin
 from emsid.report.svg import (
     LABEL,
     LEGEND,
@@ -227,6 +227,9 @@ def _set_axes(axes: Axes, place: Place) -> None:
         axes.set_xlim(plot.x.range)
     if plot.y.range:
         axes.set_ylim(plot.y.range)
+    if plot.x.names:
+        x = x_scale([plot], len(plot.x.names), place.room / (0.65 * SMALL))
+        axes.set_xticks([x.low + (x.high - x.low) * at / 100 for at, _ in x.ticks], [text for _, text in x.ticks])
     if plot.y.names:
         axes.yaxis.set_major_locator(NullLocator())
         axes.set_ylim(name_range(plot.y)[::-1])

@@ -144,6 +144,10 @@ def _scale(axis: Axis, values: Sequence[Array], margin: float, most: int, letter
         low, high = low - room, high + room
     if not high > low:  # a range that is one value
         low, high = low - 1.0, high + 1.0
+    if axis.names and letters < inf:  # so many of them that they do not touch
+        step = ceil(len(axis.names) * (max(map(len, axis.names)) + 2) / letters)
+        named = ((round(100 * (k - low) / (high - low), 3), axis.names[k]) for k in range(0, len(axis.names), step))
+        return Scale(low, high, False, tuple(named))
     places = log_ticks(low, high) if axis.log else linear_ticks(low, high, most)
     while most > 2 and not axis.log and sum(len(tick(v)) + 2 for v in places) > letters:  # their labels would touch
         most -= 1

@@ -99,6 +99,32 @@ def differs_from_fleet(f: Finding, argument: Spelling) -> str:
     )
 
 
+FACTORS = {
+    "torque": "ratio of resistance to torque constant",
+    "angle": "gear or encoder count",
+    "voltage": "drive gain or supply",
+}
+"""What a factor of all torques, angles or voltages may be."""
+
+
+@words("differs-by-one-cause", Severity.WARNING)
+def differs_by_one_cause(f: Finding, argument: Spelling) -> str:
+    """Subject: the motor. Data: causes (the likeliest first), factor, ratios (to the fleet), parameters."""
+    ratios = listed([f"{name} × {ratio:.3g}" for name, ratio in f.data["ratios"].items()])
+    other = ", or ".join(FACTORS[each] for each in f.data["causes"])
+    return f"motor {f.subject} has another {other} than its fleet, by a factor of {f.data['factor']:.3g}: {ratios}"
+
+
+@words("noisier-than-fleet", Severity.WARNING)
+def noisier_than_fleet(f: Finding, argument: Spelling) -> str:
+    """Subject: the motor. Data: value, half_width, centre, deviation (of the fleet), unit, score, parameter."""
+    return (
+        f"motor {f.subject} has {f.data['value'] / f.data['centre']:.2g} times the noise of its fleet: "
+        f"{with_unit(format(f.data['value'], '.3g'), f.data['unit'])} in place of {f.data['centre']:.3g}; look at its "
+        "encoder"
+    )
+
+
 @words("changed-over-periods", Severity.WARNING)
 def changed_over_periods(f: Finding, argument: Spelling) -> str:
     """Subject: the motor. Data: parameter, unit, since, before, after, half_width (of the difference), score."""

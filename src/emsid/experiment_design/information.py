@@ -7,16 +7,19 @@ With white errors of standard deviation σ in every output, parameters θ and th
 which is what `emsid.fit` reports of a record (Ljung, *System Identification*, 2nd ed., sec. 7.4 and 13.3). Everything
 is computed with relative parameters, θ/|θ|, so that criteria do not depend on units.
 
-The motion is a continuous function of θ, as events are located, so differences give the derivative. They are taken over
-two widths. A narrow one gives the derivative at θ, for the predicted intervals. A wide one, as wide as θ is uncertain,
-gives the mean of the derivative over what θ may be, for the search: a signal that is informative at exactly one
-break-away level only is not chosen.
+The motion is a continuous function of θ, as events are located, so differences give the derivative. Predicted intervals
+use that at θ. The search uses the mean information of θ + z and θ − z, with a random z as large as θ is uncertain: a
+signal that is informative at exactly one break-away level only is not chosen. A derivative by a difference as wide as
+that, with half of the free runs, was tried in its place: it counts what moves at one end only as information, and for
+one motor of five the signal that it found was no better than a multisine, where this one is 3.3 times better.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,10 +29,12 @@ from emsid.errors import ModelError
 
 Array = NDArray[np.float64]
 
-NARROW = 1e-5
-"""The relative step of an exact derivative, as in `emsid.models.plants.free_run_error`."""
-LEAST_WIDE = 0.02
-"""The least relative step of the search: no motor stays the same within less."""
+STEP = 1e-5
+"""The relative step of a derivative, as in `emsid.models.plants.free_run_error`."""
+LEAST = 0.02
+"""The least relative uncertainty in the search: no motor stays the same within less."""
+FARTHEST = 1.5
+"""Standard errors by which a parameter differs at most in the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +45,7 @@ class Sensitivities:
         model: the model, from rest.
         names: (p,) its parameters.
         scale: (p,) the size of each.
-        wide: (p,) steps of the search.
+        errors: (p,) how uncertain each is, for the search.
         dt: sample time in s.
         noise: (ny,) standard deviation of the error of every output.
     """
@@ -48,7 +53,7 @@ class Sensitivities:
     model: Any
     names: tuple[str, ...]
     scale: Array
-    wide: Array
+    errors: Array
     dt: float
     noise: Array
 
@@ -57,12 +62,27 @@ class Sensitivities:
         """Those of some parameters of a model, which are uncertain by ``errors`` (p,)."""
         values = model.parameter_values()
         scale = np.array([abs(values[name]) or 1.0 for name in names])
-        wide = np.maximum(np.where(np.isfinite(errors), errors, 0.0), LEAST_WIDE * scale)
+        wide = np.maximum(np.where(np.isfinite(errors), errors, 0.0), LEAST * scale)
         return cls(model, tuple(names), scale, np.minimum(wide, 0.5 * scale), dt, noise)
 
     def with_names(self, names: Sequence[str]) -> Sensitivities:
         """The same for other parameters."""
         return self.of(self.model, names, np.full(len(names), np.nan), self.dt, self.noise)
+
+    @cached_property
+    def around(self) -> tuple[Sensitivities, ...]:
+        """The same at two places that are as far as the parameters are uncertain, where the model allows it."""
+        z = np.clip(np.random.default_rng(1).standard_normal(len(self.names)), -FARTHEST, FARTHEST) * self.errors
+        found = []
+        for each in (z, -z):
+            with suppress(ModelError):  # beyond a bound
+                found.append(replace(self, model=self.model.with_estimates(self.names, self._values + each)))
+        return tuple(found) or (self,)
+
+    @property
+    def _values(self) -> Array:
+        values = self.model.parameter_values()
+        return np.array([values[name] for name in self.names])
 
     def runs(self, models: Sequence[Any], u: Array) -> list[Array]:
         """The outputs (N, ny) of several models for a command (N,), from rest."""
@@ -73,34 +93,37 @@ class Sensitivities:
             return list(plants[0].simulate_each(plants, [inputs], self.dt, begin, self.model.signals)[0])
         return [model.run(model.at_rest(0.0, self.dt), inputs)[0] for model in models]
 
-    def jacobian(self, u: Array, *, wide: bool = False) -> Array:
+    def jacobian(self, u: Array) -> Array:
         """(N·ny, p) the derivative of the outputs by the relative parameters, in standard deviations of the error."""
-        step = self.wide if wide else NARROW * self.scale
-        values = self.model.parameter_values()
-        at = np.array([values[name] for name in self.names])
-        models, widths = [], []
-        for k in range(len(at)):
-            sides = []
-            for way in (1.0, -1.0):
+        models, at = [self.model], self._values
+        steps = np.full(len(at), STEP)
+        for k, scale in enumerate(self.scale.tolist()):
+            for way in (1.0, -1.0):  # backwards at a bound
                 moved = at.copy()
-                moved[k] += way * step[k]
+                moved[k] += way * STEP * scale
                 try:
                     models.append(self.model.with_estimates(self.names, moved))
-                except ModelError:  # a bound: the difference to the model itself
-                    moved[k] = at[k]
-                    models.append(self.model)
-                sides.append(moved[k])
-            widths.append((sides[0] - sides[1]) / self.scale[k])
+                except ModelError:
+                    if way < 0:
+                        raise
+                    continue
+                steps[k] *= way
+                break
         with np.errstate(all="ignore"):
-            found = self.runs(models, u)
-        if not widths:
-            return np.empty((len(u) * len(self.noise), 0))
-        columns = [((found[2 * k] - found[2 * k + 1]) / (widths[k] * self.noise)).ravel() for k in range(len(widths))]
-        return np.column_stack(columns)
+            here, *found = self.runs(models, u)
+        columns = [((each - here) / (step * self.noise)).ravel() for each, step in zip(found, steps, strict=True)]
+        return np.column_stack(columns) if columns else np.empty((len(u) * len(self.noise), 0))
 
     def information(self, u: Array, *, wide: bool = False) -> Array:
-        """(p, p) the Fisher information of a command (N,), for relative parameters; zero where a run is not finite."""
-        j = self.jacobian(u, wide=wide)
+        """(p, p) the Fisher information of a command (N,), for relative parameters; zero where a run is not finite.
+
+        Args:
+            u: the command.
+            wide: whether it is the mean of `around`.
+        """
+        if wide:
+            return np.asarray(np.mean([each.information(u) for each in self.around], axis=0))
+        j = self.jacobian(u)
         return np.asarray(j.T @ j) if np.isfinite(j).all() else np.zeros((j.shape[1],) * 2)
 
 

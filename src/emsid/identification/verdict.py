@@ -38,10 +38,10 @@ the held-back part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -106,7 +106,6 @@ NO_INPUT = "input-explains-nothing"
 """The reason against a model that follows the output without its input, and the finding where it is the best one."""
 NO_GAIN = "no-gain-over-trend"
 """The reason against a model that follows the output no better than a straight line does, without any input."""
-UNTESTED: Reason = {"code": "residual-untested"}
 OF_SENSORS = frozenset({"output-clipped", "few-output-levels", "input-logged-slower", "samples-repeated"})
 """Findings about how the channels were measured, after which no estimate is known, however narrow its interval."""
 LEVELS = ("model-supported", "model-limited", "model-implausible", "model-unusable")
@@ -137,31 +136,50 @@ def model_verdicts(
         findings: about the models and the data; those in `ALLOWED` are reasons against a model.
         left_open: by model, what the data leave open about it, see `emsid.identification.evidence`.
         tests: whether residuals are tested; if not, the verdicts say so.
-        pole: of a plant that is unstable without its controller: a free run then tests nothing.
+        pole: of a plant that is unstable without its controller: a free run then tests nothing, and a model that is
+            stable is none of it.
     """
+    several, found = on_unseen.assessments, []
     if pole is not None:
-        return tuple(_in_loop(each, pole) for each in on_unseen.assessments)
+        for each in several:
+            stable = each.row.diverged_at is None
+            reason = {"code": "stable-model-of-unstable" if stable else "only-in-loop", "pole": pole}
+            data = {"model": each.row.model, "reasons": [reason | {"horizon": horizon_of(pole)}], "tests": []}
+            found.append(Finding("model-unusable" if stable else "model-limited", each.row.model, data))
+        return tuple(found)
     fitted = {each.row.model: each for each in on_record.assessments}
-    against: dict[str, list[Reason]] = {}
+    left_open, against = left_open or {}, dict[str, list[Reason]]()
     for finding in findings:
         if finding.code in ALLOWED:
             reason = {"code": finding.code, "subject": finding.subject, **finding.data}
             against.setdefault(finding.model, []).append(reason)
-
-    other = _other_is_better(on_unseen.assessments)
+    other = _other_is_better(several)
 
     def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
-        name = unseen.row.model
-        others = [*(left_open or {}).get(name, []), *other.get(name, [])]
-        if is_weak(unseen, left_open or {}) and not unusable(unseen, fitted[name]):
-            reason = {"code": "explains-little", "fit_percent": float(unseen.row.fit_percent)}
-            return Finding("model-unusable", name, {"model": name, "reasons": [reason, *others], "tests": []})
-        return _verdict(unseen, fitted[name], [*against.get(name, []), *against.get("", [])], shares, others)
+        row, before = unseen.row, fitted[unseen.row.model]
+        useless = unusable(unseen, before)
+        others = [*left_open.get(row.model, []), *other.get(row.model, [])]
+        if is_weak(unseen, left_open) and not useless:
+            reason = {"code": "explains-little", "fit_percent": float(row.fit_percent)}
+            return Finding("model-unusable", row.model, {"model": row.model, "reasons": [reason, *others], "tests": []})
+        tested = [] if useless or shares is None else residual_table(unseen)
+        failed = [] if shares is None else _from_tests(tested, unseen, shares)
+        if not any(each["test"] == "past-inputs" for each in tested):
+            failed.append({"code": "residual-untested"})
+        of_model = [*against.get(row.model, []), *against.get("", [])]
+        reasons = [*useless, *of_model]
+        if not useless:
+            reasons += [*_poor(unseen, before), *_no_gain(unseen), *failed, *others, *_disagreements(unseen, before)]
+        if unseen.fit.ending.before_minimum:
+            reasons.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
+        reasons.sort(key=lambda each: (_level(each), each["code"] in ALLOWED), reverse=True)
+        data = {"model": row.model, "reasons": reasons, "tests": tested}
+        return Finding(LEVELS[max(map(_level, reasons), default=0)], row.model, data)
 
     if not tests:
-        return tuple(map(verdict, on_unseen.assessments))
+        return tuple(map(verdict, several))
     in_turn = short_tasks(cores())  # transforms of long residuals, which leave the interpreter free
-    return tuple(in_turn(verdict, on_unseen.assessments, _shares(on_unseen.assessments)))
+    return tuple(in_turn(verdict, several, _shares(several)))
 
 
 def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
@@ -187,46 +205,9 @@ def excluded_models(findings: Iterable[Finding], errors: Mapping[str, float] | N
     return frozenset(excluded - (much_better - never))
 
 
-def _verdict(
-    unseen: Assessment,
-    fitted: Assessment,
-    found: list[Reason],
-    shares: Sequence[float] | None,
-    other: list[Reason],
-) -> Finding:
-    """The verdict on a model; its residual is not tested where the predictable shares are not given."""
-    row = unseen.row
-    useless = unusable(unseen, fitted)
-    tests = [] if useless or shares is None else residual_table(unseen)
-    tested = [] if shares is None else _from_tests(tests, unseen, shares)
-    if not any(each["test"] == "past-inputs" for each in tests):
-        tested.append(UNTESTED)
-    limits = (
-        [] if useless else [*_poor(unseen, fitted), *_no_gain(unseen), *tested, *other, *_disagreements(unseen, fitted)]
-    )
-    if unseen.fit.ending.before_minimum:
-        limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
-    against = [*useless, *found, *limits]
-    reasons = sorted(against, key=lambda each: (_level(each), each["code"] in ALLOWED), reverse=True)
-    data = {"model": row.model, "reasons": reasons, "tests": tests}
-    return Finding(LEVELS[max(map(_level, reasons), default=0)], row.model, data)
-
-
 def _level(reason: Reason) -> int:
     """The place in `LEVELS` of the best verdict that a reason allows."""
     return LEVELS.index(ALLOWED.get(reason["code"], "model-limited"))
-
-
-def _in_loop(unseen: Assessment, pole: float) -> Finding:
-    """The verdict on a model of a plant that is unstable without its controller: a stable one is none."""
-    name, stable = unseen.row.model, unseen.row.diverged_at is None
-    reason = {
-        "code": "stable-model-of-unstable" if stable else "only-in-loop",
-        "pole": pole,
-        "horizon": horizon_of(pole),
-    }
-    code = "model-unusable" if stable else "model-limited"
-    return Finding(code, name, {"model": name, "reasons": [reason], "tests": []})
 
 
 def is_weak(unseen: Assessment, left_open: Mapping[str, list[Reason]]) -> bool:
@@ -245,27 +226,18 @@ def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 
     While no input changes, as after a step, the output is at rest but for noise, and a good model is no better than its
     mean. It can be used if its error is small beside the deviation of the output over fitted and unseen data
-    (`MOST`).
+    (`MOST`). Where the input changes, the free run is better than one with the input shuffled, or held at its mean: a
+    model that oscillates or drifts by itself can follow an output that has nothing to do with the input.
     """
     row = unseen.row
     if row.diverged_at is not None:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
     if row.fit_percent <= 0 and (unseen.input_moves or _share_of_deviation(unseen, fitted) > MOST):
         return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
-    return _input_explains_nothing(unseen)
-
-
-def _input_explains_nothing(unseen: Assessment) -> list[Reason]:
-    """That a free run is no better than one with the input shuffled, or held at its mean, where the input changes.
-
-    A model that oscillates or drifts by itself can follow an output that has nothing to do with the input.
-    """
     if not _shows_a_response(unseen):
         return []
-    shuffled, held = (_compared_with(unseen, run) for run in unseen.on_other_inputs)
-    if shuffled.better and held.better:
-        return []
-    return [{"code": NO_INPUT, "shuffled": shuffled.share, "held": held.share}]
+    (better, shuffled), (best, held) = (_beside(unseen, run) for run in unseen.on_other_inputs)
+    return [] if better and best else [{"code": NO_INPUT, "shuffled": shuffled, "held": held}]
 
 
 def _no_gain(unseen: Assessment) -> list[Reason]:
@@ -275,8 +247,8 @@ def _no_gain(unseen: Assessment) -> list[Reason]:
     record, counted = unseen.record, unseen.simulation.counted
     t = np.vander(record.time - record.time[0], 2)
     line = t @ np.linalg.lstsq(t[counted], record.output[counted], rcond=None)[0]
-    trend = _compared_with(unseen, replace(unseen.simulation, output=line))
-    return [] if trend.better else [{"code": NO_GAIN, "share": trend.share}]
+    better, share = _beside(unseen, replace(unseen.simulation, output=line))
+    return [] if better else [{"code": NO_GAIN, "share": share}]
 
 
 def _shows_a_response(unseen: Assessment) -> bool:
@@ -284,22 +256,15 @@ def _shows_a_response(unseen: Assessment) -> bool:
     return unseen.input_moves and not np.isnan(unseen.row.fit_percent)
 
 
-class _Comparison(NamedTuple):
-    """Whether a free run is better than another run of the same samples, and the squared error as a share of its."""
-
-    better: bool
-    share: float
-
-
-def _compared_with(unseen: Assessment, other: Run) -> _Comparison:
-    """The free run of a model beside another run.
+def _beside(unseen: Assessment, other: Run) -> tuple[bool, float]:
+    """Whether the free run of a model is better than another run, and its squared error as a share of the other's.
 
     Less than half of the squared error is better, too, in however few stretches: the input can be at rest in the
     others.
     """
     own, errors = _stretches(unseen), _stretches(unseen, other)
     better = DIFFERENT * own.mean < errors.mean or better_by_ratio(own, errors)
-    return _Comparison(better, float(own.mean / errors.mean) if errors.mean > 0 else 1.0)
+    return better, float(own.mean / errors.mean) if errors.mean > 0 else 1.0
 
 
 def _share_of_deviation(unseen: Assessment, fitted: Assessment) -> float:
@@ -328,32 +293,14 @@ def residual_table(assessment: Assessment) -> list[Reason]:
             if past is not None:
                 of = {"output": output, "input": name}
                 found.append({"test": "past-inputs", **of, **past._asdict(), "passed": not past.depends})
-        found += [
-            {
-                "test": "nonlinear-term",
-                "output": output,
-                "term": each.term,
-                "kind": each.kind,
-                "largest": each.largest,
-                "at_lag": each.at_lag,
-                "limit": each.limit,
-                "passed": not each.depends,
-            }
-            for each in assessment.nonlinear_tests[channel]
-        ]
-    if models_noise(assessment.fit.model):
-        found += [
-            {
-                "test": "whiteness",
-                "output": each.output,
-                "lags": each.lags,
-                "largest": each.largest_autocorrelation,
-                "at_lag": each.at_lag,
-                "p_value": each.p_value,
-                "passed": each.white,
-            }
-            for each in residual_tests(record, assessment.prediction)
-        ]
+        for each in assessment.nonlinear_tests[channel]:
+            of = {"output": output, "term": each.term, "kind": each.kind, "largest": each.largest}
+            of |= {"at_lag": each.at_lag, "limit": each.limit, "passed": not each.depends}
+            found.append({"test": "nonlinear-term", **of})
+    for test in residual_tests(record, assessment.prediction) if models_noise(assessment.fit.model) else ():
+        of = {"output": test.output, "lags": test.lags, "largest": test.largest_autocorrelation}
+        of |= {"at_lag": test.at_lag, "p_value": test.p_value, "passed": test.white}
+        found.append({"test": "whiteness", **of})
     return found
 
 
@@ -405,7 +352,7 @@ def _stretches(assessment: Assessment, run: Run | None = None) -> StretchErrors:
 
 
 def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
-    """Differences between pieces of the data, between unseen and fitted data, and between stretches."""
+    """Differences between pieces of the data, and unseen and fitted ones, and a stretch with most of the error."""
     found: list[Reason] = []
     runs = [(each.record, each.simulation) for each in (fitted, unseen)]
     differs = difference_of_pieces(runs, unseen.row.model)
@@ -415,7 +362,13 @@ def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
         found.append({"code": "pieces-differ", **data, "spread": spread, "share": differs.share})
     if (ratio := larger_on_unseen(unseen, fitted)) is not None:
         found.append({"code": "larger-on-unseen", "ratio": ratio})
-    found += _concentrated(unseen)
+    errors, time = _stretches(unseen), unseen.record.time
+    sums = errors.means * errors.samples
+    worst, total = int(np.argmax(sums)), float(sums.sum())
+    if errors.samples.sum() >= 10 * STRETCHES and 0 < total < np.inf and 2 * sums[worst] >= total:
+        first, last = np.array_split(np.arange(len(time)), STRETCHES)[worst][[0, -1]].tolist()
+        place = {"first": first, "last": last, "from": float(time[first]), "to": float(time[last])}
+        found.append({"code": "error-in-one-stretch", "share": float(sums[worst]) / total, **place})
     return found
 
 
@@ -435,18 +388,6 @@ def larger_on_unseen(unseen: Assessment, fitted: Assessment) -> float | None:
     sizes = [1 - each.row.fit_percent / 100 for each in (fitted, unseen)]
     larger = np.isfinite(sizes).all() and sizes[1] > max(LARGER * sizes[0], SMALL) and sizes[0] > 0
     return sizes[1] / sizes[0] if larger else None
-
-
-def _concentrated(unseen: Assessment) -> list[Reason]:
-    """The stretch that has most of the squared error, if one has."""
-    errors, time = _stretches(unseen), unseen.record.time
-    sums = errors.means * errors.samples
-    worst, total = int(np.argmax(sums)), float(sums.sum())
-    if errors.samples.sum() < 10 * STRETCHES or not 0 < total < np.inf or 2 * sums[worst] < total:
-        return []
-    first, last = np.array_split(np.arange(len(time)), STRETCHES)[worst][[0, -1]].tolist()
-    place = {"first": first, "last": last, "from": float(time[first]), "to": float(time[last])}
-    return [{"code": "error-in-one-stretch", "share": float(sums[worst]) / total, **place}]
 
 
 def _shares(assessments: Sequence[Assessment]) -> list[list[float]]:
@@ -562,28 +503,17 @@ def recommendation(
     if data["folds"] > 1:
         data |= {"fit_percent": finite(own.fit_percent)}
     if smallest.errors.mean < own.errors.mean:
-        data |= _instead_of(own, smallest, findings)
+        against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
+        in_practice = "practice" if equivalent(own.errors, smallest.errors) else None
+        data |= {
+            "instead_of": smallest.name,
+            "because": {"code": against[0].code, **against[0].data} if against else None,
+            "unfinished": smallest.fit.ending.before_minimum,
+            "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
+            "same_in": "noise" if within_noise(own, smallest) else in_practice,
+            "parameters": [own.size, smallest.size],
+        }
     return Finding("best-not-recommended" if vetoed else "model-recommended", row.model, data)
-
-
-def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> dict[str, Any]:
-    """The model with the smallest error, how it compares with the recommended one, and what makes it implausible."""
-    against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
-    return {
-        "instead_of": smallest.name,
-        "because": {"code": against[0].code, **against[0].data} if against else None,
-        "unfinished": smallest.fit.ending.before_minimum,
-        "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
-        "same_in": _same_in(own, smallest),
-        "parameters": [own.size, smallest.size],
-    }
-
-
-def _same_in(own: Ranked, smallest: Ranked) -> str | None:
-    """In what respect a model is as good as that with the smallest error; None for none."""
-    if within_noise(own, smallest):
-        return "noise"
-    return "practice" if equivalent(own.errors, smallest.errors) else None
 
 
 def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool, one_load: bool = False) -> Finding:
@@ -595,31 +525,25 @@ def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool, 
         seen: whether the models were fitted to some of the unseen data.
         one_load: whether a second load would separate parameters of the recommended model.
     """
-    if any(each["code"] in IN_LOOP for each in verdict.data["reasons"]):
-        return Finding("next-experiment", record.name, {"kind": "test-signal"})
-    looked = advice_by_code(record)
-    for code, kind in EXPERIMENTS.items():
-        if code in looked:
-            return Finding("next-experiment", record.name, {"kind": kind, **looked[code].data})
-    u = record.input[:, 0]
-    reach = TWO_SIDED * float(np.max(np.abs(u)))
-    if record.input.shape[1] == 1 and (u.min() > -reach or u.max() < reach):
-        return Finding("next-experiment", record.name, {"kind": "both-directions", "input": record.input_names[0]})
     reasons: list[Mapping[str, Any]] = verdict.data["reasons"]
-    for reason in reasons:
-        if reason["code"] in OF_REASONS:
-            return Finding("next-experiment", record.name, {"kind": OF_REASONS[reason["code"]], **_place(reason)})
-    if one_load:
-        return Finding("next-experiment", record.name, {"kind": "second-load"})
-    if seen or unseen.name.startswith(f"{record.name},"):
-        return Finding("next-experiment", record.name, {"kind": "other-input"})
-    return Finding("next-experiment", record.name, {"kind": "in-use"})
 
+    def kinds() -> Iterator[dict[str, Any]]:
+        if any(each["code"] in IN_LOOP for each in reasons):
+            yield {"kind": "test-signal"}
+        looked, u = advice_by_code(record), record.input[:, 0]
+        yield from ({"kind": kind, **looked[code].data} for code, kind in EXPERIMENTS.items() if code in looked)
+        reach = TWO_SIDED * float(np.max(np.abs(u)))
+        if record.input.shape[1] == 1 and (u.min() > -reach or u.max() < reach):
+            yield {"kind": "both-directions", "input": record.input_names[0]}
+        for each in reasons:
+            if each["code"] in OF_REASONS:  # with the places where a map has hardly any data
+                places = list(each.get("knots", [each["at"]] if "at" in each else []))
+                yield {"kind": OF_REASONS[each["code"]], **({"at": places} if places else {})}
+        if one_load:
+            yield {"kind": "second-load"}
+        yield {"kind": "other-input" if seen or unseen.name.startswith(f"{record.name},") else "in-use"}
 
-def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
-    """Where a map has hardly any data."""
-    places = reason.get("knots", [reason["at"]] if "at" in reason else [])
-    return {"at": list(places)} if places else {}
+    return Finding("next-experiment", record.name, next(kinds()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -678,7 +602,9 @@ class Compared:
         """
         on_record = compare(fits, train, transient=transient, data="identification")
         findings = about_the_fits(fits, train)
-        on_choice, on_unseen = _held_back(fits, test, transient, divide=whole is not None)
+        parts = choice_and_headline(test) if whole is not None and len(fits) > 1 else None
+        on_choice = parts and compare(fits, parts[0], transient=transient, data="choice")
+        on_unseen = compare(fits, parts[1] if parts else test, transient=transient, data="unseen")
         chosen_on, seen = on_choice or on_unseen, whole if on_choice is None else None
         errors = {each.row.model: each.row.ranked_by for each in chosen_on.assessments}
         fitted, excluded = None if whole is None else train, excluded_models(findings, errors)
@@ -688,10 +614,21 @@ class Compared:
             left_open = Undetermined({}, frozenset(), None)
         else:
             ranking = ranked(chosen_on, fitted, options, excluded, control, outside, seen)
-            useless = excluded | _useless(chosen_on, on_record)
+            before = {each.row.model: each for each in on_record.assessments}
+            useless = excluded | {e.row.model for e in chosen_on.assessments if unusable(e, before[e.row.model])}
             left_open = Undetermined.of(ranking, train, useless | implausible_models(findings))
             useless |= {each.row.model for each in chosen_on.assessments if is_weak(each, left_open.reasons)}
-        order = _order(chosen_on, on_record, ranking, findings, useless, left_open)
+        implausible = implausible_models(findings)
+
+        def supported() -> list[str]:
+            verdicts = model_verdicts(on_record, chosen_on, findings, left_open.reasons)
+            return [each.data["model"] for each in verdicts if each.code == "model-supported"]
+
+        straight = () if left_open.levels is None else left_open.straight
+        first = recommended(ranking, implausible, useless, straight=straight, supported=supported)
+        # the recommended one, plausible ones, implausible ones, and useless ones; each group by its errors
+        by = sorted(ranking, key=lambda each: (each is not first, each.name in useless, each.name in implausible))
+        order = [each.fit for each in by]
         on_choice = on_choice and on_choice.in_order_of(order)
         return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open, pole)
 
@@ -720,46 +657,6 @@ class Compared:
         findings = tuple(about_the_fits(on_unseen.fits, self.record))
         ranking = tuple(map(in_place, self.ranking))
         return replace(self, on_record=on_record, on_unseen=on_unseen, ranking=ranking, findings=findings, whole=whole)
-
-
-def _held_back(
-    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
-) -> tuple[Comparison | None, Comparison]:
-    """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
-    parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
-    if parts is None:
-        return None, compare(fits, unseen, transient=transient, data="unseen")
-    choice, headline = parts
-    return compare(fits, choice, transient=transient, data="choice"), compare(
-        fits, headline, transient=transient, data="unseen"
-    )
-
-
-def _useless(choice: Comparison, on_record: Comparison) -> frozenset[str]:
-    """The names of the models that cannot be used, by their free run on the data that choose."""
-    fitted = {each.row.model: each for each in on_record.assessments}
-    return frozenset(each.row.model for each in choice.assessments if unusable(each, fitted[each.row.model]))
-
-
-def _order(
-    choice: Comparison,
-    on_record: Comparison,
-    ranking: Sequence[Ranked],
-    findings: Sequence[Finding],
-    useless: frozenset[str],
-    left_open: Undetermined,
-) -> list[Fit[Any]]:
-    """The models: the recommended one, plausible ones, implausible ones, and useless ones; each group by its errors."""
-    implausible = implausible_models(findings)
-
-    def supported() -> list[str]:
-        verdicts = model_verdicts(on_record, choice, findings, left_open.reasons)
-        return [each.data["model"] for each in verdicts if each.code == "model-supported"]
-
-    straight = () if left_open.levels is None else left_open.straight
-    first = recommended(ranking, implausible, useless, straight=straight, supported=supported)
-    by = sorted(ranking, key=lambda each: (each is not first, each.name in useless, each.name in implausible))
-    return [each.fit for each in by]
 
 
 SEARCHED_AGAIN = 50_000

@@ -34,9 +34,8 @@ from emsid.identification.verdict import (
 )
 from emsid.models.model import Model
 from emsid.options import KEYWORDS, Options, takes_options
-from emsid.record import Record
 from emsid.validation.agreement import disagreement
-from emsid.validation.comparison import Comparison, RecordError, by_record
+from emsid.validation.comparison import RecordError, by_record
 
 
 @takes_options
@@ -95,7 +94,13 @@ def identify(
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = Options.of(options, {name: given.pop(name) for name in KEYWORDS & given.keys()})
-    names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
+    if quick and models is not None:
+        raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
+    names = QUICK if quick else None if models is None else model_names(models)
+    if budget is not None:
+        if not budget > 0:
+            raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
+        control = control.within(budget)
     with cancelled_with(control), collected() as noted:
         task = Task.of(records, unseen, names, options, transient, given, control)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
@@ -129,14 +134,20 @@ def _judged(
     with border("errors by record"):
         by_records = by_record(judged.fits, (*task.records, *task.others), task.transient)
     stopped = found.stopped or taken.stopped or control.cancelled()
-    verdicts = _verdicts(judged, asked, tests=not stopped)
+    of = judged.on_record, judged.on_unseen, (*judged.findings, *asked), judged.undetermined.reasons
+    verdicts = None
+    with border("residual tests of the models"):
+        verdicts = model_verdicts(*of, tests=not stopped, pole=judged.pole)
+    verdicts = verdicts or model_verdicts(*of, tests=False, pole=judged.pole)
+    outputs = " and ".join(judged.on_unseen.best.record.output_names)
+    without = [each for each in verdicts[0].data["reasons"][:1] if each["code"] == NO_INPUT]
     return Identification(
         record=task.train,
         unseen=judged.on_unseen.best.record,
         on_record=judged.on_record,
         on_unseen=judged.on_unseen,
         findings=(
-            *_without_input(judged, verdicts[0]),
+            *(Finding(NO_INPUT, outputs, {**each, "by": verdicts[0].model}) for each in without),
             *_findings(task, asked, found, judged, taken, final, stopped=stopped),
         ),
         profiles=taken.profiles,
@@ -150,77 +161,30 @@ def _judged(
     )
 
 
-def _without_input(judged: Compared, verdict: Finding) -> list[Finding]:
-    """That the inputs explain nothing of the outputs, by the verdict on the best model."""
-    outputs = " and ".join(judged.on_unseen.best.record.output_names)
-    reasons = [each for each in verdict.data["reasons"][:1] if each["code"] == NO_INPUT]
-    return [Finding(NO_INPUT, outputs, {**each, "by": verdict.model}) for each in reasons]
-
-
-def _verdicts(judged: Compared, asked: Sequence[Finding], *, tests: bool) -> tuple[Finding, ...]:
-    """The verdict on every model; without residual tests where these fail."""
-    of = judged.on_record, judged.on_unseen, (*judged.findings, *asked), judged.undetermined.reasons
-    with border("residual tests of the models"):
-        return model_verdicts(*of, tests=tests, pole=judged.pole)
-    return model_verdicts(*of, tests=False, pole=judged.pole)
-
-
-def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
-    """The names of the requested models; None for those that suit the record.
-
-    Raises:
-        ModelError: for an unknown name, or for models together with a quick look.
-    """
-    if quick and models is not None:
-        raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
-    return QUICK if quick else None if models is None else model_names(models)
-
-
-def _limited(control: Control, budget: float | None) -> Control:
-    """The control with a time in s for all searches, if there is one.
-
-    Raises:
-        ModelError: for a time that is not positive.
-    """
-    if budget is None:
-        return control
-    if not budget > 0:
-        raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
-    return control.within(budget)
-
-
 def _compared(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compared:
     """The models compared; where that fails, without those that cannot be compared even alone.
 
     Raises:
         EmsidError: where none can be compared.
     """
+
+    def together(some: Sequence[Fit[Any]]) -> Compared:
+        whole = None if task.others else task.record
+        how: dict[str, Any] = {"transient": task.transient, "whole": whole, "pole": task.pole}
+        return Compared.of(some, task.train, task.unseen, task.options, control, task.outside, **how)
+
     problems: list[EmsidError] = []
     with border("comparison of the models", report=problems.append):
-        return _compared_together(task, fits, control)
+        return together(fits)
     alone: list[Compared] = []
     for fit in fits if len(fits) > 1 else ():
         with border(f"comparison of {fit.model.name} with the others", fit.model.name):
-            alone.append(_compared_together(task, [fit], control))
+            alone.append(together([fit]))
     if not alone:
         raise problems[0]
     with border("comparison of the other models"):
-        return _compared_together(task, [each.best for each in alone], control)
+        return together([each.best for each in alone])
     return min(alone, key=lambda each: each.on_unseen.best.row.simulation_mse)
-
-
-def _compared_together(task: Task, fits: Sequence[Fit[Any]], control: Control) -> Compared:
-    return Compared.of(
-        fits,
-        task.train,
-        task.unseen,
-        task.options,
-        control,
-        task.outside,
-        transient=task.transient,
-        whole=None if task.others else task.record,
-        pole=task.pole,
-    )
 
 
 def _findings(
@@ -258,11 +222,6 @@ def _findings(
         with border(f"check of {model.name}: for how long it is trusted", model.name):
             yield from length_trusted(judged.best, model, task.record)
         with border("differences between records"):
-            yield from _difference_of_records(on_unseen, (*task.records, *task.others))
+            differs = (disagreement(fit.model, (*task.records, *task.others)) for fit in on_unseen.fits)
+            yield from (each.finding for each in islice(filter(None, differs), 1))
     yield from taken.failed
-
-
-def _difference_of_records(comparison: Comparison, records: Sequence[Record]) -> list[Finding]:
-    """The difference between the records, by the best model that shows one."""
-    found = (disagreement(fit.model, records) for fit in comparison.fits)
-    return [each.finding for each in islice(filter(None, found), 1)]

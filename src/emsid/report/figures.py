@@ -33,7 +33,7 @@ from emsid.report.document import (
     Wire,
 )
 from emsid.report.numbers import tick
-from emsid.report.paths import Entry, legend, x_scale, thin
+from emsid.report.paths import Entry, legend, thin, x_scale
 from emsid.report.svg import (
     LABEL,
     LEGEND,

@@ -1,5 +1,3 @@
-from .comparison import mean_squared_error as mean_squared_error
-
 from .bands import Band as Band
 from .bands import free_run_band as free_run_band
 from .bands import frequency_response_band as frequency_response_band
@@ -17,6 +15,7 @@ from .comparison import by_region as by_region
 from .comparison import compare as compare
 from .comparison import errors_by_region as errors_by_region
 from .comparison import fit_percent as fit_percent
+from .comparison import mean_squared_error as mean_squared_error
 from .comparison import validate as validate
 from .correlation import NonlinearTest as NonlinearTest
 from .reestimation import Reestimation as Reestimation

@@ -12,10 +12,11 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.identification import identify
 from emsid.identification.evidence import next_steps, verdicts
-from emsid.identification.result import Characteristic, of_fit
+from emsid.identification.result import Characteristic
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.kinds import capabilities_of
 from emsid.models.regression.structures import arx
 from emsid.options import Options
 from emsid.record import Record
@@ -24,6 +25,10 @@ from emsid.validation.comparison import assess, compare
 from emsid.wording import sentence
 
 DT, TIME_CONSTANT, GAIN, EDGE = 0.01, 0.2, 3.0, 0.5
+
+
+def characteristics_of(fit, record):
+    return capabilities_of(fit.model).characteristics(fit, record)
 
 
 def drive(edge=0.0, noise=0.01, seed=0, samples=2000, name="bench"):
@@ -41,7 +46,7 @@ def drive(edge=0.0, noise=0.01, seed=0, samples=2000, name="bench"):
 
 def test_gain_and_time_constant_of_a_linear_model_are_in_the_units_of_the_record():
     record = drive(noise=1e-4)
-    gain, time_constant = of_fit(least_squares(arx(1, 1), record), record)
+    gain, time_constant = characteristics_of(least_squares(arx(1, 1), record), record)
     assert (gain.name, gain.unit) == ("gain", "rad/(s*V)")
     assert (time_constant.name, time_constant.unit) == ("time constant", "s")
     for found, truth in ((gain, GAIN), (time_constant, TIME_CONSTANT)):
@@ -54,7 +59,7 @@ def test_intervals_of_characteristics_follow_the_covariance_to_first_order():
     covariance = np.array([[4e-6, 1e-6], [1e-6, 9e-6]])
     theta = np.array([a, b])
     fit = Fit(arx(1, 1).model(theta, record), ("a1", "b1"), theta, covariance, 1.0, 100, 1.0, 2)
-    gain, _ = of_fit(fit, record)
+    gain, _ = characteristics_of(fit, record)
     slope = np.array([-b / (1 + a) ** 2, 1 / (1 + a)])
     assert gain.value == pytest.approx(b / (1 + a))
     assert gain.half_width == pytest.approx(1.959964 * np.sqrt(slope @ covariance @ slope), rel=1e-4)
@@ -69,7 +74,7 @@ def test_the_break_points_of_a_dead_zone_are_in_the_unit_of_the_input():
     free = tuple(name for name in model.names if "b_" in name and "f" in name)
     estimate = np.array([model.parameters[model.names.index(name)] for name in free])
     fit = Fit(model, free, estimate, np.diag([1e-4] * len(free)), 1.0, 100, 1.0, len(free))
-    found = {each.name: each for each in of_fit(fit, record)}
+    found = {each.name: each for each in characteristics_of(fit, record)}
     assert found["dead zone backward"].value == -EDGE
     assert found["dead zone forward"].half_width == pytest.approx(0.01959964)
     assert found["dead zone forward"].unit == "V"
@@ -86,7 +91,7 @@ def test_the_break_points_of_a_dead_zone_behind_a_filter_are_levels_of_the_input
     free = ("f.b_l", "f.b_r", "u0")
     estimate = np.array([-0.4, 0.8, offset])
     fit = Fit(model, free, estimate, np.diag([1e-4, 4e-4, 9e-4]), 1.0, 100, 1.0, 3)
-    found = {each.name: each for each in of_fit(fit, record)}
+    found = {each.name: each for each in characteristics_of(fit, record)}
     ends = sorted((edge / gain + offset, variance) for edge, variance in ((-0.4, 1e-4), (0.8, 4e-4)))
     for name, (edge, variance) in zip(("dead zone backward", "dead zone forward"), ends, strict=True):
         assert found[name].value == pytest.approx(edge)
@@ -99,7 +104,7 @@ def test_a_dead_zone_without_a_level_of_the_input_of_its_own_is_left_out(before)
     zone = DeadZone(-0.4, 0.8, 1.0, 1.0)
     model = Cascade((before, Rational([0.1], [-0.9]), zone), name="blocks")
     fit = Fit(model, ("u0",), np.zeros(1), np.eye(1), 1.0, 100, 1.0, 1)
-    found = {each.name: each.value for each in of_fit(fit, record) if "dead zone" in each.name}
+    found = {each.name: each.value for each in characteristics_of(fit, record) if "dead zone" in each.name}
     ends = {} if isinstance(before, Rational) else {"dead zone backward": -1.0, "dead zone forward": 1.0}
     assert found == ends
 

@@ -313,8 +313,10 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
     ],
 )
 def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monkeypatch, wishes, message):
-    for search in ("candidates.choose", "candidates.simulation_error", "options.least_squares"):
-        monkeypatch.setattr(f"emsid.identification.{search}", lambda *_, **__: pytest.fail("fitted"))
+    candidates = "emsid.identification.candidates"
+    estimator = "emsid.estimation.linear.least_squares.least_squares"
+    for search in (f"{candidates}.choose", f"{candidates}.simulation_error", estimator):
+        monkeypatch.setattr(search, lambda *_, **__: pytest.fail("fitted"))
     with pytest.raises(ModelError) as refused:
         identify(system(400, 14), models=["arx", "linear-axis"], options=Options(**wishes))
     assert str(refused.value).startswith(message)

@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 import emsid
-from emsid.identification.result import curves, of_fit
+from emsid.identification.result import curves
+from emsid.models.kinds import capabilities_of
 from emsid.models.poles import oscillation, time_constants
 from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.report.identification_page import _fact
@@ -16,6 +17,10 @@ DT, N = 0.02, 1500
 FREE = ["motor_constant", "rotor_inertia", "rotor_friction.coulomb"]
 ZONE = {"voltage_dead_zone.half_width": 0.0}
 FREQUENCY, DAMPING = 8.6, 0.09
+
+
+def characteristics_of(fit, record):
+    return capabilities_of(fit.model).characteristics(fit, record)
 
 
 def levels(low: float, high: float) -> np.ndarray:
@@ -60,7 +65,7 @@ def test_thresholds_that_a_motor_never_approaches_have_no_number_anywhere():
     for name, u in (("one way", levels(2.9, 4.6)), ("both ways", levels(-4.6, 4.6))):
         record = motor(u)
         fit = emsid.fit(emsid.plants.rigid_motor(), record, free=FREE, search=False, fixed=ZONE)
-        found[name] = fit, {each.name: each for each in of_fit(fit, record)}
+        found[name] = fit, {each.name: each for each in characteristics_of(fit, record)}
         (friction,) = [curve for curve in curves(fit, record) if curve.kind == "friction"]
         assert np.isnan(friction.value[friction.x < -5]).all() == (name == "one way")
         assert np.isfinite(friction.value[friction.x > 60]).all()
@@ -89,7 +94,7 @@ def pendulum() -> emsid.Record:
 def test_complex_poles_are_a_natural_frequency_and_a_damping_ratio(model):
     record = pendulum()
     result = emsid.identify(record, models=[model])
-    shown = {each.name: each.value for each in of_fit(result.chosen, record)}
+    shown = {each.name: each.value for each in characteristics_of(result.chosen, record)}
     assert shown["natural frequency"] == pytest.approx(FREQUENCY, rel=0.02)
     assert shown["damping ratio"] == pytest.approx(DAMPING, rel=0.1)
     assert shown["gain"] == pytest.approx(0.27, rel=0.02)

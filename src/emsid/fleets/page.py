@@ -29,7 +29,7 @@ from emsid.report.document import (
 from emsid.report.numbers import estimate, number, slug
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
-from emsid.wording.fleets import CAUSES
+from emsid.wording.live import CAUSES
 
 MARK = "*"
 """Behind the names of parameters that depend on assumed values."""

@@ -58,7 +58,7 @@ from emsid.first_look.baseline import baseline
 from emsid.first_look.examined import Response, response_of
 from emsid.identification.ranking import Ranked, compared, deviations, within_noise
 from emsid.identification.task import LONGEST_SEARCHED
-from emsid.models.capabilities import MapInUse, Modes
+from emsid.models.capabilities import MapInUse
 from emsid.models.extrapolation import HELD, LARGER, Extremes, diverges, diverges_held, with_other_inputs
 from emsid.models.free_run import free_run
 from emsid.models.kinds import capabilities_of
@@ -136,22 +136,28 @@ class Plausibility:
             return []
         found: list[Finding] = []
         kind = capabilities_of(model)
-        if kind.may_run_away:
-            found += self._running_away(model)
+        if kind.may_run_away and diverges(model, self.extremes.larger):
+            found.append(Finding(DIVERGES, model.name, {"factor": LARGER}))
+        if kind.may_run_away and diverges_held(model, self.extremes):
+            found.append(Finding(DIVERGES_HELD, model.name))
+        if kind.may_run_away and free_run(model, self.steps).diverged_at is not None:
+            found.append(Finding("diverges-on-steps", model.name))
         found += [each for used in kind.judged_maps(model, self.record) for each in self._of_map(model.name, used)]
         modes = kind.modes(model)
-        found += [*_cancelled(modes), *_too_fast(modes.poles), *self._too_late(modes.delay)]
-        found += self._of_other_sign(model)
+        for block, (poles, zeros) in modes.pairs.items():  # poles that a zero of the same block nearly cancels
+            for pole in poles:
+                near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
+                if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
+                    of: dict[str, Any] = {"block": block} if block else {}
+                    of |= {"pole": [float(pole.real), float(pole.imag)]}
+                    found.append(Finding("zero-cancels-pole", "", of))
+        # real poles whose time constant is shorter than the sample time
+        fast = [float(pole.real) for pole in modes.poles if abs(pole.imag) < 1e-9 and IMMEDIATE < pole.real < FASTEST]
+        if fast:
+            data = {"pole": min(fast), "samples": float(-1 / np.log(min(fast)))}
+            found.append(Finding("faster-than-sampling", "", data))
+        found += [*self._too_late(modes.delay), *self._of_other_sign(model)]
         return [each.about(model.name) for each in found]
-
-    def _running_away(self, model: Any) -> Iterator[Finding]:
-        """A free run that diverges where the record does not."""
-        if diverges(model, self.extremes.larger):
-            yield Finding(DIVERGES, model.name, {"factor": LARGER})
-        if diverges_held(model, self.extremes):
-            yield Finding(DIVERGES_HELD, model.name)
-        if free_run(model, self.steps).diverged_at is not None:
-            yield Finding("diverges-on-steps", model.name)
 
     def _of_map(self, name: str, used: MapInUse) -> Iterator[Finding]:
         """A map that turns, or leaves the range of the output, where its input has hardly any data."""
@@ -232,23 +238,6 @@ def _turn(values: Array, sparse: NDArray[np.bool_]) -> int | None:
     }
     worst = max(sizes, key=lambda k: sizes[k], default=None)
     return worst if worst is not None and sizes[worst] > enough else None
-
-
-def _too_fast(poles: Sequence[complex]) -> Iterator[Finding]:
-    """A real pole whose time constant is shorter than the sample time."""
-    fast = [float(pole.real) for pole in poles if abs(pole.imag) < 1e-9 and IMMEDIATE < pole.real < FASTEST]
-    if fast:
-        yield Finding("faster-than-sampling", "", {"pole": min(fast), "samples": float(-1 / np.log(min(fast)))})
-
-
-def _cancelled(modes: Modes) -> Iterator[Finding]:
-    """Poles that a zero of the same block nearly cancels."""
-    for block, (poles, zeros) in modes.pairs.items():
-        for pole in poles:
-            near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
-            if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
-                of = {"block": block} if block else {}
-                yield Finding("zero-cancels-pole", "", of | {"pole": [float(pole.real), float(pole.imag)]})
 
 
 Reason = dict[str, Any]
@@ -482,21 +471,24 @@ RELATED = 20.0
 
 def verdicts(best: Assessment) -> tuple[Finding, ...]:
     """Whether the residual of a free run still depends on the input, for every output."""
-    return tuple(_verdict(best, channel) for channel in range(best.record.output.shape[1]))
-
-
-def _verdict(best: Assessment, channel: int) -> Finding:
-    record = best.record
-    error = best.errors[:, channel]
-    data: dict[str, Any] = {"model": best.row.model, "output": record.output_names[channel]}
-    share = float(predictable_shares(error[:, None], record)[0])
-    if np.isnan(share):
-        return Finding("residual-not-tested", best.row.model, data)
-    independent = max(independent_values(error, u, record.breaks) for u in record.input.T)
-    if share <= PREDICTABLE and independent < FEWEST_INDEPENDENT:
-        return Finding("residual-not-tested", best.row.model, data | {"independent": independent})
-    code = "residual-depends-on-input" if share > PREDICTABLE else "residual-independent-of-input"
-    return Finding(code, best.row.model, data | {"share": share})
+    record, found = best.record, []
+    for channel, output in enumerate(record.output_names):
+        error = best.errors[:, channel]
+        data: dict[str, Any] = {"model": best.row.model, "output": output}
+        share = float(predictable_shares(error[:, None], record)[0])
+        code = "residual-depends-on-input" if share > PREDICTABLE else "residual-independent-of-input"
+        if np.isnan(share):
+            code = "residual-not-tested"
+        elif (
+            share <= PREDICTABLE
+            and (independent := max(independent_values(error, u, record.breaks) for u in record.input.T))
+            < FEWEST_INDEPENDENT
+        ):
+            code, data = "residual-not-tested", data | {"independent": independent}
+        else:
+            data |= {"share": share}
+        found.append(Finding(code, best.row.model, data))
+    return tuple(found)
 
 
 def independent_values(error: Array, u: Array, breaks: Sequence[int]) -> float:
@@ -586,16 +578,6 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
     return np.hstack(columns)[usable], usable
 
 
-def measurements(fit: Fit[Any]) -> tuple[Finding, ...]:
-    """What to measure because estimates of a model depend on values that nobody gave; nothing without such values."""
-    if not fit.assumed:
-        return ()
-    current = any(each.data.get("current_missing") for each in fit.findings)
-    return (
-        Finding("next-measure", fit.model.name, {"parameters": [row.name for row in fit.assumed], "current": current}),
-    )
-
-
 def next_steps(
     chosen: Assessment,
     found: Sequence[Finding],
@@ -652,12 +634,13 @@ def observations(
     """
     seen = has_common_samples(unseen, record)
     best = comparison.best
+    few = Finding("few-unseen-samples", unseen.name, {"samples": max(best.row.samples, ranked_on), "needed": FEWEST})
     checks: dict[str, Callable[[], Iterable[Finding | None]]] = {
         "error of the free run": lambda: _about_the_best(comparison, unseen, seen, choice),
         "residual test": lambda: about_the_residual(best) if tests else (),
         "test of nonlinear terms": lambda: about_nonlinear_terms(best) if tests else (),
         "errors by region": lambda: [worst_region(best)],
-        "number of samples": lambda: _about_few_samples(max(best.row.samples, ranked_on), unseen),
+        "number of samples": lambda: [few] if few.data["samples"] < FEWEST else (),
         "unseen input": lambda: about_the_unseen_input(record, unseen, seen),
         "ranges of the maps": lambda: about_the_maps(best.fit.model, record, unseen, seen),
     }
@@ -665,16 +648,15 @@ def observations(
     for name, check in checks.items():
         with border(f"check of {best.row.model}: {name}", best.row.model):
             found += filter(None, check())
-    return [
-        *([Finding("data-not-unseen", unseen.name)] if seen else []),
-        *found,
-        *(
-            Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
-            for row in comparison.rows
-            if row.diverged_at is not None
-        ),
-        *(about_a_profile(model, each) for model, some in profiles.items() for each in some),
-    ]
+    for row in comparison.rows:
+        if row.diverged_at is not None:
+            data = {"model": row.model, "sample": int(row.diverged_at), "seen": seen}
+            found.append(Finding("free-run-diverged", row.model, data))
+    for model, profile in ((model, each) for model, some in profiles.items() for each in some):
+        low, high = (finite(end) for end in profile.interval)
+        interval = {"model": model, "level": float(profile.level), "low": low, "high": high, "unit": profile.unit}
+        found.append(Finding("profile-interval", profile.name, interval))
+    return [*([Finding("data-not-unseen", unseen.name)] if seen else []), *found]
 
 
 def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: Comparison | None) -> list[Finding]:
@@ -703,13 +685,6 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: 
         ratio = float(row.simulation_mse / row.one_step_mse)
         findings += [Finding("one-step-error-smaller", row.model, {"model": row.model, "ratio": ratio})]
     return findings
-
-
-def _about_few_samples(samples: int, unseen: Record) -> list[Finding]:
-    """Unseen data that are too few to rank models on."""
-    if samples >= FEWEST:
-        return []
-    return [Finding("few-unseen-samples", unseen.name, {"samples": samples, "needed": FEWEST})]
 
 
 ENOUGH = 200
@@ -759,22 +734,12 @@ def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
 
 def about_the_residual(best: Assessment) -> list[Finding]:
     """Whether the one-step errors of the best model are white, if it models noise."""
-    if not models_noise(best.fit.model):
-        return []
-    return [
-        Finding(
-            "residual-white" if test.white else "residual-coloured",
-            test.output,
-            {
-                "model": best.row.model,
-                "lags": test.lags,
-                "largest": test.largest_autocorrelation,
-                "lag": test.at_lag,
-                "p_value": test.p_value,
-            },
-        )
-        for test in residual_tests(best.record, best.prediction)
-    ]
+    found = []
+    for test in residual_tests(best.record, best.prediction) if models_noise(best.fit.model) else ():
+        data = {"model": best.row.model, "lags": test.lags, "largest": test.largest_autocorrelation}
+        data |= {"lag": test.at_lag, "p_value": test.p_value}
+        found.append(Finding("residual-white" if test.white else "residual-coloured", test.output, data))
+    return found
 
 
 def about_nonlinear_terms(best: Assessment) -> list[Finding]:
@@ -790,14 +755,8 @@ def about_nonlinear_terms(best: Assessment) -> list[Finding]:
         tests = [test for test in best.nonlinear_tests[channel] if test.depends and test.share > NEGLIGIBLE]
         if tests:
             worst = max(tests, key=lambda test: abs(test.largest))
-            data = {
-                "model": best.row.model,
-                "term": worst.term,
-                "kind": worst.kind,
-                "largest": worst.largest,
-                "at_lag": worst.at_lag,
-                "limit": worst.limit,
-            }
+            data = {"model": best.row.model, "term": worst.term, "kind": worst.kind, "largest": worst.largest}
+            data |= {"at_lag": worst.at_lag, "limit": worst.limit}
             findings.append(Finding("residual-depends-on-term", output, data))
     return findings
 
@@ -835,13 +794,6 @@ def about_the_fits(fits: Iterable[Fit[Any]], record: Record) -> list[Finding]:
         with border(f"check whether {name} is plausible", name):
             found += plausibility.findings(fit)
     return found
-
-
-def about_a_profile(model: str, profile: Profile) -> Finding:
-    """The interval that a profile gives."""
-    low, high = (finite(end) for end in profile.interval)
-    data = {"model": model, "level": float(profile.level), "low": low, "high": high, "unit": profile.unit}
-    return Finding("profile-interval", profile.name, data)
 
 
 def failure(name: str, problem: EmsidError, code: str = "model-failed") -> Finding:

@@ -50,7 +50,7 @@ from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.models.model import Run
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
-from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
+from emsid.models.plants.search.result import has_physical_parameters
 from emsid.options import Options
 from emsid.record import Record
 from emsid.selection.improvement import NEGLIGIBLE
@@ -429,35 +429,27 @@ class Profiles:
 
 
 def profiles_of(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) -> Profiles:
-    """The requested profiles; a parameter that was split by direction has one for each direction."""
+    """The requested profiles; a parameter split by direction or by record has one for each of its parts."""
     profiles: dict[str, tuple[Profile, ...]] = {}
     failed: list[Finding] = []
-    for fit in fits:
-        if not has_physical_parameters(fit):
-            continue
-        model = fit.model.name
-        asked = _parts_of(fit, names)
+    for fit in filter(has_physical_parameters, fits):
+        plant, model, asked = fit.model.plant, fit.model.name, dict[str, None]()
+        for name in names:
+            by_record = [row.name for rows in fit.by_record.values() if (row := rows.get(name))]
+            for whole in (each for each in by_record or [name] if each in plant.handles):
+                asked |= dict.fromkeys([part for part in parts(plant, whole) if part in fit.names] or [whole])
         for number, name in enumerate(asked, 1):
+
+            def fails(problem: EmsidError, model: str = model, name: str = name) -> None:
+                data = {"model": model, "reason": str(problem).removeprefix(f"{name}: ")}
+                failed.append(Finding("profile-failed", name, data))
+
             try:
                 own = of_one_model(control, f"{model} (profile {number} of {len(asked)})")
                 own.doing(name)
-                with border(name, report=partial(_failed, failed, model, name)):
+                with border(name, report=fails):
                     profile = likelihood_profile(fit, name, control=own)
                     profiles[model] = (*profiles.get(model, ()), profile)
             except Stopped:
                 return Profiles(profiles, tuple(failed), stopped=True)
     return Profiles(profiles, tuple(failed))
-
-
-def _failed(failed: list[Finding], model: str, name: str, problem: EmsidError) -> None:
-    failed.append(Finding("profile-failed", name, {"model": model, "reason": str(problem).removeprefix(f"{name}: ")}))
-
-
-def _parts_of(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
-    """The parameters of a model among the names; one split by direction or by record is replaced by its parts."""
-    plant = fit.model.plant
-    by_record = {name: [row.name for rows in fit.by_record.values() if (row := rows.get(name))] for name in names}
-    names = [part for name in names for part in by_record[name] or [name]]
-    asked = [name for name in names if name in plant.handles]
-    split = {name: [part for part in parts(plant, name) if part in fit.names] for name in asked}
-    return list(dict.fromkeys(one for whole in asked for one in split[whole] or [whole]))

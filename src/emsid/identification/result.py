@@ -10,7 +10,7 @@ without any. See `emsid.validation.bands` for the meaning of every curve and its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -22,7 +22,7 @@ from emsid.estimation.estimates import Estimate, Status
 from emsid.estimation.fit import Fit
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
-from emsid.identification.evidence import measurements, next_steps, verdicts
+from emsid.identification.evidence import next_steps, verdicts
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.verdict import OF_SENSORS, experiment, recommendation
 from emsid.models.characteristics import Characteristic
@@ -144,13 +144,15 @@ class Identification(Presented):
         why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
         if self.interrupted:
             return (why,)
-        nothing: tuple[Finding, ...] = ()
-        what = lambda: (*measurements(self.chosen), self._experiment(verdict))  # noqa: E731
-        return (why, *self._part("what to measure next", what, nothing))
+        fit, nothing = self.chosen, tuple[Finding, ...]()
 
-    def _experiment(self, verdict: Finding) -> Finding:
-        one_load = any(finding.data.get("one_load") for finding in self.chosen.findings)
-        return experiment(verdict, self.record, self.unseen, seen=self.seen, one_load=one_load)
+        def what() -> tuple[Finding, ...]:
+            one_load, current = (any(f.data.get(key) for f in fit.findings) for key in ("one_load", "current_missing"))
+            data = {"parameters": [row.name for row in fit.assumed], "current": current}
+            measure = (Finding("next-measure", fit.model.name, data),) if fit.assumed else ()
+            return (*measure, experiment(verdict, self.record, self.unseen, seen=self.seen, one_load=one_load))
+
+        return (why, *self._part("what to measure next", what, nothing))
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:
@@ -269,15 +271,14 @@ def determined(fit: Fit[Any]) -> list[Estimate]:
 
     None of them depends on a value that nobody gave. A model without a table of such parameters has none.
     """
+
+    def excludes_zero(row: Estimate) -> bool:
+        if row.standard_error is not None:
+            return 0 < HALF_WIDTH * row.standard_error < abs(row.value)
+        return row.interval is not None and row.interval[0] * row.interval[1] > 0
+
     rows = capabilities_of(fit.model).physical_rows(fit)
-    return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and _excludes_zero(row)]
-
-
-def _excludes_zero(row: Estimate) -> bool:
-    """Whether a parameter has an interval, and zero is not in it."""
-    if row.standard_error is not None:
-        return 0 < HALF_WIDTH * row.standard_error < abs(row.value)
-    return row.interval is not None and row.interval[0] * row.interval[1] > 0
+    return [row for row in rows if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and excludes_zero(row)]
 
 
 def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
@@ -295,16 +296,12 @@ def characteristics(comparison: Comparison, record: Record) -> tuple[Characteris
     near = [each.fit for each in comparison.assessments if each.row.simulation_rmse <= NEARLY * least]
     found: list[Characteristic] = []
     for fit in near:
-        new = [each for each in of_fit(fit, record) if each.name not in {known.name for known in found}]
+        known = {each.name for each in found}
+        new = [e for e in capabilities_of(fit.model).characteristics(fit, record) if e.name not in known]
         found += new if not found else [each for each in new if each.name not in LINEAR]
         if any(each.name not in LINEAR for each in found):
             break
     return tuple(found)
-
-
-def of_fit(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
-    """The characteristics of one model; none of a model that has no such parameters."""
-    return capabilities_of(fit.model).characteristics(fit, record)
 
 
 def curves(fit: Fit[Any], record: Record) -> tuple[BandedCurve, ...]:
@@ -314,20 +311,13 @@ def curves(fit: Fit[Any], record: Record) -> tuple[BandedCurve, ...]:
         fit: of any kind of model.
         record: with its sample time, channels and ranges.
     """
-    found: list[BandedCurve] = []
-    for view in _views(fit, record):
+    inputs, outputs, found = range(record.input.shape[1]), range(record.output.shape[1]), list[BandedCurve]()
+    views: list[Callable[[], list[BandedCurve]]] = [partial(_step, fit, record, k) for k in inputs]
+    views += [partial(_frequency, fit, record, i, k) for i, k in product(outputs, inputs)]
+    for view in (*views, *capabilities_of(fit.model).curves(fit, record)):
         with border(f"curves of {fit.model.name}", fit.model.name, expected=True):
             found += view()
     return tuple(found)
-
-
-def _views(fit: Fit[Any], record: Record) -> Iterator[Callable[[], list[BandedCurve]]]:
-    inputs, outputs = range(record.input.shape[1]), range(record.output.shape[1])
-    for k in inputs:
-        yield partial(_step, fit, record, k)
-    for i, k in product(outputs, inputs):
-        yield partial(_frequency, fit, record, i, k)
-    yield from capabilities_of(fit.model).curves(fit, record)
 
 
 def _step(fit: Fit[Any], record: Record, input: int) -> list[BandedCurve]:

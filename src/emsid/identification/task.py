@@ -163,7 +163,7 @@ class Task:
             *self._about_the_unseen_part(),
             *questions(self.records, self.responses),
             *self.about_delay,
-            *about_the_loop(self.record, self.pole),
+            *([] if self.pole is None else [self._in_loop(self.pole)]),
             *unused_requests(self.plants, self.names, self.asked, self.record, quick=quick),
             *(each.about(name) for name, plant in self.plants.items() for each in self._assumptions(plant)),
         ]
@@ -180,6 +180,11 @@ class Task:
         moved = first + size < len(self.record)
         data = {"share": share, "first": first, "last": first + size - 1, "moved": moved}
         return [Finding("end-shows-little", self.record.name, data)]
+
+    def _in_loop(self, pole: float) -> Finding:
+        """About a plant that is unstable without its controller."""
+        data = {"pole": pole, "time": self.record.dt / log(pole), "horizon": horizon_of(pole)}
+        return Finding("unstable-in-loop", self.record.output_names[0], data)
 
     def _assumptions(self, plant: Plant) -> list[Finding]:
         """The units that are assumed of channels without one; none where the input cannot drive the plant."""
@@ -401,55 +406,42 @@ def check_physics(plants: Mapping[str, Plant], models: Sequence[str], options: O
     Raises:
         ModelError: with the names of the parameters and the possible ones.
     """
-    _check_datasheet(plants, models, options)
-    _check_there_are_plants(plants, models, options)
+    physical = {name: each.plant for name, each in CANDIDATES.items() if isinstance(each, Physical)}
+    sheet, asked = options.datasheet, ", ".join(models)
+    if sheet and not any(applicable(sheet, plant) for plant in plants.values()):
+        usable = ", ".join(name for name, plant in physical.items() if applicable(sheet, plant))
+        words = f"the datasheet has no parameter of {asked}; choose a model that has some of them: {usable}"
+        raise ModelError(words, arguments=("models",))
+    for what, names in (
+        ("fixed", options.fixed),
+        ("free", options.free),
+        ("profiled", options.profile),
+        ("estimated for each record", options.per_record),
+    ):
+        if names and not plants:
+            raise ModelError(
+                f"{', '.join(names)} cannot be {what}, because {asked} has no physical parameters; models that have "
+                f"are {', '.join(physical)}",
+                arguments=("models",),
+            )
+
+    def not_fixed(plant: Plant, name: str) -> tuple[str, ...]:
+        return without_overlap(plant, [name], [known for known in options.fixed if known in plant.handles])
+
     for name in options.profile:
-        _check_profile(plants, name, options)
+        owners = _owners(plants, name)
+        if not any(not_fixed(owner, name) for owner in owners):
+            others = ", ".join(other for other in owners[0].handles if not_fixed(owners[0], other))
+            words = f"{name} is fixed, so it has no profile; {owners[0].name} also has {others}"
+            raise ModelError(words, arguments=("fixed", "profile"))
+        if options.free and not any({name, *parts(owner, name)} & set(options.free) for owner in owners):
+            raise ModelError(
+                f"{name} is not estimated, so it has no profile; add it to the free parameters, or take a profile of "
+                f"one of these: {', '.join(options.free)}",
+                arguments=("free", "profile"),
+            )
     for name in (*options.fixed, *options.free, *options.per_record):
         _owners(plants, name)
-
-
-def _check_datasheet(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
-    sheet = options.datasheet
-    if sheet and not any(applicable(sheet, plant) for plant in plants.values()):
-        usable = [n for n, each in CANDIDATES.items() if isinstance(each, Physical) and applicable(sheet, each.plant)]
-        raise ModelError(
-            f"the datasheet has no parameter of {', '.join(models)}; choose a model that has some of them: "
-            f"{', '.join(usable)}",
-            arguments=("models",),
-        )
-
-
-def _check_there_are_plants(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
-    asked = {"fixed": options.fixed, "free": options.free, "profiled": options.profile}
-    asked |= {"estimated for each record": options.per_record}
-    if any(asked.values()) and not plants:
-        what, names = next((what, names) for what, names in asked.items() if names)
-        usable = [name for name, each in CANDIDATES.items() if isinstance(each, Physical)]
-        raise ModelError(
-            f"{', '.join(names)} cannot be {what}, because {', '.join(models)} has no physical parameters; models that "
-            f"have are {', '.join(usable)}",
-            arguments=("models",),
-        )
-
-
-def _check_profile(plants: Mapping[str, Plant], name: str, options: Options) -> None:
-    def not_fixed(plant: Plant, names: Iterable[str]) -> tuple[str, ...]:
-        return without_overlap(plant, names, [known for known in options.fixed if known in plant.handles])
-
-    owners = _owners(plants, name)
-    if not any(not_fixed(owner, [name]) for owner in owners):
-        others = [other for other in owners[0].handles if not_fixed(owners[0], [other])]
-        raise ModelError(
-            f"{name} is fixed, so it has no profile; {owners[0].name} also has {', '.join(others)}",
-            arguments=("fixed", "profile"),
-        )
-    if options.free and not any({name, *parts(owner, name)} & set(options.free) for owner in owners):
-        raise ModelError(
-            f"{name} is not estimated, so it has no profile; add it to the free parameters, or take a profile of one "
-            f"of these: {', '.join(options.free)}",
-            arguments=("free", "profile"),
-        )
 
 
 def _owners(plants: Mapping[str, Plant], name: str) -> list[Plant]:
@@ -478,7 +470,7 @@ def unused_requests(
     findings += [
         Finding("option-not-used", option, {"models": list(models)})
         for option in options.given
-        if option != "codes"  # `_about_codes` says more
+        if option != "codes"  # more is said below
         and not any(option in CANDIDATES[name].uses for name in models)
     ]
     family = options.static
@@ -488,27 +480,18 @@ def unused_requests(
             for name in models
             if "static" in CANDIDATES[name].uses
         ]
-    return findings + _about_codes(plants, models, options, record)
+    channel = record.input_names[-1]
+    values = [float(value) for value, _ in options.codes]
+    present = [value for value in values if record.converted(channel, value) in record.input[:, -1]]
+    findings += [Finding("code-never-occurs", channel, {"value": value}) for value in values if value not in present]
+    without = [name for name in models if name not in plants] if present else []
+    return findings + [Finding("codes-taken-as-commands", name, {"model": name, "values": present}) for name in without]
 
 
 def codes_of_channel(options: Options, record: Record) -> Options:
     """The options with codes as values of the channel; they are given as the numbers of the file, as in a mask."""
     channel = record.input_names[-1]
     return replace(options, codes=tuple((record.converted(channel, code), state) for code, state in options.codes))
-
-
-def _about_codes(plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record) -> list[Finding]:
-    """Values given as codes that never occur, and models that have no codes."""
-    if not options.codes:
-        return []
-    channel = record.input_names[-1]
-    values = [float(value) for value, _ in options.codes]
-    present = [value for value in values if record.converted(channel, value) in record.input[:, -1]]
-    without = [name for name in models if name not in plants] if present else []
-    return [
-        *(Finding("code-never-occurs", channel, {"value": value}) for value in values if value not in present),
-        *(Finding("codes-taken-as-commands", name, {"model": name, "values": present}) for name in without),
-    ]
 
 
 LONGEST_SEARCHED = 5
@@ -611,14 +594,6 @@ def unstable_pole(record: Record) -> float | None:
 def horizon_of(pole: float) -> int:
     """The samples in which an error grows by the factor e, at least two."""
     return max(2, ceil(1 / log(pole)))
-
-
-def about_the_loop(record: Record, pole: float | None) -> list[Finding]:
-    """The finding about a plant that is unstable without its controller, if it is one."""
-    if pole is None:
-        return []
-    data = {"pole": pole, "time": record.dt / log(pole), "horizon": horizon_of(pole)}
-    return [Finding("unstable-in-loop", record.output_names[0], data)]
 
 
 COMPARED, PIECES, MOST_PIECES = 24_000, 3, 8

@@ -287,6 +287,7 @@ def _poor(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 def residual_table(assessment: Assessment) -> list[Reason]:
     """All residual tests of one model with their 99 % limits; ``passed`` where a residual stays within its limit."""
     record, found = assessment.record, list[Reason]()
+    of: Reason
     for channel, (output, error) in enumerate(zip(record.output_names, assessment.errors.T, strict=True)):
         for name, u in zip(record.input_names, record.input.T, strict=True):
             past = input_test(error, u, record.breaks, LAGS)

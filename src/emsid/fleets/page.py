@@ -29,7 +29,7 @@ from emsid.report.document import (
 from emsid.report.numbers import estimate, number, slug
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
-from emsid.wording.live import CAUSES
+from emsid.wording.live import FACTORS
 
 MARK = "*"
 """Behind the names of parameters that depend on assumed values."""
@@ -85,7 +85,7 @@ def _causes(result: Fleet) -> Table | None:
     rows = tuple(
         (
             cause.motor,
-            " or ".join(CAUSES[each] for each in cause.causes),
+            " or ".join(FACTORS[each] for each in cause.causes),
             ", ".join(f"{name} × {ratio:.3g}" for name, ratio in cause.ratios.items()),
             f"{cause.factor:.3g}",
         )

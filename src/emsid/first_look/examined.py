@@ -18,7 +18,7 @@ from emsid.first_look.drift import Drift, drift_of
 from emsid.first_look.levels import EXPLAINS, FEWEST_SAMPLES, LAGS, SAMPLES
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.outliers import without_outliers
-from emsid.first_look.responses import ANSWERED, answers
+from emsid.first_look.responses import ANSWERED, FEWER, answers
 from emsid.first_look.standstill import at_rest, near_zero
 from emsid.record import Record
 
@@ -71,7 +71,7 @@ def response_of(record: Record) -> Response | None:
     found = Response(None, 0, 0.0)
     if answer is not None and answer.clear >= ANSWERED:
         sign, size = 0 if answer.ambiguous else answer.sign, float(np.sqrt(1 - answer.left))
-        found = Response(answer.delay, sign, answer.sign * size, answer.scale, answer.integral, answer.size > 0)
+        found = Response(answer.delay, sign, answer.sign * size, answer.scale, answer.integral, answer.size > FEWER)
     return _as_modelled(found, middle(without_outliers(record), SAMPLES))
 
 

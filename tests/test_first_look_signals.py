@@ -61,6 +61,19 @@ def test_a_magnitude_is_no_position(seed: int) -> None:
     assert "output-without-sign" in codes(look)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_speed_without_its_sign_answers_a_servo_pulse(write: Write, seed: int) -> None:
+    """The motor stands at a pulse of 1500 µs, and its speed is counted without a direction."""
+    rng = np.random.default_rng(seed)
+    pulse = np.repeat(rng.integers(1080, 1921, 25), 20).astype(float)
+    speed = signal.lfilter([0.0, 0.3], [1.0, -0.7], 0.1 * (pulse - 1500))
+    rows = {"t": 0.1 * np.arange(500), "servo [µs]": pulse, "speed [rpm]": np.round(np.abs(speed))}
+    look = describe(write(rows))
+    assert (look.roles.input, look.roles.output) == ("servo [µs]", "speed [rpm]")
+    assert (look.response.delay, look.response.sign, look.response.without_sign) == (1, 0, True)
+    assert {"no-response", "output-without-sign", "response-negative"} & codes(look) == {"output-without-sign"}
+
+
 def test_a_column_that_stays_is_no_difference_of_a_held_one(write: Write) -> None:
     """Nearly all changes of the input are zero, as all or nearly all values of the output are."""
     held = np.repeat(U[::40], 40)

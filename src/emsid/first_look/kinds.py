@@ -181,19 +181,21 @@ def _toggles(values: Array) -> bool:
     """Whether a column (N,) is near one of two levels in most rows, and changes often between them."""
     level = scaled(values[np.isfinite(values)])
     near = np.abs(level - (level > 0.5)) < NEAR
-    return bool(np.mean(near) > 1 - PART and len(runs(states(values))[1]) > max(len(near) / OFTEN, 2 * FEW))
+    return bool(
+        np.mean(near) > 1 - PART and len(runs(states(values).astype(float))[1]) > max(len(near) / OFTEN, 2 * FEW)
+    )
 
 
 def _take_turns(a: Array, b: Array) -> bool:
     """Whether two columns (N,) take turns to change, as the channels of an encoder do, and seldom change at once."""
-    changes = np.stack([np.diff(states(each)) for each in (a, b)])
-    turns = changes[0][changes.sum(axis=0) == 1]
-    return bool(np.mean(changes.all(axis=0)[changes.any(axis=0)]) < PART and np.mean(np.diff(turns)) > MOST)
+    first, second = (np.diff(states(each)) for each in (a, b))
+    turns = first[first != second]
+    return bool(np.mean((first & second)[first | second]) < PART and np.mean(np.diff(turns)) > MOST)
 
 
 def _steady(values: Array) -> float:
     """How alike successive pulses are: 1 where their lengths change slowly, as those of a shaft do, 0 by chance."""
-    lengths = runs(states(values))[1][1:-1].astype(float)
+    lengths = runs(states(values).astype(float))[1][1:-1].astype(float)
     if len(lengths) < 2 * FEW:
         return 0.0
     change = np.abs(np.log(lengths[2:] / lengths[:-2]))  # of levels of one side, which may last longer than the other

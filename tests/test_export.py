@@ -452,3 +452,25 @@ def test_every_input_of_a_regression_is_in_its_linear_part_however_small(tmp_pat
         found = control.evalfr(scope["both"][0, k], z)  # type: ignore[index]
         np.testing.assert_allclose(found, wanted / (1 - 0.9 / z), rtol=1e-12)
     assert 1e-16 in scope["both"].B[:, 0]  # type: ignore[attr-defined]
+
+
+def test_a_table_of_cogging_is_the_torque_over_one_period(tmp_path: Path) -> None:
+    values = {"cogging.period": 0.5, "cogging.cosine_1": 2e-3, "cogging.sine_2": -1e-3}
+    plant = motor().plant.with_values(values)
+    text = texts(tmp_path, replace(motor(), plant=plant), "csv")["rigid_motor_cogging.csv"]
+    assert text.splitlines()[0] == "Position [rad],Cogging [N*m]"
+    x, torque = np.array([[float(v) for v in line.split(",")] for line in text.splitlines()[1:]]).T
+    assert (x[0], x[-1]) == (0.0, 0.5)
+    assert torque == pytest.approx(2e-3 * np.cos(4 * pi * x) - 1e-3 * np.sin(8 * pi * x), abs=1e-15)
+
+
+def test_a_delay_for_robots_is_in_steps_of_the_physics(tmp_path: Path) -> None:
+    plant = motor(0.3).plant.with_values({"drive.delay": 0.012})
+    found = texts(tmp_path, replace(motor(), plant=plant), "isaac-lab", timestep=0.004)
+    assert "max_delay=3," in found["rigid_motor_actuator.py"]
+    assert "give the option timestep" not in found[README]
+    found = texts(tmp_path, replace(motor(), plant=plant), "mjlab", force=True)
+    assert "delay_max_lag=2," in found["rigid_motor_actuator.py"]
+    assert "The delay of 0.012 s is 2 steps of 0.005 s" in found[README]
+    with pytest.raises(emsid.ModelError, match="give a positive number of s"):
+        emsid.export(motor(), "mjlab", tmp_path / "no", timestep="fast")

@@ -6,6 +6,7 @@ there refuses the kind in one line, and writes no file.
 
 from __future__ import annotations
 
+import ast
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -47,24 +48,28 @@ KINDS = {
     "joint": ALL["joint"],
     "axis at once": at_once(ALL["linear axis"]),
     "joint at once": at_once(ALL["joint"]),
+    "servo at once": at_once(dict(joints())["servo"]),
     **dict(joints()),
 }
 EXACT, FLOAT = 1e-12, 1e-4
 BLOCKS = {"c99": EXACT, "fmu": EXACT, "arduino": FLOAT, "matlab": 1e-9}
 PLANT = {"c99": EXACT, "fmu": EXACT, "arduino": FLOAT}
 LINEAR = {"python-control": 1e-9}
+ROBOT = {"isaac-lab": 0.03, "mjlab": 0.03}
 TABLE: dict[str, dict[str, float]] = {
     "regression": BLOCKS,
     "linear regression": {**BLOCKS, **LINEAR, "fixed-point": 1e-7},
     **{kind: {**BLOCKS, **LINEAR} for kind in ("state space", "polynomials", "process", "cascade")},
     **dict.fromkeys(("static map", "feedback"), BLOCKS),
     # dry friction and the dead zone of these plants are not linear, and Modelica has no delay and no lag of the sensor
-    "motor": {**PLANT, "modelica": 5e-4, "mujoco": 0.05},
+    "motor": {**PLANT, "modelica": 5e-4, "mujoco": 0.05, **ROBOT},
     **dict.fromkeys(("motor with shaft", "axis", "joint", *dict(joints())), PLANT),
-    "axis at once": {"modelica": 5e-4, "mujoco": 0.05},
-    "joint at once": {"modelica": 5e-4, "mujoco": 0.05},
+    "axis at once": {"modelica": 5e-4, "mujoco": 0.05, **ROBOT},
+    "joint at once": {"modelica": 5e-4, "mujoco": 0.05, **ROBOT},
+    "servo at once": ROBOT,
 }
-JOINT = {"matlab", "python-control", "csv", "mujoco", "wpilib", "odrive", "vesc", "simplefoc"}
+ROBOTS = {"mujoco", "isaac-lab", "mjlab"}
+JOINT = {"matlab", "python-control", "csv", *ROBOTS, "wpilib", "odrive", "vesc", "simplefoc"}
 WRITTEN = {
     "regression": {"python-control"},
     **{kind: {"csv"} for kind in ("cascade", "static map", "feedback")},
@@ -72,7 +77,7 @@ WRITTEN = {
     "joint": JOINT | {"modelica"},
     **{name: JOINT for name, _ in joints()},
     "motor with shaft": {"matlab", "python-control", "csv"},
-    "axis": {"matlab", "python-control", "csv", "modelica", "mujoco"},
+    "axis": {"matlab", "python-control", "csv", "modelica", *ROBOTS},
 }
 """Formats that carry a part of a kind only: its README says what is left out."""
 
@@ -85,6 +90,8 @@ def exported(model: Any, format: str, folder: Path) -> None:
     options: dict[str, Any] = {}
     if format in ("odrive", "vesc", "simplefoc"):
         options = {"winding": "line", "pole_pairs": 7}
+    if format in ROBOT:
+        options = {"timestep": DT / 20}
     if format == "fixed-point":
         truth = model.run(model.at_rest(0.0, DT), commands(model))[0]
         sizes = [np.abs(truth).max(), *np.abs(commands(model)).max(axis=0)]
@@ -168,6 +175,47 @@ def by_mujoco(model: Any, u: np.ndarray, folder: Path) -> np.ndarray:
     return np.array(found)
 
 
+def by_robot(model: Any, u: np.ndarray, folder: Path) -> np.ndarray:
+    """A joint with the actuator of the file, whose equations are written here as both programs document them."""
+    text = (folder / "plant_actuator.py").read_text("utf-8")
+    (call,) = [
+        node.value for node in ast.parse(text).body if isinstance(node, ast.Assign) and node.targets[0].id == "ACTUATOR"
+    ]
+    of = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
+    scope: dict[str, Any] = {}
+    if call.func.id not in ("DelayedPDActuatorCfg", "BuiltinPositionActuatorCfg") or "def effort" in text:
+        exec(text[text.index("GAIN =") :], scope)
+    moving, viscous = (
+        of.get(new, of.get(old))
+        for new, old in (("dynamic_friction", "frictionloss"), ("viscous_friction", "viscous_damping"))
+    )
+    late, limit = of.get("max_delay", of.get("delay_max_lag")), of.get("effort_limit", np.inf)
+    gravity, h = getattr(model.plant, "gravity", None), DT / 20
+    q, v, found, sent = (
+        (0.0 if gravity is None else float(model.at_rest(0.0, DT).motion[1]) / model.plant.sensor.ratio),
+        0.0,
+        [],
+        [None] * late,
+    )
+    for command in u[:, 0]:
+        there = {Signal.POSITION: q, Signal.SPEED: v}
+        found.append([there[signal] for signal in model.signals])
+        for _ in range(20):
+            sent.append(command)
+            now = sent[-1 - late] or 0.0
+            target, more = (0.0, scope["effort"](now)) if scope else (now, 0.0)
+            effort = of["stiffness"] * (target - q) - of["damping"] * v + more
+            for _ in range(8):  # a physics engine holds the effort over its step
+                weight = 0.0 if gravity is None else gravity.whole * np.sin(q - gravity.angle)
+                force = np.clip(effort, -limit, limit) - viscous * v - weight
+                level = moving if v else of.get("friction", moving)
+                free = v + h / 8 * force / of["armature"]
+                v = np.sign(free) * max(abs(free) - h / 8 * level / of["armature"], 0.0)
+                q += h / 8 * v
+    return np.array(found)
+
+
+by_isaac_lab = by_mjlab = by_robot
 RUN: dict[str, Callable[[Any, np.ndarray, Path], np.ndarray]] = {
     name.removeprefix("by_").replace("_", "-"): run for name, run in list(globals().items()) if name.startswith("by_")
 }

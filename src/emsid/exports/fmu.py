@@ -114,6 +114,8 @@ def fmu(export: Export) -> tuple[Files, list[str]]:
         notes.append(f"{there}; other machines compile the sources, which are in the archive.")
     else:
         notes.append("There is no binary, as there is no C compiler for Linux here: the importer compiles the sources.")
+    if WINDOWS[version] in machines:
+        notes.append("The binary for Windows was compiled here and never run.")
     if direct(export):
         notes.append("The output follows the input of the same time: set the input before the output is read.")
     fixed = [each.name for each in found if each.kind == "constant"]

@@ -14,6 +14,7 @@ from emsid.exports.formats import Format
 from emsid.exports.matlab import matlab
 from emsid.exports.modelica import modelica
 from emsid.exports.mujoco import mujoco
+from emsid.exports.robots import isaac_lab, mjlab
 from emsid.exports.tables import csv
 
 BRUSHLESS = ("winding", "pole_pairs", "bandwidth")
@@ -26,8 +27,10 @@ FORMATS: dict[str, Format] = {
     "matlab": Format("a function of a step, and the linear parts as a MAT file", matlab),
     "modelica": Format("a plant of one mass as a Modelica model", modelica, physical=True),
     "mujoco": Format("MJCF: joint and actuator for MuJoCo", mujoco, ("actuator",), True),
+    "isaac-lab": Format("the actuator of a joint for Isaac Lab", isaac_lab, ("timestep", "joint"), True),
+    "mjlab": Format("the actuator of a joint for mjlab", mjlab, ("timestep", "joint"), True),
     "python-control": Format("the linear part as a script for python-control", control),
-    "csv": Format("friction, dead zone and static maps as tables", csv, physical=True),
+    "csv": Format("friction, dead zone, cogging and static maps as tables", csv, physical=True),
     "wpilib": Format("kS, kG, kV and kA for WPILib", wpilib),
     "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS, True),
     "vesc": Format("the motor of a VESC", vesc, BRUSHLESS, True),

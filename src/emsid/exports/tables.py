@@ -1,4 +1,7 @@
-"""The static curves of a model as CSV: friction over speed, dead zone, static maps; those of a fit with 95 % bands.
+"""The static curves of a model as CSV: friction over speed, dead zone, cogging over position, static maps.
+
+Those of a fit have 95 % bands. The cogging is that against the positive direction, over one period: a drive compensates
+it by adding the value at its position to the torque (force) that it makes.
 
 The band is pointwise, y ± 1.96·√(g Cov gᵀ) with the derivatives g of the curve by the estimates.
 """
@@ -44,6 +47,16 @@ def csv(export: Export) -> tuple[Files, list[str]]:
                 return found
 
             files[f"{export.name}_{what}.csv"] = _table(head, x, curve.law(x), _plant_errors(export.fit, plant, law))
+    if plant is not None and len(getattr(getattr(plant, "cogging", None), "waves", ())):
+        x = np.linspace(0.0, plant.cogging.period, POINTS)
+
+        def against(changed: Any, x: Array = x) -> Array:
+            phase, cosine, sine = changed.cogging.waves.T[:, :, None]
+            return np.asarray(np.sum(cosine * np.cos(phase * x) + sine * np.sin(phase * x), axis=0))
+
+        units = (plant.handles[f"cogging.{name}"].parameter.unit for name in ("period", "cosine_1"))
+        head = tuple(f"{name} [{unit}]" for name, unit in zip(("Position", "Cogging"), units, strict=True))
+        files[f"{export.name}_cogging.csv"] = _table(head, x, against(plant), _plant_errors(export.fit, plant, against))
     for k, block in enumerate([*getattr(export.model, "blocks", ()), *getattr(export.model, "maps", ())]):
         if hasattr(block, "marks") and hasattr(block, "value"):
             marks = np.abs(np.append(block.marks()[0], 1.0)).max()

@@ -45,7 +45,7 @@ def unnamed_states(rng: np.random.Generator) -> Columns:
 
 
 def pulses(rng: np.random.Generator) -> Columns:
-    """The two levels of a photodiode behind a shaft that speeds up and slows down, and a duty that does not drive it."""
+    """The two levels of a photodiode behind a shaft of uneven speed, and a duty that does not drive it."""
     n = int(rng.integers(200, 600))
     speed = rng.uniform(0.1, 0.2) * (1 + 0.4 * np.sin(np.arange(n) * rng.uniform(0.01, 0.03)))
     high = np.cumsum(speed) % 1 < 0.5

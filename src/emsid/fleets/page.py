@@ -232,7 +232,7 @@ def over_periods(result: Fleet, series: Sequence[Series]) -> Figure:
     """Every parameter of all motors over the periods; those that have changed in colour."""
     plots = []
     for each in series:
-        time = np.arange(float(len(each.periods)))
+        time = np.arange(len(each.periods), dtype=np.float64)
         changed = [one.motor for one in result.changes if one.parameter == each.parameter][:MOST_NAMED]
         others = [k for k, motor in enumerate(each.motors) if motor not in changed]
         x = np.tile(np.append(time, np.nan), len(others))

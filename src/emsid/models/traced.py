@@ -30,7 +30,7 @@ class Traced:
     """
 
     __slots__ = ("at", "text", "value")
-    __class__ = property(lambda _: float)  # type: ignore[assignment]
+    __class__ = property(lambda _: float)
 
     def __init__(self, value: float, text: str, at: Compute) -> None:
         self.value, self.text, self.at = value, text, at
@@ -62,7 +62,7 @@ class Traced:
         return -self if self.value < 0 else self
 
     def __pow__(self, power: Any) -> Any:
-        return self * self if power == 2 else NotImplemented
+        return _combined("*", operator.mul, self, self) if power == 2 else NotImplemented
 
 
 def text_of(value: Any) -> str:
@@ -90,19 +90,29 @@ def put(thing: Any, path: Sequence[str | int], value: Any) -> Any:
 
 
 def _combined(sign: str, compute: Callable[[float, float], float], left: Any, right: Any) -> Any:
+    """A number and another, at least one of them `Traced`, by an operation with this sign in C."""
     if not (isinstance(left, int | float) and isinstance(right, int | float)):
         return NotImplemented  # an array takes it element by element
-    if sign in "*/" and type(right) is not Traced and right == 1:
+    if sign in "*/" and not _is_traced(right) and right == 1:
         return left
-    if sign == "*" and type(left) is not Traced and left == 1:
+    if sign == "*" and not _is_traced(left) and left == 1:
         return right
     text = f"({text_of(left)} {sign} {text_of(right)})"
     return Traced(compute(float(left), float(right)), text, lambda p: compute(*at((left, right), p)))
 
 
+def _is_traced(value: Any) -> bool:
+    return type(value) is Traced
+
+
+def _operator(sign: str, compute: Callable[[float, float], float], turned: bool = False) -> Callable[[Any, Any], Any]:
+    """The method of an operation, or that of its second operand."""
+    return lambda a, b: _combined(sign, compute, *((b, a) if turned else (a, b)))
+
+
 for _sign, _compute in (("+", operator.add), ("-", operator.sub), ("*", operator.mul), ("/", operator.truediv)):
-    setattr(Traced, f"__{_compute.__name__}__", lambda a, b, how=(_sign, _compute): _combined(*how, a, b))
-    setattr(Traced, f"__r{_compute.__name__}__", lambda a, b, how=(_sign, _compute): _combined(*how, b, a))
+    setattr(Traced, f"__{_compute.__name__}__", _operator(_sign, _compute))
+    setattr(Traced, f"__r{_compute.__name__}__", _operator(_sign, _compute, turned=True))
 for _compare in (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne):
     setattr(Traced, f"__{_compare.__name__}__", lambda a, b, compare=_compare: compare(a.value, float(b)))
 for _function in (math.sqrt, math.exp, math.expm1, math.sin, math.cos):  # NumPy's look for a method

@@ -102,9 +102,9 @@ def _settable(model: GreyBox, dt: float, parameters: Sequence[str], single: bool
     for name in sorted(set(parameters) & set(plant.handles), key=lambda name: -len(plant.handles[name].paths)):
         paths = [path for path, _ in plant.handles[name].paths]
         with suppress(ModelError, AttributeError, TypeError):  # of a part that the plant does not have
-            values = {sign * read_at(plant, path) for path, sign in plant.handles[name].paths}
+            alike = {sign * read_at(plant, path) for path, sign in plant.handles[name].paths}
             _traced(model, [(name, 1.0)])
-            if len(values) == 1 and 0 < abs(*values) < inf and taken.isdisjoint(paths):
+            if len(alike) == 1 and 0 < abs(*alike) < inf and taken.isdisjoint(paths):
                 taken.update(paths)
                 left.append(name)
     left.sort(key=list(plant.handles).index)

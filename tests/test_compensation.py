@@ -113,7 +113,7 @@ def test_widths_are_what_a_count_does_in_a_sample():
     count = 2 * np.pi / 2000
     inverse = emsid.compensate(motor(), dt=DT, encoder=2000)
     assert inverse.count == pytest.approx(count)
-    assert inverse.speed_width == pytest.approx(count / DT)
+    assert inverse.speed_width == pytest.approx(count / (10 * DT))
     values = motor().parameter_values()
     inertia = values["rotor_inertia"] + values["load_inertia"]
     volts = values["resistance"] / values["motor_constant"] * inertia / (10 * DT) * count / DT
@@ -163,10 +163,11 @@ MAIN = """\
 int main(void)
 {
     double v, w, x;
+    m_compensation_real totals[2] = {0, 0};
     while (scanf("%lf %lf %lf", &v, &w, &x) == 3) {
         m_compensation_real a = (m_compensation_real)v, b = (m_compensation_real)w, c = (m_compensation_real)x;
-        printf("%.17g %.17g %.17g %.17g\\n", (double)m_dead_zone_inverse(a), (double)m_friction(a, b),
-               (double)m_feedforward(a, b, c), (double)m_at_rest(b, a, c));
+        printf("%.17g %.17g %.17g %.17g %.17g\\n", (double)m_dead_zone_inverse(a), (double)m_friction(a, b),
+               (double)m_feedforward(a, b, c), (double)m_at_rest(b, a, c), (double)m_integral(totals, b - a, a, b));
     }
     return 0;
 }
@@ -193,6 +194,8 @@ def test_c_gives_the_numbers_of_the_compensation(widths, single, tmp_path):
     found = np.array([[float(each) for each in line.split()] for line in done.stdout.splitlines()])
     expected = [inverse.dead_zone_inverse(v), inverse.friction_force(v, w), inverse.command(inverse.wanted(v, w))]
     expected.append(inverse.at_rest(w, v, 0.0))
+    totals = np.zeros(2)
+    expected.append(np.array([inverse.integral(totals, b - a, a, b) for a, b in zip(v, w, strict=True)]))
     assert found == pytest.approx(np.column_stack(expected), abs=1e-4 if single else 1e-12)
 
 

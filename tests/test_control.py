@@ -12,9 +12,9 @@ import emsid
 from emsid.controllers.c_source import sources
 from emsid.controllers.cascade import RunningCascade, Settings
 from emsid.controllers.files import write
-from emsid.controllers.loops import Sampled, step_responses
+from emsid.controllers.loops import Sampled, controller_of, controller_response, step_responses
 from emsid.controllers.region import models_of_region, scaled
-from emsid.controllers.tuning import fastest
+from emsid.controllers.tuning import fastest, notch_of, observer
 from emsid.estimation.fit import Ending, Fit
 from emsid.models.verbs import as_model
 
@@ -156,6 +156,81 @@ def test_friction_is_scaled_in_all_its_parts():
         assert lower.value(name) == pytest.approx(0.7 * model.plant.value(name))
     for name in ("rotor_friction.stribeck_rate", "rotor_inertia", "motor_constant", "voltage_dead_zone.half_width"):
         assert lower.value(name) == model.plant.value(name)
+
+
+JOINT = {"rotor_friction.coulomb": 0.005, "rotor_inertia": 2e-4, "gravity.torque": 0.05, "gravity.angle": 0.4}
+SHAFT = {"rotor_friction.coulomb": 0.005, "load_inertia": 1e-4, "shaft_stiffness": 3.0}
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        as_model(emsid.plants.joint().with_values(JOINT)),
+        as_model(emsid.plants.motor().with_values(SHAFT)),
+        motor(**{"rotor_friction.stribeck": 0.01, "rotor_friction.stribeck_rate": 0.5}),
+    ],
+    ids=["joint under gravity", "elastic shaft", "stribeck"],
+)
+def test_hold_and_reversal_are_never_worse_than_without_compensation(model):
+    bench = replace(emsid.control(model, dt=DT, encoder=2000).bench, names=("cascade", "cascade without compensation"))
+    for (name, reference, plant), run in bench.runs.items():
+        bare = bench.runs["cascade without compensation", reference, plant]
+        if name == "cascade" and reference == "hold":
+            assert run.changes == 0
+            assert run.error <= max(bare.error, bench.resolution)  # a count is all that the encoder shows
+        if name == "cascade" and reference == "reversal":
+            assert run.error < bare.error
+
+
+def test_the_load_of_each_direction_makes_wrong_friction_harmless(found):
+    wrong = scaled(motor(), "friction", 1.3)
+    fixed = found.bench.run(replace(found.settings, adapt=0.0), "reversal", wrong).error
+    assert found.bench.run(found.settings, "reversal", wrong).error < 0.5 * fixed
+
+
+def test_poles_of_the_observer_are_those_asked_for(found):
+    (left, way, faster, further), correction = observer(found.plants, DT, 300.0, 40.0)
+    a = np.array([[1.0, way, -further], [0.0, left, -faster], [0.0, 0.0, 1.0]])
+    gains = np.array([[correction[0]], [correction[1]], [-correction[2]]])
+    poles = np.sort(np.linalg.eigvals(a @ (np.eye(3) - gains @ np.eye(3)[:1])).real)
+    assert poles == pytest.approx(np.exp(-DT * np.array([300.0, 300.0, 40.0])), abs=1e-6)
+
+
+def test_a_notch_filter_is_at_the_mode_of_a_shaft_and_makes_the_loop_faster():
+    with_notch = emsid.control(as_model(emsid.plants.motor().with_values(SHAFT)), dt=DT, encoder=20000)
+    frequency, _ = with_notch.plants.mode
+    values = {"motor": 2e-5, "load": SHAFT["load_inertia"]}
+    assert frequency == pytest.approx(np.sqrt(SHAFT["shaft_stiffness"] * (1 / values["motor"] + 1 / values["load"])))
+    filtered = notch_of((500.0, 0.02), 0.7, DT)
+    z = np.exp(1j * np.array([1e-6, 500.0]) * DT)
+    size = np.abs(np.polyval(filtered[:3], z) / np.polyval((1.0, *filtered[3:]), z))
+    assert size[0] == pytest.approx(1.0)
+    assert size[1] < 0.06  # about the ratio of the damping ratios, 0.03
+
+
+def test_the_linear_part_goes_to_python_control(found, tmp_path):
+    pytest.importorskip("control")
+    system = found.to_control()
+    w = np.array([3.0, 40.0, 700.0])
+    position, reference = controller_response(w, found.settings)
+    for k, expected in ((0, -position), (1, reference)):
+        response = [system(np.exp(1j * each * DT))[0, k] for each in w]
+        assert response == pytest.approx(expected, rel=1e-9)
+    write(found, tmp_path, name="m")
+    names = {}
+    exec((tmp_path / "m_control.py").read_text(), names)
+    assert names["m"].A == pytest.approx(system.A)
+    assert names["m"].input_labels == ["position", "wanted", "speed", "acceleration"]
+
+
+def test_a_running_cascade_is_its_linear_part_where_nothing_is_limited(found):
+    bare = replace(found.settings.feedback_only(), prefilter=1.0)
+    a, b, c, d = controller_of(bare)
+    cascade, state = RunningCascade(bare), np.zeros(len(a))
+    for k in range(200):
+        row = 1e-4 * np.array([np.sin(0.05 * k), 1 - np.cos(0.1 * k), 0.2, 0.1])
+        assert cascade.step(*row.tolist()) == pytest.approx(c @ state + d @ row, abs=1e-12)
+        state = a @ state + b @ row
 
 
 # --- in C ------------------------------------------------------------------------------------------------------------

@@ -57,6 +57,10 @@ real NAME_command(real wanted);
    the sample before, and the error is at most a count; then its integral stands, too. */
 real NAME_at_rest(real error, real speed, real moved);
 
+/* The integral of a controller that adapts the level of the friction: totals[0] forward, totals[1] backward, both 0 at
+   first; step: what the integral grows by in this sample. */
+real NAME_integral(real totals[2], real step, real speed, real following);
+
 /* The command that leads from one reference speed to the next; position matters with cogging or gravity only. */
 real NAME_feedforward(real speed, real following, real position);
 """
@@ -107,6 +111,16 @@ real NAME_at_rest(real error, real speed, real moved)
 {
     const int rests = !(speed < K(0.0) || speed > K(0.0)) && !(moved < K(0.0) || moved > K(0.0));
     return rests && error <= COUNT && error >= -COUNT ? K(0.0) : error;
+}
+
+real NAME_integral(real totals[2], real step, real speed, real following)
+{
+    const real way = direction(K(0.5) * (speed + following));
+    const real forward = K(0.5) * (K(1.0) + way), backward = K(0.5) * (K(1.0) - way);
+    const real share = step / (forward * forward + backward * backward);
+    totals[0] += share * forward;
+    totals[1] += share * backward;
+    return forward * totals[0] + backward * totals[1];
 }
 
 real NAME_feedforward(real speed, real following, real position)

@@ -19,7 +19,8 @@ from emsid.models.verbs import as_model
 README = "COMPENSATION.md"
 BENCH = """\
 RMS error of the true position of a position loop, with the compensation (cascade) and without, on the model's own plant
-with encoder, delay and limit; friction and dead zone are as identified and 30 % off."""
+with encoder, delay and limit; friction and dead zone are as identified and 30 % off. A fixed level is that without the
+integral of each direction."""
 TARGET = """\
 ## On the target
 
@@ -33,9 +34,19 @@ error = NAME_at_rest(wanted - position, speed, position - position_before);  /* 
 command = NAME_command(NAME_wanted(speed, following, wanted) + controller(error));
 ```
 
+`controller` is a PI or PID controller. To adapt the level on line, let its integral be one for each direction:
+
+```c
+static NAME_compensation_real totals[2];
+
+integral = NAME_integral(totals, gain * DT * error, speed, following);  /* in place of integral += gain * DT * error */
+```
+
 - Limit the command to what the drive gives, and stop the integral of the controller while it is limited.
 - Stop the integral while `NAME_at_rest` gives 0: otherwise it drives the command to and fro through the dead zone.
 - Give the reference speed of the trajectory, not a measured speed: its direction has no noise.
+- A friction that changes with temperature and wear is learned by `NAME_integral` in the first seconds of motion in each
+  direction; limit both totals to the friction itself.
 - Begin with half of what `NAME_wanted` gives and raise it while reversals get smoother. Where the drive runs ahead at a
   reversal, friction is lower than when it was identified, as in a warm drive.
 - Identify again when friction has changed by more than 30 %: beyond that nothing here was tried.

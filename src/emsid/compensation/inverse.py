@@ -18,11 +18,13 @@ moves on, and at the break-away level; a reference that stands and stays gets no
 **Smoothing.** D⁻¹ jumps by the width of the zone at 0 and s by 2. A measured signal that passes through 0 with noise
 would make the command chatter. With a width w > 0 both jumps become straight lines from −w to w: of the wanted voltage
 for D⁻¹, and of the reference speed for s. D⁻¹ is exact beyond its width; within it, D(D⁻¹(z)) is smaller than z. With
-an encoder the widths are what one count does in a sample: the speed that it shows, and the voltage with which a loop of
-`LOOP` samples answers it.
+an encoder the widths are those of a count and a loop with a time constant of `LOOP` samples: the speed that moves a
+count in it, and the voltage with which it answers the speed that a count in a sample shows.
 
 **Level.** Of a fit, friction and dead zone are those at the lower ends of their 95 % intervals: what is not known to
 act is not compensated, as too much of it drives the plant away from its reference and too little does not.
+
+**Level on line.** A controller whose integral is one for each direction (`integral`) learns what the level is wrong by.
 
 **Rest.** A controller at rest beside its reference, by a count of its encoder, drives the integral to and fro. While
 the reference and the encoder stand and the error is at most a count, the error counts as zero (`at_rest`).
@@ -154,6 +156,27 @@ class Compensation:
         rests = (np.asarray(speed) == 0) & (np.asarray(moved) == 0) & (np.abs(e) <= self.count)
         return np.where(rests, 0.0, e)
 
+    def integral(self, totals: Array, step: float, speed: float, following: float) -> float:
+        """The integral of a controller that adapts the level of the friction: one for each direction of the reference.
+
+        What the friction differs from its level grows into the integral of the direction in which the drive moves, and
+        is there when the reference turns to this direction again.
+
+        Args:
+            totals: (2,) the integrals forward and backward, which are changed; zeros at first.
+            step: what the integral of the controller grows by in this sample.
+            speed, following: reference speed at this sample and the next in rad/s (m/s).
+        """
+        way = float(self._way(0.5 * (speed + following)))
+        parts = 0.5 * np.array([1.0 + way, 1.0 - way])
+        totals += step * parts / (parts @ parts)
+        return float(parts @ totals)
+
+    def _way(self, middle: ArrayLike) -> Array:
+        """The direction of a reference speed, from −1 to 1."""
+        v = np.asarray(middle, dtype=float)
+        return np.asarray(np.sign(v) if self.speed_width == 0 else np.clip(v / self.speed_width, -1.0, 1.0))
+
     def _dry(self, now: Array, then: Array) -> Array:
         """Dry and quadratic friction between two reference speeds; from a standstill at the break-away level."""
         middle = 0.5 * (now + then)
@@ -163,8 +186,7 @@ class Compensation:
             for value, side in zip(np.ravel(size).tolist(), np.ravel(middle < 0).astype(int).tolist(), strict=True)
         ]
         level = np.reshape(np.array(each, dtype=float), np.shape(middle)) + self.friction.quadratic * size**2
-        way = np.sign(middle) if self.speed_width == 0 else np.clip(middle / self.speed_width, -1.0, 1.0)
-        return np.asarray(way * level)
+        return np.asarray(self._way(middle) * level)
 
 
 SERIES = 1e-9
@@ -172,7 +194,7 @@ SERIES = 1e-9
 
 
 LOOP = 10.0
-"""Time constant in samples of the loop whose answer to a count the dead zone's inverse is smoothed over."""
+"""Time constant in samples of the loop for whose counts the jumps are smoothed."""
 
 
 def compensate(
@@ -232,7 +254,10 @@ def compensate(
     turn = 1.0 if subject.name == "linear-axis" else 2 * pi
     count = 0.0 if encoder is None else turn / encoder
     volts = inside.mass / (inside.after * inside.before * LOOP * step) * count / step
-    widths = (volts if zone_width is None else zone_width), (count / step if speed_width is None else speed_width)
+    widths = (
+        (volts if zone_width is None else zone_width),
+        (count / (LOOP * step) if speed_width is None else speed_width),
+    )
     return Compensation(subject.name, step, zone, inside, outer, friction, law, *widths, count)
 
 

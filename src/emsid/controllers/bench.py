@@ -51,7 +51,7 @@ AS_IS = "as identified"
 REST = 1.0
 """Length in s of the rest that is counted."""
 CASCADE, BARE, OPTIMUM = "cascade", "cascade without compensation", "symmetric optimum"
-SIMC, LQR = "SIMC", "LQR"
+SIMC, LQR, FIXED = "SIMC", "LQR", "cascade with a fixed level"
 """The controllers."""
 PIECES = 10
 """Pieces of a sample in which a delay that is no multiple of it is counted."""
@@ -148,6 +148,7 @@ class ControlBench:
         place, turn = self._quadratic
         return {
             CASCADE: s,
+            FIXED: replace(s, adapt=0.0),
             BARE: bare,
             OPTIMUM: replace(rule, integral=gain / (4 * total), position=follows / (8 * total)),
             SIMC: replace(rule, integral=gain / min(tau, 8 * total), position=follows / (4 * total)),
@@ -350,8 +351,8 @@ def fitted_bench(
     """The bench for a plant, from its own sizes.
 
     The largest speed of the slow sine is that at which the linear part needs the voltage (force) that dead zone and
-    break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives. Under gravity it
-    begins where a quarter of its wave is from rest, a level arm, or at rest where the limit does not bear that.
+    break-away take, so that both matter alike; of a plant with neither, a tenth of what the limit gives. Under gravity
+    it begins a quarter of its wave from rest, as a level arm, or at rest where the limit does not bear that.
 
     Raises:
         ModelError: for a limit that does not reach the break-away, or is missing; for a speed that is not positive.

@@ -87,8 +87,10 @@ static real root(real x)
 
 static real wave(real angle, real cosine, real sine)
 {
-    return sizeof(real) == sizeof(float) ? (real)((float)cosine * cosf((float)angle) + (float)sine * sinf((float)angle))
-                                         : (real)((double)cosine * cos((double)angle) + (double)sine * sin((double)angle));
+    if (sizeof(real) == sizeof(float)) {
+        return (real)((float)cosine * cosf((float)angle) + (float)sine * sinf((float)angle));
+    }
+    return (real)((double)cosine * cos((double)angle) + (double)sine * sin((double)angle));
 }
 
 static real limited_to(real x, real most)
@@ -300,7 +302,8 @@ def units_of(unit: str, way: str) -> dict[str, str]:
     return found | {
         "dt": "s", "position": "1/s", "proportional": f"{unit} per {speed}", "integral": f"{unit} per {way}",
         "delay": "s", "model": f"1, s, {speed} and {way} per {unit}", "correction": f"1, 1/s, {unit} per {way}",
-        "waves": f"1/{way}, {unit}, {unit}", "per_speed": f"{unit} per {speed}", "per_acceleration": f"{unit} per {speed}^2", "load": unit,
+        "waves": f"1/{way}, {unit}, {unit}", "per_speed": f"{unit} per {speed}",
+        "per_acceleration": f"{unit} per {speed}^2", "load": unit,
         "friction": f"{unit}, forward and backward", "friction_speed": speed, "speed_width": speed,
         "zone_low": "V", "zone_high": "V", "zone_width": "V", "gain": "V per unit of the command",
         "offset": "unit of the command", "limit": "unit of the command", "band": way, "current_dt": "s",

@@ -36,7 +36,7 @@ WAVES = 3
 FRICTION = 0.3
 """The error of friction that margins and bench must bear: it changes with temperature and wear."""
 HALF = 0.5 + 1e-3
-"""The error at rest that counts as none, in counts: the encoder then shows the count that is nearest to the reference."""
+"""The error at rest that counts as none, in counts: the encoder then shows the count nearest to the reference."""
 LATE = 1e-4
 """A delay that is shorter than a multiple of the sample time by less than this part of it is that multiple, as single
 precision is."""

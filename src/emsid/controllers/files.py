@@ -27,7 +27,7 @@ def write(
     force: bool = False,
     more: Mapping[str, str | bytes] | None = None,
 ) -> list[Path]:
-    """Write a controller: ``cascade.c`` and ``.h``, ``NAME_gains.h``, ``NAME.ino``, ``NAME_control.py``, its texts and JSON.
+    """Write a controller: ``cascade.c`` and ``.h``, ``NAME_gains.h``, ``NAME.ino``, ``NAME_control.py`` and its texts.
 
     Args:
         found: the controller.
@@ -96,8 +96,8 @@ def readme(found: Controller, name: str) -> str:
     if "ODrive" in found.firmware:
         lines += [
             "",
-            "All gains are on the side of the motor, of a PI controller without load observer. Those of ODrive and VESC "
-            "command a current: they are designed for the motor without the braking of its back EMF, at the same sample "
+            "All gains are on the side of the motor, of a PI controller without a load observer. Those of ODrive and "
+            "VESC command a current: they are for the motor without the braking of its back EMF, at the same sample "
             "time and delay. Resistance, constant and voltage are those of the record: of a brushless motor they must "
             "be those of the q axis.",
         ]
@@ -147,8 +147,8 @@ def summary(found: Controller) -> list[str]:
         f"{m.sensitivity:.2f}, overshoot of a step {100 * found.overshoot:.1f} %.",
     ]
     lines.append(
-        "A load observer on the model takes the place of an integral; it learns the load of each direction by itself, so "
-        "that friction that differs from the model is known at a reversal."
+        "A load observer on the model takes the place of an integral; it learns the load of each direction by "
+        "itself, so that friction that differs from the model is known at a reversal."
     )
     if found.plants.mode is not None and found.settings.notch != Settings.notch:
         frequency = found.plants.mode[0] / (2 * pi)

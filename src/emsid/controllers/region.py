@@ -111,10 +111,9 @@ class Electrics:
 
 
 def plants_of(models: list[Any], inverses: list[Compensation], current: bool) -> Plants:
-    """The plants of some models and their inverses, each with friction as it is, 30 % lower and 30 % higher, and with the stiffness of
-    gravity and cogging of either sign."""
+    """The plants of some models and their inverses, each with friction as it is, 30 % lower and 30 % higher, and with
+    the stiffness of gravity and cogging of either sign."""
     rows, shafts = [], []
-    values = models[0].parameter_values()
     for each, model in zip(inverses, models, strict=True):
         inside, friction = each.inside, each.friction
         braking, force = (0.0, inside.per_ampere) if current else (inside.braking, inside.after * inside.before)
@@ -125,12 +124,13 @@ def plants_of(models: list[Any], inverses: list[Compensation], current: bool) ->
             for factor in (1.0, 1.0 - FRICTION, 1.0 + FRICTION)
             for way in ((0.0, -1.0, 1.0) if stiffness > 0 else (0.0,))
         ]
-        rows += [(inside.mass, braking + factor * viscous, against, force) for factor, against in changes]
+        rows += [(inside.mass, braking + factor * viscous, each_way, force) for factor, each_way in changes]
+        values = model.parameter_values()
         if "shaft_stiffness" in values:
-            values = model.parameter_values()
             shafts += len(changes) * [[values[name] for name in SHAFT]]
-    at_load = Signal.ROTOR_SPEED not in getattr(models[0], "signals", ())
-    return Plants(*np.array(rows).T, shaft=np.array(shafts) if shafts else None, at_load=at_load)
+    mass, damping, against, force = np.array(rows).T
+    shaft = np.array(shafts) if shafts else None
+    return Plants(mass, damping, against, force, shaft, at_load=Signal.ROTOR_SPEED not in models[0].signals)
 
 
 def electrics_of(models: list[Any]) -> Electrics | None:
@@ -149,7 +149,7 @@ def inverse_of(model: Any, dt: float) -> Compensation:
     Raises:
         ModelError: for a model without one.
     """
-    subject = as_model(model)
+    subject: Any = as_model(model)
     if not hasattr(subject, "plant"):
         raise ModelError(
             f"{subject.name} has no inertia and friction to control; identify rigid-motor, motor, joint or linear-axis"

@@ -9,8 +9,8 @@ One number is searched, the bandwidth ω of the speed loop, for a few shapes of 
 - gain of the position loop ω/ρ;
 - where the plant has a flexible mode, a notch filter at it, whose poles have one of a few damping ratios.
 
-Each shape is made as fast as margins, overshoot and encoder allow: one count more may not command more than half of what
-is left of the largest command beside friction and dead zone. Of the fastest shapes, or those that reach the wanted
+Each shape is made as fast as margins, overshoot and encoder allow: one count more may not command more than half of
+what is left of the largest command beside friction and dead zone. Of the fastest shapes, or those that reach the wanted
 bandwidth, that which moves least under a constant load at the lowest frequency is taken (Åström, Hägglund, Advanced PID
 control, 2006, 4.2: the integral of the error after a step of the load).
 """
@@ -81,8 +81,8 @@ class LoopResponses:
     Attributes:
         w: (F,) in rad/s.
         whole: (P, F) opened at the plant's command: position and speed loop together.
-        closed: (P, F) from the reference to the position; without a position loop to the speed, without the feed-forward
-            of the acceleration.
+        closed: (P, F) from the reference to the position; without a position loop to the speed, without the
+            feed-forward of the acceleration.
     """
 
     w: Array
@@ -141,7 +141,7 @@ def observer(plants: Plants, dt: float, speed: float, load: float) -> tuple[tupl
 
 
 def notch_of(mode: tuple[float, float], damping: float, dt: float) -> tuple[float, ...]:
-    """The notch filter whose zeros are the poles of a mode, and whose poles have the same frequency and this damping."""
+    """The notch filter whose zeros are the poles of a mode, and whose poles have its frequency and this damping."""
 
     def factors(ratio: float) -> Array:
         size, angle = np.exp(-ratio * mode[0] * dt), mode[0] * np.sqrt(max(1 - ratio * ratio, 0.0)) * dt

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names_with_commas
 from emsid.compensation import Compensation, compensate
 from emsid.compensation.inverse import lower_ends
-from emsid.controllers.bench import BARE, CASCADE, ControlBench, fitted_bench, unit_of
+from emsid.controllers.bench import BARE, CASCADE, FIXED, ControlBench, fitted_bench, unit_of
 from emsid.controllers.cascade import HALF, MOST_DELAY, WAVES, RunningCascade, Settings, knots
 from emsid.controllers.gains import Row, firmware
 from emsid.controllers.loops import INPUTS, Margins, Plants, Sampled, controller_of, frequencies
@@ -262,8 +262,8 @@ def control(
 
     if whole_delay + plants.lag > MOST_DELAY * step:
         raise ModelError(
-            f"a delay of {whole_delay + plants.lag:g} s in all; {MOST_DELAY} sample times, {MOST_DELAY * step:g} s, are "
-            "the most",
+            f"a delay of {whole_delay + plants.lag:g} s in all; the most is {MOST_DELAY} sample times, "
+            f"{MOST_DELAY * step:g} s",
             arguments=("delay", "dt"),
         )
     cautious = inverse_of(lower_ends(model), step)
@@ -433,6 +433,6 @@ def compensated(
     settings = replace(found.settings, zone_width=inverse.zone_width, speed_width=inverse.speed_width)
     wrong = ("friction", "dead zone")
     bench = replace(
-        bench, settings=settings, plants=plants, whole_delay=whole_delay, names=(CASCADE, BARE), wrong=wrong
+        bench, settings=settings, plants=plants, whole_delay=whole_delay, names=(CASCADE, FIXED, BARE), wrong=wrong
     )
     return inverse, bench

@@ -219,7 +219,7 @@ def test_the_linear_part_goes_to_python_control(found, tmp_path):
     write(found, tmp_path, name="m")
     names = {}
     exec((tmp_path / "m_control.py").read_text(), names)
-    assert names["m"].A == pytest.approx(system.A)
+    assert pytest.approx(system.A) == names["m"].A
     assert names["m"].input_labels == ["position", "wanted", "speed", "acceleration"]
 
 

@@ -278,3 +278,15 @@ def test_a_model_prints_in_one_short_line(name: str) -> None:
     assert len(shown) < 100
     assert "array" not in shown
     assert "\n" not in shown
+
+
+def test_an_identification_and_a_first_look_have_frames(record: emsid.Record) -> None:
+    result = emsid.identify(record, models=["arx", "output-error"])
+    frame = result.to_frame()
+    assert frame["model"][0] == result.chosen.model.name
+    assert set(frame["model"]) == {"arx", "output-error"}
+    assert frame["simulation_rmse"].to_list() == [row.simulation_rmse for row in result.rows]
+    assert set(frame["verdict"]) <= {"supported", "limited", "implausible", "unusable"}
+    look = emsid.describe({"t": record.time, "u": record.input[:, 0], "y": record.output[:, 0]}).to_frame()
+    assert look["column"].to_list() == ["t", "u", "y"]
+    assert look["high"].to_list() == [record.time.max(), record.input.max(), record.output.max()]

@@ -46,6 +46,7 @@ from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_n
 from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
+from emsid.record.frames import frame
 from emsid.record.time_axis import SECONDS
 
 Array = NDArray[np.float64]
@@ -118,6 +119,22 @@ class FirstLook(Presented):
     kind: Kind = field(default_factory=lambda: Kind(FileKind.DYNAMIC))
     copy_of: str = ""
     looked_at: int = 0
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with a row for every column of the file: kind, quantity, unit and range.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        columns = self.columns
+        texts = {
+            "column": [each.name for each in columns],
+            "kind": [each.kind for each in columns],
+            "quantity": [str(each.meaning.quantity) for each in columns],
+            "unit": [each.meaning.unit or "" for each in columns],
+        }
+        numbers = {name: [getattr(each, name) for each in columns] for name in ("missing", "low", "high", "distinct")}
+        return frame({name: np.array(values) for name, values in (texts | numbers).items()}, library)
 
     @property
     def name(self) -> str:

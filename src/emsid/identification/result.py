@@ -17,6 +17,8 @@ from itertools import product
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from emsid.estimation.borders import border, collected
 from emsid.estimation.estimates import Estimate, Status
 from emsid.estimation.fit import Fit
@@ -31,6 +33,7 @@ from emsid.models.kinds import capabilities_of
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.record.channels import ChannelNames
+from emsid.record.frames import frame
 from emsid.validation.bands import frequency_response_band, step_response_band, usual_step
 from emsid.validation.comparison import Comparison, RecordError, RegionError, by_region
 
@@ -83,6 +86,23 @@ class Identification(Presented):
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
         return f"Identification({len(self.fits)} models on {self.ranked_on}; best {best})"
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with a row for every model: errors on unseen data, number of parameters and verdict.
+
+        The recommended model is the first. ``verdict`` is one of ``supported``, ``limited``, ``implausible`` and
+        ``unusable``, or empty where none was given.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        verdicts = {each.model: each.code.removeprefix("model-") for each in self.model_verdicts}
+        rows = self.rows
+        columns: dict[str, Any] = {
+            name: np.array([getattr(row, name) for row in rows])
+            for name in ("model", "fit_percent", "simulation_rmse", "one_step_mse", "parameters", "samples")
+        }
+        return frame(columns | {"verdict": np.array([verdicts.get(row.model, "") for row in rows], dtype=str)}, library)
 
     @property
     def chosen(self) -> Fit[Any]:

@@ -283,7 +283,7 @@ def test_a_model_prints_in_one_short_line(name: str) -> None:
 def test_an_identification_and_a_first_look_have_frames(record: emsid.Record) -> None:
     result = emsid.identify(record, models=["arx", "output-error"])
     frame = result.to_frame()
-    assert frame["model"][0] == result.chosen.model.name
+    assert frame.filter(frame["chosen"])["model"].to_list() == [result.chosen.model.name]
     assert set(frame["model"]) == {"arx", "output-error"}
     assert frame["simulation_rmse"].to_list() == [row.simulation_rmse for row in result.rows]
     assert set(frame["verdict"]) <= {"supported", "limited", "implausible", "unusable"}

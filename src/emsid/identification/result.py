@@ -90,8 +90,8 @@ class Identification(Presented):
     def to_frame(self, library: str = "polars") -> Any:
         """A data frame with a row for every model: errors on unseen data, number of parameters and verdict.
 
-        The recommended model is the first. ``verdict`` is one of ``supported``, ``limited``, ``implausible`` and
-        ``unusable``, or empty where none was given.
+        ``verdict`` is one of ``supported``, ``limited``, ``implausible`` and ``unusable``, or empty without one;
+        ``chosen`` is true for `chosen`.
 
         Args:
             library: ``"polars"`` or ``"pandas"``.
@@ -102,7 +102,9 @@ class Identification(Presented):
             name: np.array([getattr(row, name) for row in rows])
             for name in ("model", "fit_percent", "simulation_rmse", "one_step_mse", "parameters", "samples")
         }
-        return frame(columns | {"verdict": np.array([verdicts.get(row.model, "") for row in rows], dtype=str)}, library)
+        columns["verdict"] = np.array([verdicts.get(row.model, "") for row in rows], dtype=str)
+        columns["chosen"] = np.array([row.model == self.chosen.model.name for row in rows])
+        return frame(columns, library)
 
     @property
     def chosen(self) -> Fit[Any]:

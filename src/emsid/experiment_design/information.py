@@ -11,7 +11,7 @@ The motion is a continuous function of θ, as events are located, so differences
 use that at θ. The search uses the mean information of θ + z and θ − z, with a random z as large as θ is uncertain: a
 signal that is informative at exactly one break-away level only is not chosen. A derivative by a difference as wide as
 that, with half of the free runs, was tried in its place: it counts what moves at one end only as information, and for
-one motor of five the signal that it found was no better than a multisine, where this one is 3.3 times better.
+one motor of five the signal that it found was no better than a multisine, where this one is 3.6 times better.
 """
 
 from __future__ import annotations

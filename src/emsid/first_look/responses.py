@@ -42,11 +42,12 @@ stretches judge even ones, and the reverse."""
 SEEN = 3.0
 """From this evidence, in nats, a response is seen: by chance one of twenty exceeds it."""
 ANSWERED = 12.0
-"""Of 300 columns that have nothing to do with one another, with levels held for 1 to 40 rows, 1.3 % were clearer; of
-300 responses with as much noise as motion, 4 % were not as clear."""
+"""Of 300 columns that have nothing to do with one another, with levels held for 1 to 40 rows, 5 % were clearer; of 300
+responses with as much noise as motion, 4 % were not as clear."""
 FEWER = 1.0
-"""Evidence, in nats, from which an output is the size of a response, as outputs without a sign are fewer. With it, none
-of 300 columns that have nothing to do with one another is clearer than before; without it, 1 % are."""
+"""Evidence, in nats, from which an output is the size of a response, as outputs without a sign are fewer. With 0, noise
+without a sign responds in one record of twenty; with 3, an output about the middle of a range was lost. Of 300 columns
+that have nothing to do with one another, 5.0 % are clear with sizes among the responses, and 4.7 % without."""
 SAME_MOTION, LEADS = 0.95, 4
 """The share of displacements that the speed of a motion explains, and rows by which clocks of the two may differ."""
 WITHIN, WITHIN_PERIODIC = 0.15, 0.5

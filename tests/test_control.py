@@ -196,7 +196,7 @@ def test_poles_of_the_observer_are_those_asked_for(found):
     assert poles == pytest.approx(np.exp(-DT * np.array([300.0, 300.0, 40.0])), abs=1e-6)
 
 
-def test_a_notch_filter_is_at_the_mode_of_a_shaft_and_makes_the_loop_faster():
+def test_a_notch_filter_is_at_the_mode_of_a_shaft():
     with_notch = emsid.control(as_model(emsid.plants.motor().with_values(SHAFT)), dt=DT, encoder=20000)
     frequency, _ = with_notch.plants.mode
     values = {"motor": 2e-5, "load": SHAFT["load_inertia"]}
@@ -219,7 +219,7 @@ def test_the_linear_part_goes_to_python_control(found, tmp_path):
     write(found, tmp_path, name="m")
     names = {}
     exec((tmp_path / "m_control.py").read_text(), names)
-    assert pytest.approx(system.A) == names["m"].A
+    assert np.abs(names["m"].A - system.A).max() < 1e-12
     assert names["m"].input_labels == ["position", "wanted", "speed", "acceleration"]
 
 

@@ -11,8 +11,8 @@ from emsid.report.document import Axis, Band, Dash, Figure, Ink, Level, Line, Ma
 from emsid.report.views.conventions import TIME
 from emsid.units import plain_unit
 
-INKS = {CASCADE: Ink.BLUE, BARE: Ink.GREY, SIMC: Ink.ORANGE}
-"""What is drawn of the bench."""
+INKS = {SIMC: Ink.ORANGE, BARE: Ink.GREY, CASCADE: Ink.BLUE}
+"""What is drawn of the bench, the cascade on top."""
 
 
 def control_report(found: Controller) -> Report:
@@ -52,7 +52,7 @@ def bode_figure(found: Controller) -> Figure:
 
     size = np.abs(loops.whole)
     phase = np.degrees(np.unwrap(np.angle(loops.whole), axis=1))
-    phase -= 360 * np.round((phase[:, :1] - phase[:1, :1]) / 360)
+    phase -= 360 * np.ceil(phase[:, [np.argmin(np.abs(np.log(size[0])))]] / 360)  # from −360° to 0 where the gain is 1
     plots = (
         plot(20 * np.log10(size), Axis("Gain of the loop", "dB"), Level(0.0)),
         plot(phase, Axis("Phase of the loop", "°"), Level(-180.0)),

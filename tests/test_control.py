@@ -196,11 +196,15 @@ def test_poles_of_the_observer_are_those_asked_for(found):
     assert poles == pytest.approx(np.exp(-DT * np.array([300.0, 300.0, 40.0])), abs=1e-6)
 
 
-def test_a_notch_filter_is_at_the_mode_of_a_shaft():
-    with_notch = emsid.control(as_model(emsid.plants.motor().with_values(SHAFT)), dt=DT, encoder=20000)
+def test_a_notch_filter_is_at_the_mode_of_a_shaft_and_makes_the_loop_faster(monkeypatch):
+    shaft = as_model(emsid.plants.motor().with_values({**SHAFT, "shaft_damping": 2e-4}))
+    shaft = replace(shaft, signals=(emsid.plants.Signal.ROTOR_SPEED,))  # the encoder is at the motor
+    with_notch = emsid.control(shaft, dt=DT, encoder=20000)
     frequency, _ = with_notch.plants.mode
-    values = {"motor": 2e-5, "load": SHAFT["load_inertia"]}
-    assert frequency == pytest.approx(np.sqrt(SHAFT["shaft_stiffness"] * (1 / values["motor"] + 1 / values["load"])))
+    assert frequency == pytest.approx(np.sqrt(SHAFT["shaft_stiffness"] * (1 / 2e-5 + 1 / SHAFT["load_inertia"])))
+    assert with_notch.settings.notch != Settings.notch
+    monkeypatch.setattr("emsid.controllers.tuning.NOTCHES", ())
+    assert with_notch.bandwidth > 1.2 * emsid.control(shaft, dt=DT, encoder=20000).bandwidth
     filtered = notch_of((500.0, 0.02), 0.7, DT)
     z = np.exp(1j * np.array([1e-6, 500.0]) * DT)
     size = np.abs(np.polyval(filtered[:3], z) / np.polyval((1.0, *filtered[3:]), z))

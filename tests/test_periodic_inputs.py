@@ -63,3 +63,20 @@ def test_a_shift_by_a_row_is_proposed_for_repeated_times_too_where_it_is_needed(
     look = described(tmp_path, t, u, y, time="t")
     assert look.reading["resample"]
     assert look.reading.get("shift") == (None if late else {"PWM": -1})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_identify_takes_the_shortest_of_the_delays_of_a_sine_that_explain_as_much(seed: int) -> None:
+    """A sine of 63 samples fits a model of second order with any delay; a long one is still found with other inputs."""
+    rng = np.random.default_rng(seed)
+    wave, levels = 3 * np.sin(2 * np.pi * np.arange(1500) / 63), np.repeat(rng.uniform(-3, 3, 60), 25)
+    for u, late in ((wave, 0), (levels, 12)):
+        y = np.zeros(1500)
+        for k in range(1 + late, 1500):
+            y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1 - late]
+        record = emsid.Record(u, y + 0.02 * rng.standard_normal(1500), DT)
+        result = emsid.identify(record, models="output-error", options=emsid.Options(na=1, nb=1))
+        model = result.chosen.model
+        delays = [finding.data["delay"] for finding in result.findings if finding.code == "delay-from-data"]
+        assert delays == ([1 + late] if late else [])
+        assert np.sum(model.parameter_values()["b1"]) > 0

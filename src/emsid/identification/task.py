@@ -135,7 +135,7 @@ class Task:
             record = _long_enough(as_one(several))
         asked = understood(options, names)
         responses = tuple(map(response_of, several))
-        options, about_delay = with_delay(codes_of_channel(asked, record), several)
+        options, about_delay = with_delay(codes_of_channel(asked, record), several, responses)
         pole = unstable_pole(record)
         if pole is not None:  # by free runs, the orders of a stable model would be chosen
             options = replace(options, na=options.na or ORDER, nb=options.nb or ORDER)
@@ -508,12 +508,16 @@ QUICK: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.1, "covariances": 
 """Options of a fit that is only compared."""
 
 
-def with_delay(options: Options, records: Sequence[Record]) -> tuple[Options, tuple[Finding, ...]]:
+def with_delay(
+    options: Options, records: Sequence[Record], responses: Sequence[Response | None] = ()
+) -> tuple[Options, tuple[Finding, ...]]:
     """The options with the delay that the data show, if it is long and none is given, and a finding about that.
 
     Args:
         options: of the models.
         records: the data; those of the first input and output are looked at.
+        responses: their responses by the first look, where clear. Its delay is the shortest of those that explain as
+            much: with a periodic input, one that is longer by a part of a period does.
     """
     first = records[0]
     if options.nk is not None or not first.input.shape[1] or not first.output.shape[1]:
@@ -521,15 +525,17 @@ def with_delay(options: Options, records: Sequence[Record]) -> tuple[Options, tu
     changing = [each for each in records if np.ptp(each.input[:, 0])]  # a constant input shows no delay
     if not changing:
         return options, ()
-    delay = _shown([middle(each, SAMPLES // len(changing)) for each in changing])
+    seen = [each.delay + each.resolution - 1 for each in responses if each is not None and each.delay is not None]
+    longest = min(max(map(len, changing)) // SHARE, *seen) if seen else max(map(len, changing)) // SHARE
+    delay = _shown([middle(each, SAMPLES // len(changing)) for each in changing], longest)
     if delay <= LONGEST_SEARCHED:
         return options, ()
     data = {"input": first.input_names[0], "delay": delay, "time": delay * first.dt}
     return replace(options, nk=delay, delay_from_data=True), (Finding("delay-from-data", first.output_names[0], data),)
 
 
-def _shown(records: Sequence[Record]) -> int:
-    """The delay that a linear model needs, in samples; one where it needs none.
+def _shown(records: Sequence[Record], longest: int) -> int:
+    """The delay that a linear model needs, in samples, up to the longest; one where it needs none.
 
     The error of an output-error model of second order falls with its delay as far as that of the data, and rises beyond
     it. So the best power of two is found, and the delay then by halved steps; of delays with the same error the longest
@@ -538,7 +544,7 @@ def _shown(records: Sequence[Record]) -> int:
     so few independent errors that one parameter for every sample before the delay would always explain a part of it.
     """
     error = cache(partial(_error, records, 2))
-    longest = max(map(len, records)) // SHARE
+    longest = min(longest, max(map(len, records)) // SHARE)
     best = min((1 << k for k in range(longest.bit_length())), key=error, default=1)
     step = best // 2
     while step:

@@ -1,5 +1,6 @@
 from .merged import least_squares_over as least_squares_over
 from .merged import merged as merged
+from .spread import Cause as Cause
 from .spread import Change as Change
 from .spread import Outlier as Outlier
 from .spread import Series as Series

@@ -22,6 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from emsid.compiled import own_code
 from emsid.errors import DataError, EmsidError, FormatError, some
@@ -78,8 +79,9 @@ class Fleet:
 
     @cached_property
     def noise(self) -> Series | None:
-        """The noise of the output over motors and periods; None without a model."""
-        return noise_of(self.rows) if self.series else None
+        """The noise of the output over motors and periods; None where it is not known of any."""
+        found = noise_of(self.rows) if self.series else None
+        return found if found is not None and np.isfinite(found.values).any() else None
 
     @cached_property
     def _compared(self) -> tuple[list[Outlier], dict[str, Spread]]:

@@ -11,14 +11,25 @@ import pytest
 from scipy.io import loadmat
 
 import emsid
-from emsid.exports.matlab import translated
-from model_examples import DT, cascades, feedback, inputs, plants, polynomials, processes, regressions, state_spaces
+from emsid.exports.matlab_source import translated
+from model_examples import (
+    DT,
+    cascades,
+    feedback,
+    inputs,
+    joints,
+    plants,
+    polynomials,
+    processes,
+    regressions,
+    state_spaces,
+)
 
 MODELS: dict[str, Any] = {
     name: model
-    for kind in (regressions, state_spaces, polynomials, processes, cascades, feedback)
+    for kind in (regressions, state_spaces, polynomials, processes, cascades, feedback, plants, joints)
     for name, model in kind()
-    if "user" not in name
+    if not any(word in name for word in ("user", "own plant", "elastic"))
 }
 needs_octave = pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
 
@@ -55,19 +66,53 @@ def test_every_statement_is_translated(name: str, tmp_path: Path) -> None:
     exported(MODELS[name], tmp_path)
     text = (tmp_path / "model_step.m").read_text("utf-8")
     assert text.startswith("function [y, s] = model_step(s, u)")
-    assert not [sign for sign in ("->", "{", "K(", "+=", "[k]", "[0]") if sign in text.replace("[0 ", "")]
-    opened = sum(line.strip().startswith(("function", "for ", "if ")) for line in text.splitlines())
+    assert not [sign for sign in ("->", "{", "K(", "+=", "[k]", "[0]", "?") if sign in text.replace("[0 ", "")]
+    opened = sum(line.strip().startswith(("function", "for ", "if ", "while ")) for line in text.splitlines())
     assert opened == sum(line.strip() == "end" for line in text.splitlines())
 
 
+FUNCTIONS = """
+#define PAST 3
+
+static void shift(real *values, int count)
+{
+    int i;
+    for (i = 0; i + 1 < count; ++i) {
+        values[i] = values[i + 1];
+    }
+}
+
+static real unused(real x)
+{
+    return x;
+}
+
+static int half(int k, real *result_0)
+{
+    *result_0 = k > 1 ? K(1e-3) : -K(2.5);
+    return (k + 1) / 2;
+}
+"""
+
+
 def test_statements_become_those_of_matlab() -> None:
-    lines = "    shift(s->past + 3, 3);\n    x[2] += K(0.5) * EXP(-FABS(s->y[1]) / K(2.0));\n    int k;\n"
-    assert translated(lines) == [
-        "  s.past = shifted(s.past, 3, 3);",
-        "  x(2 + 1) = x(2 + 1) + (0.5 * exp(-abs(s.y(1 + 1)) / 2.0));",
+    lines = "    int k;\n    real x;\n    shift(s->past + 3, PAST);\n    k = half(4, &x);\n    y[0] += x * table[k];\n"
+    found = translated(FUNCTIONS, lines, {"table": "[1 2 4]"}, set(), "function f()").splitlines()
+    assert found[1:7] == [
+        "  table = [1 2 4];",
+        "  k = 0;",
+        "  x = 0;",
+        "  [made_1] = shift(s.past(4:end), 3);",
+        "  s.past(4:end) = made_1;",
+        "  [k, x] = half(4);",
     ]
-    with pytest.raises(emsid.ModelError, match="no form in MATLAB"):
-        translated("    y[0] = x > K(0.0) ? a : b;")
+    assert found[7] == "  y(1) = y(1) + (x * table(k + 1));"
+    assert "  for i = 0:1:count - 2" in found
+    assert "  value = floor(((k + 1)) / (2));" in found
+    assert not any("unused" in line for line in found)
+    for wrong in ("y[0] = x & 1;", "do_it(x);", "while (x > y ? 1 : 0) {"):
+        with pytest.raises(emsid.ModelError, match="no form in MATLAB"):
+            translated(FUNCTIONS, f"    {wrong}", {}, set(), "")
 
 
 def test_linear_parts_are_in_a_mat_file(tmp_path: Path) -> None:
@@ -78,7 +123,7 @@ def test_linear_parts_are_in_a_mat_file(tmp_path: Path) -> None:
     gain = (found["C1"] @ np.linalg.solve(slow, found["B1"]) + found["D1"]).item()
     assert gain == pytest.approx(0.05 / (0.05**2 + 2.0 * 1.5e-5), rel=1e-4)
     assert found["dt1"].item() == 0.0
-    assert "use its C or its FMU in Simulink" in (tmp_path / "README.md").read_text("utf-8")
+    assert "have no dead zones, dry friction" in (tmp_path / "README.md").read_text("utf-8")
 
 
 def test_a_model_without_step_and_linear_part_is_refused(tmp_path: Path) -> None:

@@ -194,7 +194,7 @@ def test_a_feedback_model_that_runs_away_is_no_refit(fits, monkeypatch):
 def test_a_regression_is_fitted_again_as_the_options_say(fits):
     seen = []
 
-    def linear(structure, records):
+    def linear(structure, records, each_block=None):
         seen.append(structure.name)
         return least_squares(structure, records, ridge=10.0)
 

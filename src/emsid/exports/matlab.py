@@ -1,13 +1,11 @@
 """A model for MATLAB and Octave: a function of one step, and the linear parts as a MAT file.
 
 ``NAME_init`` gives the state for a zero input, ``[y, s] = NAME_step(s, u)`` passes one sample. The function is the form
-in C of the model, statement by statement: `translated` knows the few kinds of statements that the forms of regressions,
-linear models, cascades and feedback models have. The form of a plant has others; Simulink takes its C or its FMU.
+in C of the model, statement by statement, see `emsid.exports.matlab_source`.
 """
 
 from __future__ import annotations
 
-import re
 from io import BytesIO
 from typing import Any
 
@@ -15,61 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.exports.c99 import HELPERS
 from emsid.exports.formats import Export, Files
+from emsid.exports.matlab_source import translated
 from emsid.models.c_form import CForm
 from emsid.models.c_forms import c_form_of
 from emsid.models.linear.state_space import as_state_space
 from emsid.models.linear_parts import python_control
-
-FUNCTIONS = {
-    "EXP": "exp",
-    "FABS": "abs",
-    "FLOOR": "floor",
-    "SIN": "sin",
-    "COS": "cos",
-    "TANH": "tanh",
-    "sign_of": "sign",
-}
-"""The macros and functions of the form in C, as MATLAB calls them."""
-MAP = """
-function value = map_value(k, z)
-  first = map_first(k + 1);
-  last = map_first(k + 2) - 1;
-  edges = map_edges(first + 1:last + 1);
-  low = first + max(sum(edges <= z), 1) - 1;
-  h = z - map_origins(low + 1);
-  value = 0;
-  for power = MAP_TERMS - 1:-1:0
-    value = value * h + map_coefficients(low * MAP_TERMS + power + 1);
-  end
-  if map_jumps(k + 1) ~= 0
-    if map_widths(k + 1) > 0
-      value = value + map_jumps(k + 1) * tanh(z / map_widths(k + 1));
-    else
-      value = value + map_jumps(k + 1) * sign(z);
-    end
-  end
-end
-"""
-"""The static map k at z, from tables of polynomials between break points."""
-SHIFTED = """
-function x = shifted(x, before, count)
-  x(before + 1:before + count - 1) = x(before + 2:before + count);
-end
-"""
-"""Part of a row, moved by one sample."""
-RULES: tuple[tuple[str, str], ...] = (
-    (r"shift\(s->(\w+), ([^,]+)\)", r"s.\1 = shifted(s.\1, 0, \2)"),
-    (r"shift\(s->(\w+) \+ (\d+), ([^,]+)\)", r"s.\1 = shifted(s.\1, \2, \3)"),
-    (r"for \((\w+) = 0; \w+ < (\w+); \+\+\w+\) \{", r"for \1 = 0:\2 - 1"),
-    (r"if \((.*)\) \{", r"if \1"),
-    (r"\}", "end"),
-    (r"real (\w+)\[(\d+)\]", r"\1 = zeros(1, \2)"),
-    (r"(?:real|int) \w+", ""),
-    (r"([^=]+) \+= (.*)", r"\1 = \1 + (\2)"),
-    (r"([^=]+ = .*)", r"\1"),
-)
-"""The statements of a step, as whole lines, and what they become."""
 
 
 def matlab(export: Export) -> tuple[Files, list[str]]:
@@ -101,62 +51,16 @@ def matlab(export: Export) -> tuple[Files, list[str]]:
     return files, notes
 
 
-def translated(step: str) -> list[str]:
-    """The statements of a step of C as lines of MATLAB.
-
-    Raises:
-        ModelError: for a statement of another kind.
-    """
-    found = []
-    for line in step.splitlines():
-        indent, text = line[: len(line) - len(line.lstrip())], line.strip().removesuffix(";")
-        for pattern, replacement in RULES:
-            if re.fullmatch(pattern, text):
-                made = _expression(re.sub(f"^{pattern}$", replacement, text))
-                break
-        else:
-            raise ModelError(f"the statement {text!r} has no form in MATLAB")
-        if "?" in made or "->" in made or "&" in made:
-            raise ModelError(f"the statement {text!r} has no form in MATLAB")
-        if made:
-            ends = "" if made == "end" or made.startswith(("for ", "if ")) else ";"
-            found.append(f"{indent[2:]}{made}{ends}")
-    return found
-
-
-def _expression(text: str) -> str:
-    """An expression of C in MATLAB, where indices begin at one."""
-    while (indexed := re.sub(r"(\w)\[([^\[\]]+)\]", r"\1(\2 + 1)", text)) != text:
-        text = indexed
-    text = re.sub(r"\bK\(([^()]+)\)", r"\1", text.replace("s->", "s."))
-    text = text.replace("K_INFINITY", "Inf").replace("K_NAN", "NaN").replace("!=", "~=")
-    for name, called in FUNCTIONS.items():
-        text = re.sub(rf"\b{name}\(", f"{called}(", text)
-    return text
-
-
 def step(export: Export, form: CForm) -> str:
     """The function of a step."""
-    define = dict(re.findall(r"#define (\w+) (\d+)", form.functions))
     tables = {name: _row(values) for name, values in form.constants}
-    body = translated(form.step)
-    text, below = "\n".join(body), ""
-    for name, value in define.items():
-        text = re.sub(rf"\b{name}\b", value, text)
-    if "map_value(" in text:
-        below = MAP.replace("MAP_TERMS", define["MAP_TERMS"])
-        head = "".join(f"  {name} = {row};\n" for name, row in tables.items() if name in below)
-        below = below.replace("  first =", f"{head}  first =", 1)
-    if "shifted(" in text:
-        below += SHIFTED
-    if "above(" in text:
-        below += "\nfunction y = above(x)\n  y = max(x, 0);\nend\n"
-    own = "".join(f"  {name} = {row};\n" for name, row in tables.items() if f"{name}(" in text)
-    return (
+    whole = {name for name, values in form.constants if np.asarray(values).dtype.kind in "iub"}
+    head = (
         f"function [y, s] = {export.name}_step(s, u)\n"
         f"% One sample of {export.dt!r} s: outputs y and state s for inputs u. Made by emsid.\n"
-        f"{own}  y = zeros(1, {form.outputs});\n{text}\nend\n{below}"
+        f"  y = zeros(1, {form.outputs});"
     )
+    return translated(HELPERS["above"] + form.functions, form.step, tables, whole, head)
 
 
 def init(export: Export, form: CForm) -> str:

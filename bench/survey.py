@@ -45,10 +45,33 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.structures import arx, wiener_hammerstein_regression
 from emsid.plant import Bench, DeadZoneLaw, Friction, Motor
 from emsid.record import Record
-from emsid.study.models import FIXED, LINEAR, START, blocks, searches, structures, two_masses
-from emsid.study.survey import EXAMPLE, Case, compared, records
-from emsid.study.models import IDENTIFICATION, INPUTS, UNSEEN, Settings, measure
-from emsid.study.survey import FREE_RUN, ONE_STEP, InputRow, Largest, MotorRow, Survey, TwoMassRow
+from emsid.study.models import (
+    FIXED,
+    IDENTIFICATION,
+    INPUTS,
+    LINEAR,
+    START,
+    UNSEEN,
+    Settings,
+    blocks,
+    measure,
+    searches,
+    structures,
+    two_masses,
+)
+from emsid.study.survey import (
+    EXAMPLE,
+    FREE_RUN,
+    ONE_STEP,
+    Case,
+    InputRow,
+    Largest,
+    MotorRow,
+    Survey,
+    TwoMassRow,
+    compared,
+    records,
+)
 from emsid.validation.comparison import Assessment, assess
 
 # The parameters of a motor that may differ by direction, and a delay in place of its inductance. The resistance, the

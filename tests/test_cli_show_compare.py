@@ -102,3 +102,12 @@ def test_a_record_of_other_units_is_compared_in_those_of_the_fit(command, tmp_pa
     assert command("compare", tmp_path / "m.json", tmp_path / "b.csv", "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)["records"][0]["models"]
     assert row["simulation_rmse"] < 1e-9
+
+
+@pytest.mark.parametrize("words", [("show", "good.json"), ("compare", "good.json", "other.csv")])
+def test_a_page_of_somebody_else_is_not_replaced(command, models, tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(models)
+    (tmp_path / "report.html").write_text("<p>mine</p>")
+    assert command(*words, "--out", tmp_path) == 2
+    assert "report.html in it is not a result of emsid" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]

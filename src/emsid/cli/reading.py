@@ -159,6 +159,23 @@ class Reader:
         """The arguments that also suit other files of the same kind: all but the rows. A model file keeps them."""
         return {name: value for name, value in self.given.items() if name != "rows"}
 
+    def of_model(self, path: Path) -> Reader:
+        """This reader after the arguments in a model file, see `after`.
+
+        Raises:
+            DataError: where neither that file nor an option names the input and the output.
+        """
+        from emsid.io import origin, read_options
+
+        source = origin(path)
+        found = self.after(read_options(path), () if source is None else source.names)
+        if "input" not in found.given or "output" not in found.given:
+            raise DataError(
+                f"{path}: the file does not say how its record was read; give the columns of input and output",
+                arguments=("input", "output"),
+            )
+        return found
+
     def after(self, remembered: Mapping[str, Any] | None, channels: Collection[str] = ()) -> Reader:
         """A reader that takes arguments that are not given from a model file.
 

@@ -782,15 +782,14 @@ def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -
     return findings
 
 
-def about_the_fits(fits: Iterable[Fit[Any]], record: Record) -> list[Finding]:
+def about_the_fits(fits: Iterable[Fit[Any]], plausibility: Plausibility) -> list[Finding]:
     """Findings of the estimators, and on how plausible the models are on the data they were fitted to."""
     found: list[Finding] = []
-    plausibility = Plausibility(record)
     for fit in fits:
         name = fit.model.name
         found += [each.about(name) for each in fit.findings]
         with border(f"check of {name}", name):
-            found += [each.about(name) for each in capabilities_of(fit.model).advice(fit, record)]
+            found += [each.about(name) for each in capabilities_of(fit.model).advice(fit, plausibility.record)]
         with border(f"check whether {name} is plausible", name):
             found += plausibility.findings(fit)
     return found

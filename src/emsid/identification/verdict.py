@@ -57,6 +57,7 @@ from emsid.identification.evidence import (
     IMPLAUSIBLE,
     POOR,
     PREDICTABLE,
+    Plausibility,
     Undetermined,
     about_the_fits,
     predictable_shares,
@@ -563,7 +564,7 @@ class Compared:
         whole: what the recommended model was fitted to in the end, where that is more than `record`; else None.
     """
 
-    record: Record
+    plausibility: Plausibility
     on_record: Comparison
     on_choice: Comparison | None
     on_unseen: Comparison
@@ -602,7 +603,8 @@ class Compared:
             pole: of a plant that is unstable without its controller: models are ranked by their predictions.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
-        findings = about_the_fits(fits, train)
+        plausibility = Plausibility(train)
+        findings = about_the_fits(fits, plausibility)
         parts = choice_and_headline(test) if whole is not None and len(fits) > 1 else None
         on_choice = parts and compare(fits, parts[0], transient=transient, data="choice")
         on_unseen = compare(fits, parts[1] if parts else test, transient=transient, data="unseen")
@@ -631,7 +633,13 @@ class Compared:
         by = sorted(ranking, key=lambda each: (each is not first, each.name in useless, each.name in implausible))
         order = [each.fit for each in by]
         on_choice = on_choice and on_choice.in_order_of(order)
-        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings), left_open, pole)
+        on_unseen = on_unseen.in_order_of(order)
+        return cls(plausibility, on_record, on_choice, on_unseen, ranking, tuple(findings), left_open, pole)
+
+    @property
+    def record(self) -> Record:
+        """What the models were fitted to."""
+        return self.plausibility.record
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:
@@ -655,7 +663,7 @@ class Compared:
             return replace(each, fit=fit) if each.name == fit.model.name else each
 
         on_record, on_unseen = (each.with_fit(fit) for each in (self.on_record, self.on_unseen))
-        findings = tuple(about_the_fits(on_unseen.fits, self.record))
+        findings = tuple(about_the_fits(on_unseen.fits, self.plausibility))
         ranking = tuple(map(in_place, self.ranking))
         return replace(self, on_record=on_record, on_unseen=on_unseen, ranking=ranking, findings=findings, whole=whole)
 

@@ -1,9 +1,4 @@
-"""Words for live tracking.
-
-Words for fleets of motors.
-
-Words for designed experiments.
-"""
+"""Words for live tracking, fleets of motors and designed experiments."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table
-from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def compare(
       emsid compare first/best.json second/best.json a.csv b.csv --out compared
     """
     from emsid.first_look.faults import without_faults
-    from emsid.io import load, origin, read_options
+    from emsid.io import load, origin
     from emsid.report.views.front import results_table
     from emsid.validation.comparison import as_fit
     from emsid.validation.comparison import compare as compared
@@ -58,14 +58,9 @@ def compare(
     if not paths or not files:
         raise DataError("compare takes model files (.json) and at least one record: compare a.json b.json other.csv")
     fits, sources = [as_fit(load(path)) for path in paths], [origin(path) for path in paths]
-    reader = reader.after(read_options(paths[0]), () if sources[0] is None else sources[0].names)
-    if "input" not in reader.given or "output" not in reader.given:
-        raise DataError(
-            f"{paths[0]}: the file does not say how its record was read; give the columns of input and output",
-            arguments=("input", "output"),
-        )
+    reader = reader.of_model(paths[0])
     if out is not None:
-        check_folder(out, "comparison.json")
+        check_folder(out, "comparison.json", REPORT)
     names = [fit.model_name for fit in fits]
     labels = dict(zip(map(id, fits), names if len(set(names)) == len(names) else map(str, paths), strict=True))
 

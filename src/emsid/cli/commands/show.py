@@ -10,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, option
 from emsid.cli.terminal import say, say_json, show, text_table
-from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -43,12 +43,14 @@ def show_models(models: ModelFiles, step: Step = 1.0, out: Folder = None, json: 
 
     fits = [as_fit(load(path)) for path in models]
     if out is not None:
-        check_folder(out, "models.json")
-    result = {"schema": 1, "models": [fit.to_data() | _linear(fit) for fit in fits]}
+        check_folder(out, "models.json", REPORT)
+    linear = [_linear(fit) for fit in fits]
+    both = zip(fits, linear, strict=True)
+    result = {"schema": 1, "models": [fit.to_data() | {"linear": part} for fit, part in both]}
     with collected() as noted:
-        for fit in [] if json else fits:
+        for fit, part in [] if json else zip(fits, linear, strict=True):
             with border(f"table of {fit.model_name}"):
-                _print(fit)
+                _print(fit, part)
     if json:
         say_json(as_json(result))
     say(*([] if json else (f"- {sentence(finding, option)}" for finding in noted)))
@@ -75,8 +77,8 @@ def _channels(fit: "Fit[Any]") -> str:
     return f"from {inputs} to {outputs}, identified at a sample time of {sample_time(fit.channels.dt)}"
 
 
-def _linear(fit: "Fit[Any]") -> dict[str, Any]:
-    """Poles, zeros and gain of the linear part, about an input of zero; nothing for a model without one."""
+def _linear(fit: "Fit[Any]") -> dict[str, Any] | None:
+    """Poles, zeros and gain of the linear part, about an input of zero; None for a model without one."""
     from emsid.errors import EmsidError
     from emsid.findings import finite
     from emsid.validation.analysis import linearize, pole_map
@@ -84,13 +86,13 @@ def _linear(fit: "Fit[Any]") -> dict[str, Any]:
     try:
         part, found = linearize(fit), pole_map(fit)
     except EmsidError:
-        return {"linear": None}
+        return None
     pairs = ([[float(each.real), float(each.imag)] for each in several] for several in (found.poles, found.zeros))
     gain = [[finite(each) for each in row] for row in part.gain.tolist()]
-    return {"linear": dict(zip(("poles", "zeros"), pairs, strict=True)) | {"gain": gain, "dt": part.dt}}
+    return dict(zip(("poles", "zeros"), pairs, strict=True)) | {"gain": gain, "dt": part.dt}
 
 
-def _print(fit: "Fit[Any]") -> None:
+def _print(fit: "Fit[Any]", linear: dict[str, Any] | None) -> None:
     """Everything about a model, as tables and sentences."""
     from emsid.report.notebook import tables
 
@@ -98,7 +100,6 @@ def _print(fit: "Fit[Any]") -> None:
     say(*before, *filter(None, [_channels(fit)]), *([] if fit.table else [str(fit.model)]))
     if table is not None:
         show(text_table(table))
-    linear = _linear(fit)["linear"]
     if linear is not None:
         numbers = [complex(*pole) for pole in linear["poles"]]
         shown = ", ".join(f"{each:.4g}" if each.imag else f"{each.real:.4g}" for each in numbers)

@@ -13,7 +13,7 @@ from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where, write
-from emsid.errors import DataError, EmsidError
+from emsid.errors import EmsidError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -68,18 +68,13 @@ def validate(
     """
     from emsid.estimation.borders import border, collected
     from emsid.first_look.faults import without_faults
-    from emsid.io import load_model, origin, read_options
+    from emsid.io import load_model, origin
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
     from emsid.wording import sentence
 
     loaded, source = load_model(model), origin(model)
-    reader = reader.after(read_options(model), () if source is None else source.names)
-    if "input" not in reader.given or "output" not in reader.given:
-        raise DataError(
-            f"{model}: the file does not say how its record was read; give the columns of input and output",
-            arguments=("input", "output"),
-        )
+    reader = reader.of_model(model)
     if out is not None:
         check_folder(out, "validation.json", REPORT)
     records = [without_faults(reader(file)) for file in files]  # as an identification leaves samples out

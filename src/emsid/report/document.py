@@ -1,9 +1,4 @@
-"""Figures: plots of marks on two axes.
-
-Diagrams: blocks, circles, texts and the lines between them.
-
-Reports: their sections, and the tables, terms and notices in them.
-"""
+"""Reports and what they hold: figures of marks on axes, diagrams, tables, terms and notices."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The page of the study: what was found with one picture, the paper's tables beside ours, claims, figures.
-
-Tables and figures of the study beyond its two parts: other motors, inputs and records.
-"""
+"""The page of the study: what was found, the paper's tables beside ours, and other motors, inputs and records."""
 
 from __future__ import annotations
 

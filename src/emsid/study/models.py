@@ -1,7 +1,4 @@
-"""The models that the study compares, and how each is estimated.
-
-Setup of the study: the motor, the bench, the two inputs, and the errors published in the paper.
-"""
+"""The study: motor, bench, inputs, the models that it compares and how each is estimated, the published errors."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Summary of the study: a row for every model, and findings.
-
-What the study says beyond its two parts: findings about motors, inputs, the paper's ratios, friction on the load.
-"""
+"""Summary of the study: a row for every model, and findings, also those beyond its two parts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Words for records that differ from each other.
-
-Words for channels that measure something else, or not what they seem to.
-"""
+"""Words for records that differ from each other, and for channels that do not measure what they seem to."""
 
 from __future__ import annotations
 

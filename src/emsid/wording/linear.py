@@ -1,7 +1,4 @@
-"""Words for linear estimation.
-
-Words for the end of a search for parameters.
-"""
+"""Words for linear estimation, and for the end of a search for parameters."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""Names in a sentence: lists of them, and names in an argument.
-
-Words for the chance that a test gives.
-
-Times in a sentence.
-
-How sure a finding is, in words.
-"""
+"""Parts of sentences: names in lists and as arguments, times, chances, and how sure a finding is."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Words for the verdict on a model, the recommendation and the next experiment.
-
-Words for the conclusions of an identification: the verdict on the residual, and what to do next.
-"""
+"""Words for the verdict on a model, its residual, the recommendation and the next experiment."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
-from emsid.report.views.bands import curve_with_band, limited
+from emsid.report.views.bands import curve_with_band, limited, magnitude_and_phase
 from emsid.report.views.cascade import around
 from emsid.report.views.conventions import MODELS, channel_axis
 from emsid.validation.analysis import bode, pole_map, step
@@ -47,25 +47,14 @@ def over_frequency(
     several: Sequence[FrequencyResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS
 ) -> Figure:
     """Frequency responses in one axes for the magnitude and one for the phase, and the coherence of records below."""
-    f = np.concatenate([each.magnitude.x for each in several])
-    frequency = Axis("Frequency", "Hz", log=True, range=(float(f.min()), float(f.max())))
-    plots: list[Plot] = []
-    for quantity, unit in (("Magnitude", "dB"), ("Phase", "deg")):
-        bands = [getattr(each, quantity.lower()) for each in several]
-        named = labels if not plots else [""] * len(labels)
-        marks = [
-            mark
-            for band, label, stroke in zip(bands, named, cycle(strokes), strict=False)
-            for mark in curve_with_band(band, label, "", stroke)
-        ]
-        plots.append(Plot(tuple(marks), frequency, limited(Axis(quantity, unit), *bands)))
+    plots: list[Plot] = [*magnitude_and_phase(several, labels, cycle(strokes))]
     coherent = tuple(
         Line(each.magnitude.x, each.coherence, "", stroke)
         for each, stroke in zip(several, cycle(strokes), strict=False)
         if each.coherence is not None
     )
     if coherent:
-        plots.append(Plot(coherent, frequency, Axis("Coherence", "1", range=(0.0, 1.05)), height=0.6))
+        plots.append(Plot(coherent, plots[0].x, Axis("Coherence", "1", range=(0.0, 1.05)), height=0.6))
     bands = [each.magnitude for each in several]
     return Figure(
         "frequency-response", f"Frequency response of {_listed(labels)}{_bands(bands)}.", tuple(plots), shared_x=True

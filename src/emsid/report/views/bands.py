@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.bands import Band as Computed
     from emsid.record import Record
+    from emsid.validation.responses import FrequencyResponse
 
 
 CURVE = Stroke(Ink.BLUE, width=1.4)
@@ -112,14 +113,7 @@ def frequency_response(
 
     around = usual_step(record.input[:, input])[1]
     found = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
-    frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
-    plots = tuple(
-        Plot(curve_with_band(band, *labels), frequency, limited(Axis(quantity, unit), band))
-        for band, labels, quantity, unit in (
-            (found.magnitude, (fit.model.name,), "Magnitude", "dB"),
-            (found.phase, ("", ""), "Phase", "deg"),
-        )
-    )
+    plots = magnitude_and_phase([found], [fit.model.name], [CURVE], BAND)
     several = record.input.shape[1] * record.output.shape[1] > 1
     path = f" from {record.input_names[input]} to {record.output_names[output]}" if several else ""
     rest = ""
@@ -128,6 +122,34 @@ def frequency_response(
         rest = f", linearised at rest at {record.input_names[input]} = {at}"
     caption = f"Frequency response of {fit.model.name}{path}{with_band(fit)}, up to half the sampling rate{rest}."
     return Figure(name, caption, plots, shared_x=True)
+
+
+def magnitude_and_phase(
+    several: Sequence[FrequencyResponse], labels: Sequence[str], strokes: Iterable[Stroke], of_band: str = ""
+) -> tuple[Plot, Plot]:
+    """Frequency responses in one axes for the magnitude and one for the phase.
+
+    Args:
+        several: responses.
+        labels: for the legend, of every one.
+        strokes: of them.
+        of_band: for the legend.
+    """
+    f, inks = np.concatenate([each.magnitude.x for each in several]), list(islice(strokes, len(several)))
+    frequency = Axis("Frequency", "Hz", log=True, range=(float(f.min()), float(f.max())))
+
+    def plot(axis: Axis, bands: Sequence[Computed], named: Sequence[str], of_band: str) -> Plot:
+        marks = (
+            mark
+            for band, label, stroke in zip(bands, named, inks, strict=True)
+            for mark in curve_with_band(band, label, of_band, stroke)
+        )
+        return Plot(tuple(marks), frequency, limited(axis, *bands))
+
+    return (
+        plot(Axis("Magnitude", "dB"), [each.magnitude for each in several], labels, of_band),
+        plot(Axis("Phase", "deg"), [each.phase for each in several], [""] * len(several), ""),
+    )
 
 
 def static_map(fit: Fit[Any], record: Record, *, name: str = "static-map") -> Figure:

@@ -221,6 +221,9 @@ def _output(*flags: str, **how: Any) -> Any:
 
 Transient = Annotated[int | None, declared("transient")]
 Out = Annotated[Path, _output(metavar="DIR", help="Folder for the report, the figures and the results.")]
+PageFolder = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; by default none is written.")
+]
 Pdf = Annotated[bool, _output("--pdf", help="Write every figure as PDF too.")]
 Debug = Annotated[
     bool,

@@ -9,7 +9,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Transient
+from emsid.cli.options import Json, PageFolder, Transient
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, say, say_json, show, text_table
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 ModelsAndFiles = Annotated[
     list[Path], typer.Argument(metavar="MODEL... FILE...", help="Model files (.json), and records to run them on.")
 ]
-Folder = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Folder for a page with figures; by default none is written.")
-]
 
 
 @app.command()
 @reads_records(input=[], output=[])
 def compare(
-    given: ModelsAndFiles, reader: Any, transient: Transient = None, out: Folder = None, json: Json = False
+    given: ModelsAndFiles, reader: Any, transient: Transient = None, out: PageFolder = None, json: Json = False
 ) -> None:
     """Compare saved models on the same records.
 

@@ -8,7 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, option
+from emsid.cli.options import Json, PageFolder, option
 from emsid.cli.terminal import say, say_json, show, text_table
 from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where, write
 
@@ -18,13 +18,10 @@ if TYPE_CHECKING:
 
 ModelFiles = Annotated[list[Path], typer.Argument(metavar="MODEL", help="Model files that emsid wrote.")]
 Step = Annotated[float, typer.Option(metavar="X", help="Size of the step, in the unit of the input.")]
-Folder = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Folder for a page with figures; by default none is written.")
-]
 
 
 @app.command(name="show")
-def show_models(models: ModelFiles, step: Step = 1.0, out: Folder = None, json: Json = False) -> None:
+def show_models(models: ModelFiles, step: Step = 1.0, out: PageFolder = None, json: Json = False) -> None:
     """Show saved models: parameters, responses, poles.
 
     Prints the equation, every parameter with its interval or the reason why there is none, poles and gain. With --out,

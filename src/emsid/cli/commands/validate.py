@@ -9,7 +9,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Transient, names, option
+from emsid.cli.options import Json, PageFolder, Transient, names, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, WITHOUT_METHOD_EXPLAINED, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import REPORT, as_json, attempted, check_folder, draw, say_where, write
@@ -37,9 +37,6 @@ Part = Annotated[
         metavar="FRACTION", help="With --free: the part of a record to estimate from; errors are of the rest."
     ),
 ]
-Folder = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; by default none is written.")
-]
 
 
 @app.command()
@@ -52,7 +49,7 @@ def validate(
     horizon: Horizon = 1,
     free: Free = [],  # noqa: B006
     part: Part = 0.3,
-    out: Folder = None,
+    out: PageFolder = None,
     json: Json = False,
 ) -> None:
     """Run a saved model on other records.

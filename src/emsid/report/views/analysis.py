@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import curve_with_band, limited, magnitude_and_phase
-from emsid.report.views.cascade import around
-from emsid.report.views.conventions import MODELS, channel_axis
+from emsid.report.views.cascade import SQUARE, around
+from emsid.report.views.conventions import MODELS, TIME, channel_axis
 from emsid.validation.analysis import bode, pole_map, step
 from emsid.validation.responses import FrequencyResponse, PoleMap, Several, TimeResponse
-
-TIME = Axis("Time", "s")
-SQUARE = 1.9
-"""Rows of a map of poles, in which both axes then have about the same scale."""
 
 
 def over_time(several: Sequence[TimeResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS) -> Figure:

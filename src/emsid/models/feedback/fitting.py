@@ -263,7 +263,8 @@ def searched(
     """
     model, cost, left = start, np.inf, max_iterations
     if states is None or len(states) != len(segments):
-        states = [initial_state(model, u, y[: model.memory]) for u, y in segments]
+        quick = len(segments) * model.states <= MOST_STATES
+        states = [initial_state(model, u, y[: model.memory], quick) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
         same = whitened(model, visited(model, segments, states))

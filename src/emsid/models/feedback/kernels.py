@@ -140,6 +140,26 @@ def run(matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array,
     return len(u)
 
 
+@njit(nogil=True)
+def run_each(
+    matrix: Array, offsets: Array, factors: Array, tables: Tables, u: Array, states: Array, every: int, y: Array
+) -> None:
+    """Write the outputs of runs over the same input from several initial states; NaN from where one diverges.
+
+    Args:
+        matrix, offsets, factors, tables: as in `run`.
+        u: (K,) input.
+        states: (k, n) overwritten by those at the end.
+        every: one in ``every`` steps has an output.
+        y: (k, ⌈K/every⌉) the outputs.
+    """
+    steps, n, m = len(u), states.shape[1], len(factors)
+    out = LoopSignals(np.empty((steps, n)), np.empty((steps, m)), np.empty((steps, m)), np.empty(steps))
+    for k in range(len(states)):
+        out.y[run(matrix, offsets, factors, tables, u, states[k], out) :] = np.nan
+        y[k] = out.y[::every]
+
+
 def run_reference(
     matrix: Array,
     offsets: Array,

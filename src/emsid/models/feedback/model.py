@@ -52,6 +52,7 @@ from emsid.models.feedback.kernels import (
     derivative,
     map_slopes,
     run,
+    run_each,
     run_reference,
     tables_of,
 )
@@ -181,7 +182,7 @@ class FeedbackModel(OneChannelMethods):
         object.__setattr__(self, "shared", pairs)
         object.__setattr__(self, "matrix", matrix)
 
-    @property
+    @cached_property
     def states(self) -> int:
         """n, the order of the linear part."""
         return int(np.shape(self.matrix)[0] - 1 - len(self.maps))
@@ -256,7 +257,7 @@ class FeedbackModel(OneChannelMethods):
         kept_values = {name: getattr(self, name) for name in kept}
         new = copy(self)  # same structure: no new checks
         vars(new).update(matrix=matrix, maps=maps, map_offsets=theta[first:-1], output_offset=float(theta[-1]))
-        vars(new).pop("_tables", None)
+        vars(new).pop("_numbers", None)
         vars(new).update(kept_values, factors=factors)
         return new
 
@@ -309,8 +310,12 @@ class FeedbackModel(OneChannelMethods):
 
     def outputs(self, u: Array, states: Array) -> Array:
         """(k, N) the free runs from several initial states (k, n); NaN from where one diverges."""
-        v = self.entering(u)
-        return np.array([self.stepped(v, x)[0].y[:: self.oversampling] for x in states])
+        v, rate, begun = self.entering(u), self.oversampling, np.array(states, dtype=float)
+        if self._numbers is None:
+            return np.array([self.stepped(v, x)[0].y[::rate] for x in begun])
+        y = np.empty((len(begun), len(u)))
+        run_each(*self._numbers, read_only(v), begun, rate, y)
+        return y
 
     def reachable(self, u: Array) -> Array:
         """(K, n) the states that an input (N,) produces from rest, until the run diverges."""
@@ -402,9 +407,8 @@ class FeedbackModel(OneChannelMethods):
             how = "held" if self.held else "interpolated (band-limited)"
             sampling = f", with u {how} at t = 0, 1/{self.oversampling}, … samples{step}"
         entering = f"v(t) = u(t{late}){sampling}" if faster or late else ""
-        offsets = np.append(self.map_offsets, self.output_offset)
         step = f"1/{self.oversampling}" if faster else "1"
-        return equations(self.matrix, self.factors, offsets, self.maps, entering, step)
+        return equations(self.matrix, self.factors, self._offsets, self.maps, entering, step)
 
     def to_data(self) -> dict[str, Any]:
         """The linear part, maps, offsets and delay."""
@@ -452,20 +456,28 @@ class FeedbackModel(OneChannelMethods):
             raise ModelError(f"not a feedback model: {problem!r}") from None
 
     @cached_property
-    def _tables(self) -> Tables | None:
-        return tables_of(self.maps)
+    def _numbers(self) -> tuple[Array, Array, Array, Tables] | None:
+        """Its matrix, offsets, factors and maps as the kernels read them; None if a map is no polynomial."""
+        with np.errstate(over="ignore", invalid="ignore"):  # of a map that a search has made too steep
+            tables = tables_of(self.maps)
+        if tables is None:
+            return None
+        return read_only(self.matrix), self._offsets, read_only(self.factors), tables
+
+    @property
+    def _offsets(self) -> Array:
+        """(m + 1,) z₀ and y₀."""
+        return np.append(self.map_offsets, self.output_offset)
 
     def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
         """The signals of a run over the input at the model's own steps, NaN from where it diverges; and the last
         state."""
         out, state = LoopSignals.empty(len(v), self.states, len(self.maps)), np.array(x, dtype=float)
-        offsets = np.append(self.map_offsets, self.output_offset)
-        with np.errstate(over="ignore", invalid="ignore"):
-            if self._tables is not None:
-                matrix, factors = read_only(self.matrix), read_only(self.factors)
-                reached = run(matrix, offsets, factors, self._tables, read_only(v), state, out)
-            else:
-                reached = run_reference(self.matrix, offsets, self.factors, self.maps, v, state, out)
+        if self._numbers is not None:
+            reached = run(*self._numbers, read_only(v), state, out)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                reached = run_reference(self.matrix, self._offsets, self.factors, self.maps, v, state, out)
         out.y[reached:] = np.nan
         return out, state
 

@@ -311,12 +311,15 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
     own = slice(model.memory + 5, None)
     assert run.standard_error[own] == pytest.approx(np.abs(above - below)[own] / 2, rel=0.05, abs=1e-5)
     from emsid.report.views import banded
+    from emsid.report.views.analysis import model_figures
 
-    drawn = {figure.name: figure.caption for figure in banded(fit, known)}
-    assert list(drawn) == ["feedback-step", "feedback-frequency-response", "feedback-static-map"]
-    assert "linearised at rest at u1 = 3.18 V" in drawn["feedback-frequency-response"]
-    assert "to a step of u1 from 0 to 3.18 V" in drawn["feedback-step"]
-    assert "without friction" not in drawn["feedback-static-map"]
+    (static,) = banded(fit, known)
+    assert "without friction" not in static.caption
+    responses = model_figures([fit], [usual_step(known.input[:, 0])], known)
+    drawn = {figure.name: figure.caption for figure in responses}
+    assert list(drawn) == ["steps-and-poles", "frequency-response"]
+    assert "linearised where they rest after the step, at 3.18 V" in drawn["frequency-response"]
+    assert "Step of u1 from 0 to 3.18 V." in drawn["steps-and-poles"]
 
 
 def test_the_page_draws_what_a_model_has_with_its_bands():
@@ -326,10 +329,10 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
 
     known = record(8)
     fit = emsid.fit(emsid.arx(1, 1), known, free_run=True)
-    figures = banded(fit, known)
-    assert [figure.name for figure in figures] == ["arx-step", "arx-frequency-response", "arx-static-map"]
-    assert all(isinstance(plot.marks[0], Band) for figure in figures for plot in figure.plots)
-    assert "over a constant input, without friction, with 95 % band." in figures[2].caption
+    (figure,) = banded(fit, known)
+    assert figure.name == "arx-static-map"
+    assert isinstance(figure.plots[0].marks[0], Band)
+    assert "over a constant input, without friction, with 95 % band." in figure.caption
     seen = validate(fit, known)
     run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))
     assert isinstance(run.plots[0].marks[0], Band)
@@ -508,13 +511,24 @@ def test_several_inputs_and_outputs_have_a_band_for_each_pair():
     for wrong in ({"output": 2}, {"input": -1}):
         with pytest.raises(emsid.ModelError, match="count from 0"):
             frequency_response_band(fit, DT, **wrong)
-    from emsid.report.views import banded
+    from emsid.report.views.analysis import model_figures
 
-    assert [figure.name for figure in banded(fit, known)][:3] == [
-        "state-space-step-u1",
-        "state-space-step-u2",
-        "state-space-frequency-response-y1-u1",
-    ]
+    figures = model_figures([fit], [usual_step(u) for u in known.input.T], known)
+    assert [figure.name for figure in figures] == ["steps-and-poles", *_numbered("frequency-response", 4)]
+    captions = [figure.caption for figure in figures]
+    assert "Step of u1" in captions[0]
+    assert "Step of u2" in captions[0]
+    assert [caption.split(" From ")[1] for caption in captions[1:]] == [
+        "u1 to y1.", "u1 to y2.", "u2 to y1.", "u2 to y2.",
+    ]  # fmt: skip
+    # A curve of the model and one of the record, both with bands, and the coherence of the record.
+    (magnitude, phase, coherence) = figures[1].plots
+    assert len(magnitude.marks) == len(phase.marks) == 4
+    assert np.all(coherence.marks[0].y <= 1.0)
+
+
+def _numbered(name, count):
+    return [name, *(f"{name}-{k}" for k in range(1, count))]
 
 
 def test_a_step_is_upwards_unless_the_input_goes_mostly_down() -> None:

@@ -188,9 +188,12 @@ def result():
 def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(result):
     page = report(result)
     best = result.on_unseen.best.row
-    assert page.facts[0].value == best.model
-    assert page.facts[1].value == f"{best.fit_percent:.1f} %"
-    shown = [fact.meaning for fact in page.facts[3:6]]
+    verdict, tested = page.summary
+    assert verdict == sentence(result.recommendation[0])
+    assert best.model in verdict
+    assert f"{best.fit_percent:.1f} %" in tested
+    assert f"run on {best.samples:,} that no fit and no choice has used" in tested
+    shown = [fact.meaning for fact in page.facts[:3]]
     assert shown == [
         "Static gain over the range of the input",
         "Time constant",
@@ -198,7 +201,8 @@ def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(r
     ]
     (figure,) = page.opening.figures
     assert [mark.label for mark in figure.plots[0].marks][-2] == "measured"
-    assert page.advice == tuple(sentence(finding) for finding in (*result.recommendation, *result.next_steps))
+    steps = (*result.recommendation[1:], *result.next_steps)
+    assert page.advice == tuple(sentence(finding) for finding in steps)
     tests = next(section for section in page.sections if section.title == "Verdicts")
     assert [row[0] for row in tests.tables[0].rows] == [verdict.model for verdict in result.model_verdicts]
     assert tests.remarks == tuple(sentence(verdict) for verdict in result.model_verdicts)

@@ -227,8 +227,8 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
     assert [len(each.folds) for each in several.ranking] == [4, 4]
     assert first.samples > 1_390 > 999 > second.samples
     assert (first.estimate == emsid.least_squares(first.model.structure, record[:1_400]).estimate).all()
-    assert "Fitted to 1,400 samples after a comparison of fits to 999" in summary(several)
-    assert "Fitted to 1,400 samples," in summary(one)
+    assert "fitted to 1,400 samples after a comparison of fits to 999" in summary(several)
+    assert "fitted to 1,400 samples," in summary(one)
     assert several.chosen is first
     np.testing.assert_array_equal(several.data_of(first).output, record[:1_400].output)
     np.testing.assert_array_equal(several.fitted_by_recommended.output, record.output)  # then to the unseen ones too

@@ -1,10 +1,9 @@
-"""The page of an identification: the first screen has the best model and its errors; tables and figures follow."""
+"""The page of an identification: the verdict, the free run on unseen data, values; then tables and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from emsid.errors import listed
@@ -15,22 +14,25 @@ from emsid.identification.result import Identification
 from emsid.identification.verdict import NO_INPUT
 from emsid.models.characteristics import Characteristic
 from emsid.record import Record
+from emsid.record.channels import ChannelNames
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
-from emsid.report.numbers import both_directions, estimate, first_up, less_than, number, percent
+from emsid.report.numbers import both_directions, estimate, first_up, less_than, number
 from emsid.report.views import conventions as terms
 from emsid.report.views.conventions import in_words
-from emsid.report.views.front import front_figure, models_table, record_table, region_tables
-from emsid.units import plain_unit, with_unit
+from emsid.report.views.front import correlation_table, front_figure, models_table, record_table, region_tables
+from emsid.units import with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.first_screen import other_reasons
 from emsid.wording.lists import NOT_SHOWN, chance
 
 if TYPE_CHECKING:
     from emsid.estimation.estimates import Estimate
     from emsid.estimation.fit import Fit
     from emsid.models.bands import Band
+    from emsid.validation.comparison import Assessment
 
-# Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
+# Curves at rest of this many models have bands; a free run has its band, if samples times parameters are fewer.
 BANDED, BANDED_VALUES = 3, 1_000_000
 VERDICTS = "Verdicts"
 DRAWN, BASELINE = 3, "arx"
@@ -56,23 +58,33 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
             opening = _opening(result)
         found = list[Fact]()
         with border("values on the page"):
-            found += facts(result)
+            found += values(result)
         sections = tuple(_sections(result, argument))
     after = next((k for k, each in enumerate(sections, 1) if each.title == VERDICTS), 0)
     limits = [each for each in (*noted, *result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
     limits.sort(key=lambda each: severity(each) is not Severity.PROBLEM)
     own = [each for each in limits if each.model in ("", best.row.model)]
-    first, rest = own[:NOTICES], [*own[NOTICES:], *(each for each in limits if each not in own)]
+    verdict = result.model_verdicts[0]
+    said = {reason["code"] for reason in verdict.data["reasons"]}
+    own = [each for each in own if each.code not in said and each is not verdict]
+    first, rest = own[:NOTICES], [*own[NOTICES:], *(each for each in limits if each.model not in ("", best.row.model))]
     notes = [each for each in result.findings if severity(each) is Severity.INFO]
     others = tuple(sentence(each, argument) for each in (*rest, *notes))
     more = [Section("More findings", remarks=others)] if others else []
     return Report(
         title=f"Identification of {result.record.name}",
-        summary=(*(sentence(each, argument) for each in result.findings if each.code == NO_INPUT), summary(result)),
+        summary=(
+            *(sentence(each, argument) for each in result.findings if each.code == NO_INPUT),
+            sentence(result.recommendation[0], argument),
+            summary(result, argument),
+        ),
         facts=tuple(found),
         opening=opening,
-        notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
-        advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
+        notices=(
+            *(Notice(first_up(reason), Severity.WARNING.value) for reason in other_reasons(verdict)),
+            *(Notice(sentence(each, argument), severity(each).value) for each in first),
+        ),
+        advice=tuple(sentence(each, argument) for each in (*result.recommendation[1:], *result.next_steps)),
         sections=(*sections[:after], *more, *sections[after:]),
         imprint=f"emsid identify, from {result.record.name}: {in_words(result.record)}",
     )
@@ -89,6 +101,7 @@ def _sections(result: Identification, argument: Spelling) -> Iterator[Section]:
     """The sections that can be made."""
     parts: dict[str, Callable[[], Iterable[Section | None]]] = {
         "table of models": lambda: [which_model(result)],
+        "responses of the models": lambda: () if result.interrupted else [responses(result)],
         "errors by region": lambda: [where_errors_are(result)],
         "verdicts": lambda: [verdicts(result, argument)],
         "figures of free runs": lambda: () if result.interrupted else in_detail(result),
@@ -103,12 +116,18 @@ def _sections(result: Identification, argument: Spelling) -> Iterator[Section]:
 
 
 def _model(result: Identification, fit: Fit[Any], argument: Spelling, *, with_bands: bool) -> Section:
-    """The section of a model, with the bands of its responses."""
+    """The section of a model; of the best ones with the correlations of the estimates, static map and friction."""
     profiles = result.profiles.get(fit.model.name, ())
     drawn = not result.interrupted
     section = views.model_section(fit, result.record, profiles=profiles, argument=argument, drawn=drawn)
-    figures = views.banded(fit, result.record) if with_bands and drawn else ()
-    return replace(section, figures=(*section.figures, *figures))
+    if not with_bands:
+        return section
+    correlations = correlation_table(fit)
+    return replace(
+        section,
+        tables=(*section.tables, *filter(None, [correlations])),
+        figures=(*section.figures, *(views.banded(fit, result.record) if drawn else ())),
+    )
 
 
 def _band(result: Identification) -> Band | None:
@@ -124,23 +143,18 @@ def _band(result: Identification) -> Band | None:
     return None
 
 
-def summary(result: Identification) -> str:
-    """The best model, the number of models, and the amount of data."""
-    row, count = result.on_unseen.best.row, len(result.fits)
-    place = "is recommended of" if result.is_recommended else "is not recommended, and no other is; it is the best of"
-    which = (
-        f"{row.model} {place} {count} models, ranked by their free runs (simulation from the input alone) on "
-        f"{result.ranked_on}."
-        if count > 1
-        else f"{row.model} is the only model that was fitted."
+def summary(result: Identification, argument: Spelling = as_python) -> str:
+    """How good the best model is, and how that was tested: on which samples, beside how many models, its residual."""
+    row, others = result.on_unseen.best.row, len(result.fits) - 1
+    found = [sentence(each, argument) for each in result.findings if each.code == "free-run-error"]
+    beside = f", beside {others} other model{'s' * (others > 1)}" if others else ""
+    chosen = "" if result.on_choice is None else f", chosen on {result.on_choice.best.row.samples:,}"
+    kind = " that no fit and no choice has used" * (not result.seen)
+    tested = (
+        f"Tested in free run (simulation from the input alone){beside}: fitted to {_samples(result)}{chosen}, run on "
+        f"{row.samples:,}{kind}."
     )
-    fitted = f"{which} Fitted to {_samples(result)}"
-    if result.on_choice is None:
-        return f"{fitted}, run on {row.samples:,} of {result.ranked_on}."
-    return (
-        f"{fitted}, chosen on {result.on_choice.best.row.samples:,}; the errors below are on {row.samples:,} further "
-        "samples that no fit and no choice has used."
-    )
+    return " ".join((*found, tested, *(sentence(each, argument) for each in result.verdicts)))
 
 
 def _samples(result: Identification) -> str:
@@ -149,30 +163,6 @@ def _samples(result: Identification) -> str:
         if each.code == "fitted-to-excerpt" and each.data["finished"]:
             return f"{each.data['of']:,} samples after a comparison of fits to {each.data['samples']:,}"
     return f"{len(result.record):,} samples"
-
-
-def facts(result: Identification) -> list[Fact]:
-    """The best model, its errors, its characteristics and the verdict on its residual."""
-    best, unit = result.on_unseen.best, plain_unit(_unit(result))
-    errors = best.row.outputs or (best.row,)
-    found = [
-        Fact(best.row.model, "recommended model" if result.is_recommended else "best model; none is recommended"),
-        Fact(percent(best.row.fit_percent), f"fit of its free run on {result.ranked_on}"),
-    ]
-    if isfinite(best.row.simulation_rmse) and len(errors) == 1:
-        found.append(Fact(with_unit(number(best.row.simulation_rmse), unit), "RMSE of that free run"))
-    found += values(result)
-    for each in result.verdicts:
-        of = f" of {each.data['output']}" if len(errors) > 1 else ""
-        share = each.data.get("share")
-        value = "not tested" if share is None else f"{100 * share:.0f} %" if share >= 0.01 else "< 1 %"
-        meaning = (
-            f"residual{of} against the input"
-            if share is None
-            else f"of the variance of the residual{of} is predictable from the input"
-        )
-        found.append(Fact(value, meaning))
-    return found
 
 
 def values(result: Identification) -> list[Fact]:
@@ -239,6 +229,16 @@ def which_model(result: Identification) -> Section:
     )
 
 
+def responses(result: Identification) -> Section:
+    """Step and frequency responses and poles of the linear and the best models, with the response of the data."""
+    from emsid.report.views.analysis import model_figures
+    from emsid.validation.bands import usual_step
+
+    record = result.record
+    fits = [replace(each.fit, channels=ChannelNames.of(record)) for each in _drawn(result)]
+    return Section("Responses", figures=model_figures(fits, [usual_step(u) for u in record.input.T], record))
+
+
 def where_errors_are(result: Identification) -> Section | None:
     """Errors by operating region and by record; None where there are neither."""
     tables = (
@@ -289,9 +289,7 @@ def _p_values(tests: Sequence[Mapping[str, Any]], kind: str) -> str:
 
 def in_detail(result: Identification) -> tuple[Section, Section]:
     """The free runs of the best models with their residuals, and the data."""
-    best = result.on_unseen.assessments[:DRAWN]
-    baseline = [each for each in result.on_unseen.assessments if each.row.model == BASELINE]
-    linear_first = [*baseline, *(each for each in best if each not in baseline)]
+    linear_first = _drawn(result)
     intervals = views.critical_intervals(
         result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
     )
@@ -306,9 +304,11 @@ def in_detail(result: Identification) -> tuple[Section, Section]:
     return runs, Section("The data", figures=(views.inputs((result.record, result.unseen)),))
 
 
-def _unit(result: Identification) -> str:
-    """The unit of the first output."""
-    return views.channel_axis(result.unseen.output_names[0], result.unseen.output_units[0]).unit
+def _drawn(result: Identification) -> list[Assessment]:
+    """The linear model and the best ones."""
+    best = result.on_unseen.assessments[:DRAWN]
+    baseline = [each for each in result.on_unseen.assessments if each.row.model == BASELINE]
+    return [*baseline, *(each for each in best if each not in baseline)]
 
 
 def _stretch(record: Record) -> float:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from emsid.models.model import Run
 from emsid.record import Record
+from emsid.units import name_and_unit
 
 Array = NDArray[np.float64]
 SIGNIFICANCE = 0.01
@@ -85,6 +86,13 @@ def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) 
     return shares if np.isfinite(shares).all() else nothing
 
 
+def limit_over(values: int) -> float:
+    """The size, in standard deviations, that all of so many independent normal values stay below in 99 of 100 cases."""
+    from scipy.special import ndtri
+
+    return float(-ndtri(SIGNIFICANCE / 2 / values))
+
+
 class InputTest(NamedTuple):
     """Whether a residual is independent of the past of an input, with 99 % bands.
 
@@ -125,7 +133,7 @@ def input_test(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Inpu
         None where one of the signals is constant.
     """
     from scipy.linalg import toeplitz
-    from scipy.special import chdtrc, ndtri
+    from scipy.special import chdtrc
 
     both = cross_correlation(error, u, breaks, lags)
     past = both[len(both) // 2 :]
@@ -140,7 +148,7 @@ def input_test(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Inpu
     kept = size > EXCITED * size[-1]
     statistic = float(np.sum((axes.T[kept] @ past) ** 2 / size[kept]))
     p_value = float(chdtrc(int(np.count_nonzero(kept)), statistic))
-    return InputTest(len(past), float(past[k]), k, float(-ndtri(0.005 / len(past))), p_value)
+    return InputTest(len(past), float(past[k]), k, limit_over(len(past)), p_value)
 
 
 def _longest_lag(signal: Array, breaks: Sequence[int], lags: int) -> int:
@@ -246,13 +254,11 @@ def nonlinear_tests(
         breaks: the first sample of every segment but the first.
         lags: the largest lag in samples.
     """
-    from scipy.special import ndtri
-
     tests = []
     for term in terms:
         correlation = cross_correlation(error, term.signal, breaks, lags)
         past = correlation[len(correlation) // 2 :]
-        limit = float(-ndtri(SIGNIFICANCE / 2 / len(past) / len(terms)))
+        limit = limit_over(len(past) * len(terms))
         lag = int(np.argmax(np.abs(past)))
         tests.append(NonlinearTest(term.name, term.kind, past, limit, _share(error, term.signal, breaks, lag)))
     return tuple(tests)
@@ -272,12 +278,13 @@ def _share(error: Array, signal: Array, breaks: Sequence[int], lag: int) -> floa
 
 def free_run_tests(record: Record, simulation: Run) -> tuple[tuple[NonlinearTest, ...], ...]:
     """The tests of every output of a free run, the products of the inputs and that output among them."""
-    of_inputs, tests = nonlinear_terms(record.input, record.input_names), []
+    inputs = [name_and_unit(name)[0] for name in record.input_names]
+    of_inputs, tests = nonlinear_terms(record.input, inputs), []
     for output, measured, simulated in zip(record.output_names, record.output.T, simulation.output.T, strict=True):
         terms = of_inputs
         if np.isfinite(simulated).all():
             y = _scaled(simulated)
-            names = [f"{name}·{output} (simulated)" for name in record.input_names]
+            names = [f"{name}·{name_and_unit(output)[0]} (simulated)" for name in inputs]
             products = [_product(_scaled(u), y, name) for u, name in zip(record.input.T, names, strict=True)]
             terms = [*terms, *(term for term in products if float(np.std(term.signal)) > NOTHING)]
         error = np.where(simulation.counted, measured - simulated, np.nan)

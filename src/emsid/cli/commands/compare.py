@@ -126,13 +126,13 @@ def _report(comparisons: "Sequence[Comparison]", fits: "Sequence[Fit[Any]]") -> 
         return Section(record.name, tables=(table,), figures=tuple(joined(figures)))
 
     first = comparisons[0]
-    low, high = usual_step(first.best.record.input[:, 0])
+    steps = [usual_step(u) for u in first.best.record.input.T]
     works: dict[str, Callable[[], Iterable[Section]]] = {
         f"section of the page: {each.best.record.name}": partial(lambda *of: [section(*of)], k, each)
         for k, each in enumerate(comparisons, 1)
     }
     works["figures of the responses"] = lambda: [
-        Section("Responses", figures=model_figures(fits, high - low), paragraphs=(f"The step is of {high - low:.4g}.",))
+        Section("Responses", figures=model_figures(fits, steps, first.best.record))
     ]
     best = first.best.row
     return Report(

@@ -125,7 +125,7 @@ def _report(paths: list[Path], fits: "list[Fit[Any]]", step: float) -> "Report":
         )
 
     names = ", ".join(dict.fromkeys(fit.model_name for fit in fits))
-    responses = Section("", figures=model_figures(fits, step))
+    responses = Section("", figures=model_figures(fits, [(0.0, step)]))
     works = {
         f"section of the page: {path}": partial(lambda f: [section(f)], fit)
         for path, fit in zip(paths, fits, strict=True)

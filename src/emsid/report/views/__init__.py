@@ -4,7 +4,6 @@ They return plain data (`emsid.report.document`) for the sections of a report. T
 corresponding figures and tables of the paper.
 """
 
-from emsid.report.views.bands import banded
 from emsid.report.views.conventions import channel_axis, labels
 from emsid.report.views.front import motor_table, parameter_table, regressor_column, results_table
 from emsid.report.views.grey_box import nonlinearities
@@ -17,7 +16,7 @@ from emsid.report.views.record import (
     responses,
 )
 from emsid.report.views.residuals import nonlinear_correlations, residuals
-from emsid.report.views.sections import model_section
+from emsid.report.views.sections import banded, model_section
 
 __all__ = [
     "banded",

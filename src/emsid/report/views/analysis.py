@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
+from emsid.models.verbs import as_model
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import curve_with_band, limited, magnitude_and_phase
 from emsid.report.views.cascade import SQUARE, around
-from emsid.report.views.conventions import MODELS, TIME, channel_axis
+from emsid.report.views.conventions import MEASURED, MODELS, TIME, channel_axis
+from emsid.units import name_and_unit, with_unit
 from emsid.validation.analysis import bode, pole_map, step
 from emsid.validation.responses import FrequencyResponse, PoleMap, Several, TimeResponse
+
+if TYPE_CHECKING:
+    from emsid.record import Record
 
 
 def over_time(several: Sequence[TimeResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS) -> Figure:
@@ -102,28 +107,60 @@ def _bands(bands: Sequence[TimeResponse] | Sequence[object]) -> str:
     return f", with {100 * bands[known.index(True)].level:.0f} % bands" if any(known) else ""  # type: ignore[attr-defined]
 
 
-def model_figures(models: Sequence[Any], size: float) -> tuple[Figure, ...]:
-    """Step response, frequency response and poles of several models in the same axes, of each as far as it has them.
+def model_figures(
+    models: Sequence[Any], steps: Sequence[tuple[float, float]], record: Record | None = None
+) -> tuple[Figure, ...]:
+    """Responses to steps beside the poles, and frequency responses, of several models as far as they have them.
 
-    Models of other outputs, or in continuous and in discrete time, have figures of their own.
+    Models of other outputs, or in continuous and in discrete time, have axes of their own. Models are linearised where
+    they rest after the step.
 
     Args:
         models: models or fits.
-        size: of the step.
+        steps: the levels before and after a step of every input.
+        record: its frequency responses by averaged windows are drawn, too, with their coherence.
     """
-    figures: list[Figure] = []
-    for analyse, drawn, kind in (
-        (partial(step, size=size), over_time, lambda each: each.outputs),
-        (bode, over_frequency, lambda each: None),
-        (pole_map, poles_and_zeros, lambda each: each.dt is None),
-    ):
-        alike: dict[Any, list[Any]] = {}
-        for model, stroke in zip(models, cycle(MODELS), strict=False):
-            with suppress(EmsidError):  # without a linear part, or a sample time
-                found = analyse(model)
-                alike.setdefault(kind(found), []).append((found, stroke))
-        for k, group in enumerate(alike.values()):
-            several: Several[Any] = Several(each for each, _ in group)
-            figure = drawn(several, several.labels, [stroke for _, stroke in group])
-            figures.append(replace(figure, name=f"{figure.name}-{k + 1}" if k else figure.name))
-    return tuple(figures)
+    of = [*zip(models, cycle(MODELS), strict=False)]
+    measured = [] if record is None else [(record, MEASURED)]
+    outputs = 1 if record is None else record.output.shape[1]
+    beside, over = list[Figure](), list[Figure]()
+    linear = all(getattr(as_model(each), "is_linear", not hasattr(as_model(each), "maps")) for each in models)
+    for k, (before, after) in enumerate(steps):
+        to_step = partial(step, size=after - before, at=before, input=k)
+        u, unit = ("", "") if record is None else (record.input_names[k], record.input_units[k])
+        at, name = with_unit(f"{after:.4g}", unit), f" of {name_and_unit(u)[0]}" * bool(u)
+        beside += _alike(of, to_step, over_time, lambda each: each.outputs, f" Step{name} from {before:.4g} to {at}.")
+        for i in range(outputs):
+            path = partial(bode, at=after, output=i, input=k)
+            note = "" if record is None or len(steps) * outputs == 1 else f" From {u} to {record.output_names[i]}."
+            note += "" if linear else f" Nonlinear models are linearised where they rest after the step, at {at}."
+            over += _alike([*of, *measured], path, over_frequency, lambda each: None, note)
+    beside += _alike(of, partial(pole_map, at=steps[0][1]), poles_and_zeros, lambda each: each.dt is None)
+    plots = [replace(plot, height=SQUARE) for figure in beside for plot in figure.plots]
+    columns = len(plots) if len(plots) in (1, 3) else 2
+    captions = " ".join(dict.fromkeys(figure.caption for figure in beside))
+    return (
+        *([Figure("steps-and-poles", captions, tuple(plots), columns)] if plots else []),
+        *(replace(each, name=f"{each.name}-{k}" if k else each.name) for k, each in enumerate(over)),
+    )
+
+
+def _alike(
+    of: Sequence[tuple[Any, Stroke]],
+    analyse: Callable[[Any], Any],
+    drawn: Callable[..., Figure],
+    kind: Callable[[Any], object],
+    note: str = "",
+) -> list[Figure]:
+    """Figures of an analysis of the models that have it, those with results of one kind in one figure."""
+    alike: dict[object, list[tuple[Any, Stroke]]] = {}
+    for model, stroke in of:
+        with suppress(EmsidError):  # without a linear part, or a sample time
+            found = analyse(model)
+            alike.setdefault(kind(found), []).append((found, stroke))
+    figures = []
+    for group in alike.values():
+        several: Several[Any] = Several(each for each, _ in group)
+        figure = drawn(several, several.labels, [stroke for _, stroke in group])
+        figures.append(replace(figure, caption=figure.caption + note))
+    return figures

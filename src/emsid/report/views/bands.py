@@ -1,20 +1,16 @@
-"""Views of what a model does, with confidence bands: step and frequency response, static map and friction."""
+"""Curves of models with confidence bands: frequency response, static map and friction."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import islice, product
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.estimation.borders import border
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
-from emsid.report.numbers import number, slug
-from emsid.report.views.conventions import BAND, TIME, channel_axis
-from emsid.units import with_unit
+from emsid.report.views.conventions import BAND, channel_axis
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -26,39 +22,6 @@ if TYPE_CHECKING:
 CURVE = Stroke(Ink.BLUE, width=1.4)
 WIDEST = 1.0
 """Bands are drawn to this multiple of the range of their curve beyond it."""
-OF_PARAMETERS = "The band is that of the estimated parameters; noise and what the structure lacks come on top."
-
-
-def banded(fit: Fit[Any], record: Record) -> tuple[Figure, ...]:
-    """The step response, frequency response, static map and friction of a model, as far as it has them, with bands.
-
-    Args:
-        fit: of a model with a covariance.
-        record: with its sample time and ranges.
-    """
-    prefix = slug(fit.model.name)
-    inputs, outputs = record.input.shape[1], record.output.shape[1]
-    views: list[Callable[[], Figure]] = []
-    for k in range(inputs):
-        end = f"-{slug(record.input_names[k])}" if inputs > 1 else ""
-        views.append(partial(step_response, fit, record, input=k, name=f"{prefix}-step{end}"))
-    if not hasattr(fit.model, "blocks") and not hasattr(fit.model, "plant"):  # they have views of their own
-        for i, k in product(range(outputs), range(inputs)):
-            end = f"-{slug(record.output_names[i])}-{slug(record.input_names[k])}" if inputs * outputs > 1 else ""
-            path: dict[str, Any] = {
-                "output": i,
-                "input": k,
-                "name": f"{prefix}-frequency-response{end}",
-            }
-            views.append(partial(frequency_response, fit, record, **path))
-        views.append(lambda: static_map(fit, record, name=f"{prefix}-static-map"))
-    if hasattr(fit.model, "structure"):
-        views.append(lambda: regression_friction(fit, record, name=f"{prefix}-friction"))
-    figures = []
-    for view in views:
-        with border(f"a figure of {fit.model.name}", fit.model.name, expected=True):
-            figures.append(view())
-    return tuple(figures)
 
 
 def with_band(fit: Fit[Any]) -> str:
@@ -67,61 +30,6 @@ def with_band(fit: Fit[Any]) -> str:
         return f" with {BAND}"
     why = "the search ended before a minimum" if fit.has_intervals else "this fit has no intervals"
     return f" (no band, as {why})"
-
-
-def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = "step") -> Figure:
-    """The response from rest to a step of an input, with its band, for every output.
-
-    Raises:
-        ModelError: for a model without one.
-    """
-    from emsid.validation.bands import step_response_band, usual_step
-
-    band = step_response_band(fit, record, input=input)
-    plots = []
-    for k, output in enumerate(record.output_names):
-        one = replace(band, value=band.value[:, k], standard_error=band.standard_error[:, k])
-        plots.append(
-            Plot(curve_with_band(one, fit.model.name), TIME, limited(channel_axis(output, record.output_units[k]), one))
-        )
-    before, after = usual_step(record.input[:, input])
-    height = with_unit(f"{_three_digits(before)} to {_three_digits(after)}", record.input_units[input])
-    of_input = f" to a step of {record.input_names[input]} from {height}"
-    about = f" {OF_PARAMETERS}" if band.known else ""
-    caption = f"Step response of {fit.model.name}{of_input}{with_band(fit)}.{about}"
-    return Figure(name, caption, tuple(plots))
-
-
-def _three_digits(value: float) -> str:
-    """A size of a signal, without a power of ten where four digits show it.
-
-    >>> _three_digits(-5299.0), _three_digits(2.0916), _three_digits(0.0)
-    ('-5300', '2.09', '0')
-    """
-    return number(float(f"{value:.3g}"))
-
-
-def frequency_response(
-    fit: Fit[Any], record: Record, *, output: int = 0, input: int = 0, name: str = "response"
-) -> Figure:
-    """Magnitude and phase with their bands, of a nonlinear model at rest after a step of its input.
-
-    Raises:
-        ModelError: for a model without a frequency response.
-    """
-    from emsid.validation.bands import frequency_response_band, usual_step
-
-    around = usual_step(record.input[:, input])[1]
-    found = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
-    plots = magnitude_and_phase([found], [fit.model.name], [CURVE], BAND)
-    several = record.input.shape[1] * record.output.shape[1] > 1
-    path = f" from {record.input_names[input]} to {record.output_names[output]}" if several else ""
-    rest = ""
-    if not getattr(fit.model, "is_linear", not hasattr(fit.model, "maps")):
-        at = with_unit(f"{around:.4g}", record.input_units[input])
-        rest = f", linearised at rest at {record.input_names[input]} = {at}"
-    caption = f"Frequency response of {fit.model.name}{path}{with_band(fit)}, up to half the sampling rate{rest}."
-    return Figure(name, caption, plots, shared_x=True)
 
 
 def magnitude_and_phase(
@@ -177,7 +85,8 @@ def regression_friction(fit: Fit[Any], record: Record, *, name: str = "friction"
     from emsid.validation.bands import friction_band
 
     band = friction_band(fit, record)
-    taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
+    u = channel_axis(record.input_names[0], record.input_units[0])
+    taken = replace(u, quantity=f"{u.quantity} that friction takes up")
     caption = f"Friction of {fit.model.name}{with_band(fit)}: what its terms in past outputs take of the input."
     plot = Plot(curve_with_band(band, fit.model.name), _output(record), limited(taken, band), height=1.4)
     return Figure(name, caption, (plot,))

@@ -35,6 +35,8 @@ COVERED = 0.06
 """Points that are closer than this share of the axis of errors have one label."""
 COLUMNS = 6
 """At most this many records have a column each in the table of errors by record; more have a row each."""
+CORRELATED = 10
+"""At most this many parameters have a column each in the table of correlations, which fits into a printed page."""
 GREY = Stroke(Ink.GREY, width=1.0)
 
 
@@ -336,6 +338,28 @@ def parameter_table(
         f"Parameters of {fit.model.name} ({fit.method.upper()}).",
         text_columns=1 + len(extra),
     )
+
+
+def correlation_table(fit: Fit[Any]) -> Table | None:
+    """The correlations of the estimates, of the parameters with the largest ones; None for a single one, or without.
+
+    Two parameters whose correlation is near ±1 are known only together: one changes with the other at the same error.
+    """
+    spread = fit.standard_error
+    known = np.flatnonzero(np.isfinite(spread) & (spread > 0))
+    if len(known) < 2 or not fit.has_intervals:
+        return None
+    found = np.round(fit.covariance[np.ix_(known, known)] / np.outer(spread[known], spread[known]), 2) + 0.0
+    strongest = np.max(np.abs(found - np.eye(len(known))), axis=1)
+    shown = np.sort(np.argsort(-strongest, kind="stable")[:CORRELATED])
+    rows = tuple(
+        (str(k), fit.names[known[i]], *(f"{found[i, j]:.2f}" if j < i else "" for j in shown[:-1]))
+        for k, i in enumerate(shown, 1)
+    )
+    most = f", of the {CORRELATED} parameters with the largest" if len(known) > CORRELATED else ""
+    header = ("No.", "Parameter", *(str(k) for k in range(1, len(shown))))
+    caption = f"Correlations of the estimates of {fit.model.name}{most}; those near ±1 are known only together."
+    return Table(header, rows, caption, text_columns=2)
 
 
 def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:

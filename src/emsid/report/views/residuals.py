@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Mark, Plot, Stroke
 from emsid.report.views.conventions import MODELS, TIME, channels, labels, of_output, output_axis, timeline, with_gaps
-from emsid.validation.correlation import autocorrelation, cross_correlation
+from emsid.units import name_and_unit
+from emsid.validation.correlation import LAGS, autocorrelation, cross_correlation, limit_over
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -21,25 +22,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-# 99 of 100 normal deviates are smaller.
-WHITE = 2.5758
-
-
 def residuals(assessments: Sequence[Assessment], *, name: str = "residuals") -> Figure:
     """Free-run residuals of several models for every output: over time, as a histogram, and their correlations.
 
-    For white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. The residual of the free run
-    of a good model need not be white, because measurement noise is often coloured. It should be independent of the
-    input: the cross-correlation with every input is shown in standard deviations for independent signals of the same
-    colour, see `cross_correlation`.
+    The dashed lines are the limits of the residual tests: all lags of 99 of 100 independent residuals lie between them.
+    The residual of the free run of a good model need not be white, because measurement noise is often coloured. It
+    should be independent of the input: the cross-correlation with every input is shown in standard deviations for
+    independent signals of the same colour, see `cross_correlation`.
 
     Args:
         assessments: models run over one record.
         name: of the figure.
     """
     record = assessments[0].record
-    most = int(np.clip(round(1 / record.dt), 20, 400))  # lags in samples: a second, within limits
-    plots = [plot for channel in channels(record) for plot in _residual_plots(assessments, channel, most)]
+    plots = [plot for channel in channels(record) for plot in _residual_plots(assessments, channel)]
     note = (
         " Correlation with inputs later than the residual (negative lags) shows feedback, with earlier ones what the "
     )
@@ -56,7 +52,7 @@ Errors = Sequence[tuple[str, Stroke, Array]]
 """The label, the stroke, and the residual (N,) of every model, NaN where it does not count."""
 
 
-def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) -> list[Plot]:
+def _residual_plots(assessments: Sequence[Assessment], channel: int) -> list[Plot]:
     """The plots of one output: over time, and where a residual is known, its distribution and its correlations."""
     record = assessments[0].record
     unit, whose = output_axis(record, channel).unit, of_output(record, channel)
@@ -71,9 +67,9 @@ def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) 
     known = [each for each in errors if np.isfinite(each[2]).any()]
     if known:
         counted = [int(np.count_nonzero(each.simulation.counted)) for each in assessments]
-        band = WHITE / sqrt(max(counted[0], 1))
-        plots += [_distribution(known, max(counted), unit, whose), _autocorrelations(known, record, most, band, whose)]
-    return plots + _cross_correlations(known, record, most, whose)
+        deviation = 1 / sqrt(max(counted[0], 1))
+        plots += [_distribution(known, max(counted), unit, whose), _autocorrelations(known, record, deviation, whose)]
+    return plots + _cross_correlations(known, record, whose)
 
 
 def _thin(stroke: Stroke) -> Stroke:
@@ -92,39 +88,40 @@ def _distribution(errors: Errors, samples: int, unit: str, whose: str) -> Plot:
     return Plot(tuple(marks), Axis("Residual", unit), share_axis, f"Distribution{whose}")
 
 
-def _autocorrelations(errors: Errors, record: Record, most: int, band: float, whose: str) -> Plot:
-    """Up to ``most`` lags, with the band of white noise."""
+def _autocorrelations(errors: Errors, record: Record, deviation: float, whose: str) -> Plot:
+    """With the limits of white noise, whose correlations have this deviation."""
     marks: list[Mark] = []
     for _, stroke, error in errors:
-        found = autocorrelation(error, record.breaks, most)
+        found = autocorrelation(error, record.breaks, LAGS)
         lag = record.dt * np.arange(len(found), dtype=np.float64)
         marks.append(Line(lag, found, stroke=Stroke(stroke.ink, stroke.dash)))
-    marks += [Level(band, "99 % of white noise"), Level(-band)]
+    limit = deviation * limit_over(len(found) - 1)
+    marks += [Level(limit, "99 % limit of white noise"), Level(-limit)]
     return Plot(tuple(marks), Axis("Lag", "s"), Axis("Autocorrelation", "1"), f"Autocorrelation{whose}")
 
 
-def _cross_correlations(errors: Errors, record: Record, most: int, whose: str) -> list[Plot]:
+def _cross_correlations(errors: Errors, record: Record, whose: str) -> list[Plot]:
     """A plot for every input that is not constant; the last one is wide if it stands alone in its row."""
     drawn = []
     for name, u in zip(record.input_names, record.input.T, strict=True):
         marks = []
         for _, stroke, error in errors:
-            found = cross_correlation(error, u, record.breaks, most)
+            found = cross_correlation(error, u, record.breaks, LAGS)
             lag = record.dt * np.arange(-(len(found) // 2), len(found) // 2 + 1, dtype=np.float64)
             if found.any():
                 marks.append(Line(lag, found, stroke=Stroke(stroke.ink, stroke.dash)))
         if marks:
-            drawn.append((name, marks))
+            drawn.append((name_and_unit(name)[0], limit_over(len(found) // 2 + 1), marks))
     wide = len(drawn) - 1 if len(drawn) % 2 else None
     return [
-        _over_lags(marks, WHITE, "99 % if independent", f"Cross-correlation with {name}{whose}", 2 if k == wide else 1)
-        for k, (name, marks) in enumerate(drawn)
+        _over_lags(marks, limit, f"Cross-correlation with {name}{whose}", 2 if k == wide else 1)
+        for k, (name, limit, marks) in enumerate(drawn)
     ]
 
 
-def _over_lags(marks: Sequence[Mark], limit: float, label: str, title: str, span: int = 1) -> Plot:
+def _over_lags(marks: Sequence[Mark], limit: float, title: str, span: int = 1) -> Plot:
     """Correlations in standard deviations, with their limits for independent signals."""
-    shown = (*marks, Level(limit, label), Level(-limit))
+    shown = (*marks, Level(limit, "99 % limit, all lags"), Level(-limit))
     return Plot(shown, Axis("Lag", "s"), Axis("In standard deviations", "1"), title, height=0.8, span=span)
 
 
@@ -161,8 +158,8 @@ def _nonlinear_plots(assessments: Sequence[Assessment], channel: int) -> list[Pl
             limit = max(limit, test.limit)
             lag = record.dt * np.arange(len(test.curve), dtype=np.float64)
             marks.setdefault(test.term, []).append(Line(lag, test.curve, "" if k else label, stroke))
-    whose, label = of_output(record, channel, " of "), "99 % if independent, all lags"
-    return [_over_lags(drawn, limit, label, f"Residual{whose} against {term}") for term, drawn in marks.items()]
+    whose = of_output(record, channel, " of ")
+    return [_over_lags(drawn, limit, f"Residual{whose} against {term}") for term, drawn in marks.items()]
 
 
 def _histogram_edges(errors: Sequence[Array]) -> Array:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from emsid.estimation.borders import border
 from emsid.report.document import Figure, Section, Table
 from emsid.report.numbers import sentence, slug
+from emsid.report.views.bands import regression_friction, static_map
 from emsid.report.views.front import parameter_table, regressor_column
 from emsid.wording import Spelling, as_python
 from emsid.wording import sentence as worded
@@ -121,6 +122,22 @@ SECTIONS: dict[str, Callable[..., Parts]] = {
 }
 """The sections that kinds of models name, see `emsid.models.capabilities`: of a fit, the record in which its signals
 are shown, the beginning of the names of its figures, and the likelihood profiles of its parameters."""
+
+
+def banded(fit: Fit[Any], record: Record) -> tuple[Figure, ...]:
+    """The static map and the friction of a regression or a linear model, as far as it has them, with bands.
+
+    Args:
+        fit: of a model with a covariance.
+        record: with its sample time and ranges.
+    """
+    prefix = slug(fit.model.name)
+    views: list[Drawing] = []
+    if not hasattr(fit.model, "blocks") and not hasattr(fit.model, "plant"):  # they have views of their own
+        views.append(partial(static_map, fit, record, name=f"{prefix}-static-map"))
+    if hasattr(fit.model, "structure"):
+        views.append(partial(regression_friction, fit, record, name=f"{prefix}-friction"))
+    return _drawable(fit.model.name, views)
 
 
 def _drawable(model: str, drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:

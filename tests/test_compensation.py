@@ -13,6 +13,7 @@ from emsid.controllers.verb import compensated
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.filters import Rational
 from emsid.models.verbs import as_model
+from emsid.wording.study import smaller
 
 DT = 2e-3
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow"]
@@ -238,7 +239,11 @@ def test_the_command_writes_c_and_a_figure_and_overwrites_nothing(tmp_path, run)
     text = (inverse / "COMPENSATION.md").read_text()
     assert "command = rigid_motor_command(" in text
     assert "| reversal | cascade |" in text
-    assert (inverse / "compensation.svg").read_text().startswith("<?xml")
+    assert (inverse / "figures/compensation.svg").read_text().startswith("<?xml")
+    page = (inverse / "report.html").read_text()
+    times = error["cascade without compensation"] / error["cascade"]
+    assert f"the error at a reversal is {smaller(times)} with the compensation than without it" in page
+    assert page.index('id="compensation"') < page.index('id="inverse"') < page.index('id="bench-sine"')
     status, _, err = run("compensate", model, "--out", inverse, "--dt", "2ms")
     assert (status, "exists" in err) == (2, True)
     status, _, err = run("compensate", model, "--out", tmp_path / "other", "--dt", "2ms", "--limit", "0.5V")

@@ -147,6 +147,10 @@ def test_the_command_writes_a_signal_that_reads_back(fit, tmp_path, run):
     assert status == 0, err
     found = json.loads(text)
     assert found["wanted"] == ["rotor_friction.coulomb"]
+    page = out.with_suffix(".html").read_text()
+    assert f"become {found['gain']:.2f} times narrower than with the best standard signal" in page
+    assert page.index('id="signal"') < page.index("<table")
+    assert f"{found['half_widths']['design']['rotor_friction.coulomb']:.3g}" in page
     record = emsid.read(out, input="voltage", output=(), time="t")
     assert (len(record), record.dt) == (800, pytest.approx(DT))
     status, _, err = run(*words)

@@ -20,7 +20,7 @@ from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 from emsid.report.document import Wire
 from emsid.report.numbers import number
-from emsid.report.study_page import WORST, lead_inputs, models_table, study_report, study_rows, times
+from emsid.report.study_page import WORST, beside, lead_inputs, models_table, study_report, study_rows, times
 from emsid.study.models import (
     BLOCKS,
     CHOSEN,
@@ -249,9 +249,10 @@ def test_a_rotor_without_friction_has_no_curve_of_load_friction(result):
 
 def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(result, heavy):
     (finding,) = found(result, "study-even-terms")
-    assert [each["study"] for each in finding.data["studies"]] == [EXPERIMENT, SIMULATION]
-    for each in finding.data["studies"]:
-        linear, paper = (result.part(each["study"]).on_unseen(model).row for model in (LINEAR, PAPER))
+    assert [each["study"] for each in finding.data["studies"]] == [part.called for part in result.parts]
+    assert [part.called for part in result.parts] == ["virtual bench", SIMULATION]
+    for each, part in zip(finding.data["studies"], result.parts, strict=True):
+        linear, paper = (part.on_unseen(model).row for model in (LINEAR, PAPER))
         assert each["better"] == linear.simulation_mse / paper.simulation_mse
     assert not found(heavy, "study-even-terms")
 
@@ -298,10 +299,13 @@ def test_the_summary_holds_ratios_to_the_linear_model_and_the_papers(result):
 def test_the_page_opens_with_three_sentences_and_one_picture(result, heavy):
     page = study_report(result)
     (picture,) = page.opening.figures
-    (sentences,) = page.summary
     codes = [finding.code for finding in headline(findings(result))]
-    assert codes == ["study-paper-ratios", "study-even-terms", "study-best-model"]
-    assert sentences == " ".join(sentence(finding) for finding in headline(findings(result)))
+    assert codes == ["study-best-model", "study-paper-ratios", "study-even-terms"]
+    assert page.summary[:3] == tuple(sentence(finding) for finding in headline(findings(result)))
+    assert "virtual bench" in page.summary[3]
+    assert [section.title for section in page.sections[:2]] == ["The virtual bench", "The simulation"]
+    assert page.summary[1].startswith("The paper's nonlinear model is worse than its linear one: MSE ratio ×0.9")
+    assert "on the virtual bench (paper: ×2.83)" in page.summary[1]
     assert not page.opening.tables
     through_zero, ratios = picture.plots
     lines = {mark.label: mark for mark in through_zero.marks}
@@ -312,33 +316,34 @@ def test_the_page_opens_with_three_sentences_and_one_picture(result, heavy):
     assert list(bars.values) == [row.better_unseen for row in rows]
     assert (list(paper.x), [rows[int(k)].model for k in paper.y]) == (pytest.approx([2.83], rel=0.01), [PAPER])
     # On a motor with unequal directions the reason is another one.
-    assert [finding.code for finding in headline(findings(heavy))][1] == "study-what-decides"
+    assert [finding.code for finding in headline(findings(heavy))][2] == "study-what-decides"
 
 
 def test_the_papers_tables_stand_beside_those_of_the_study(result):
     page = study_report(result)
-    published, models = page.sections[0].tables
+    titles = [section.title for section in page.sections]
+    published, models = page.sections[titles.index("The paper's tables beside this study")].tables
     assert [row[:2] for row in published.rows] == [
-        (study, data) for study in (EXPERIMENT, SIMULATION) for data in ("identification", "unseen")
+        (study, data) for study in ("virtual bench", SIMULATION) for data in ("identification", "unseen")
     ]
     assert published.rows[3][2:5] == ("0.002264", "4.063e-6", "×557")
     unseen = result.part(SIMULATION).on_unseen
     here = [unseen(model).row.simulation_mse for model in (LINEAR, PAPER)]
-    assert published.rows[3][5:8] == (*map(number, here), times(here[0] / here[1]))
+    assert published.rows[3][5:8] == (*map(number, here), beside(here[0] / here[1]))
     assert [row[0] for row in models.rows] == list(result.part(SIMULATION).models)
     many = {row.model: row for row in recorded().inputs}
     for row in models.rows[1:-1]:
         for part, cell in zip(result.parts, row[3:5], strict=True):
             on_linear, on_model = (part.on_unseen(model).row.simulation_mse for model in (LINEAR, row[0]))
-            assert cell == times(on_linear / on_model)
-        assert row[5] == times(many[row[0]].median)
-    titles = [section.title for section in page.sections]
-    assert titles.index("The experiment study") < titles.index("The simulation study")
+            assert cell == beside(on_linear / on_model)
+        assert row[5] == beside(many[row[0]].median)
+    (paper,) = [row for row in models.rows if row[0] == PAPER]
+    assert all(cell.endswith(", worse") for cell in paper[3:6])
 
 
 def test_findings_about_the_paper_are_one_table_of_claims(result):
     page = study_report(result)
-    (table,) = page.sections[1].tables
+    (table,) = next(section for section in page.sections if section.title == "Claims of the paper").tables
     compared = [finding for finding in findings(result) if claim(finding) is not None]
     assert len(table.rows) == len({finding.code for finding in compared}) == 10
     text = " ".join(row[1] for row in table.rows)
@@ -369,6 +374,8 @@ def test_records_of_the_user_take_the_place_of_the_bench(regressions_only):
     done = study(settings, records)
     experiment = done.part(EXPERIMENT)
     assert not found(done, "study-virtual-bench")
+    assert experiment.called == EXPERIMENT
+    assert study_report(done).title == f"Models of {records[0].name}"
     (ratios,) = found(done, "study-paper-ratios")
     assert {row["study"] for row in ratios.data["rows"]} == {SIMULATION}
     assert not lead_inputs(done)  # the inputs of the survey are not the user's
@@ -565,10 +572,10 @@ def test_on_records_of_the_user_sizes_are_chosen_and_the_papers_models_stay(monk
 def test_the_page_draws_the_papers_diagrams_and_says_where_the_linear_model_is_worst(result):
     page = study_report(result)
     assert [diagram.name for diagram in page.diagrams] == [
-        "identification-loop",
         "motor-schematic",
         "block-diagram",
         "experimental-setup",
+        "identification-loop",
     ]
     for diagram in page.diagrams:
         for shape in diagram.shapes:

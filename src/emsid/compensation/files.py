@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ def write(
     dt: float | None = None,
     single: bool = False,
     force: bool = False,
-    more: dict[str, bytes] | None = None,
+    more: Mapping[str, str | bytes] | None = None,
     bench: Sequence[str] = (),
 ) -> list[Path]:
     """Write the model and its compensation as C.

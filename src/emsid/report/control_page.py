@@ -1,15 +1,20 @@
-"""The page of a controller: its margins, Bode plots with their bands, and the runs of the bench."""
+"""The pages of a controller and of a compensation: margins and Bode plots, the inverse, and the runs of the bench."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from emsid.compensation import Compensation, MapInverse
 from emsid.controllers import Controller
 from emsid.controllers.bench import AS_IS, BARE, CASCADE, REFERENCES, SIMC, ControlBench, rows_of
 from emsid.controllers.files import summary
 from emsid.report.document import Axis, Band, Dash, Figure, Ink, Level, Line, Mark, Plot, Report, Section, Stroke, Table
 from emsid.report.views.conventions import TIME
 from emsid.units import plain_unit
+from emsid.wording.lists import listed
+from emsid.wording.study import smaller
 
 INKS = {SIMC: Ink.ORANGE, BARE: Ink.GREY, CASCADE: Ink.BLUE}
 """What is drawn of the bench, the cascade on top."""
@@ -17,26 +22,85 @@ INKS = {SIMC: Ink.ORANGE, BARE: Ink.GREY, CASCADE: Ink.BLUE}
 
 def control_report(found: Controller) -> Report:
     """The page of a controller."""
-    lines = summary(found)
-    header, rows = rows_of(found.bench)
-    quantity, unit = found.bench.motion
     return Report(
         title=f"Control of {found.name}",
-        summary=tuple(lines),
-        sections=(
-            Section("Margins", figures=(bode_figure(found),)),
-            Section(
-                "Bench",
-                tables=(
-                    Table(header, tuple(rows), caption=f"RMS error of the true {quantity} in {unit}", text_columns=2),
-                ),
-            ),
-            *(
-                Section(f"Bench: {reference}", figures=(bench_figure(found.bench, reference),))
-                for reference in REFERENCES
-            ),
-        ),
+        summary=tuple(summary(found)),
+        opening=Section("", figures=(bode_figure(found),)),
+        sections=_bench_sections(found.bench, REFERENCES),
         imprint="emsid control",
+    )
+
+
+def compensation_report(found: Compensation | MapInverse, bench: ControlBench | None) -> Report:
+    """The page of a compensation: what it gains at a reversal, the runs of the bench, and the inverse itself.
+
+    Args:
+        found: the inverse of a plant or of a static map.
+        bench: its bench; a static map has none.
+    """
+    if bench is None:
+        gain, opening, sections = ("The inverse of the static map, over its values.",), inverse_figure(found), ()
+    else:
+        gain = gain_at_reversal(bench)
+        opening = bench_figure(bench, "reversal", name="compensation")
+        others = [each for each in REFERENCES if each != "reversal"]
+        sections = (Section("Inverse", figures=(inverse_figure(found, bench),)), *_bench_sections(bench, others))
+    return Report(
+        title=f"Compensation of {found.name}",
+        summary=gain,
+        opening=Section("", figures=(opening,)),
+        sections=sections,
+        imprint="emsid compensate",
+    )
+
+
+def gain_at_reversal(bench: ControlBench) -> tuple[str, str]:
+    """What the compensation makes of the error at a reversal, for every plant of the bench."""
+    ratios = {
+        plant: bench.runs[BARE, "reversal", plant].error / run.error
+        for (name, reference, plant), run in bench.runs.items()
+        if (name, reference) == (CASCADE, "reversal")
+    }
+    others = listed([f"{smaller(ratio)} with {plant}" for plant, ratio in ratios.items() if plant != AS_IS])
+    return (
+        f"On the bench, the error at a reversal is {smaller(ratios[AS_IS])} with the compensation than without it.",
+        f"That is with friction and dead zone as identified. It is {others}.",
+    )
+
+
+def inverse_figure(found: Compensation | MapInverse, bench: ControlBench | None = None) -> Figure:
+    """The inverse of the dead zone and the friction that is fed forward, or the inverse of a static map."""
+    if isinstance(found, MapInverse) or bench is None:
+        outputs, inputs, _ = found.table(400)  # type: ignore[union-attr]
+        plot = Plot((Line(outputs, inputs),), Axis("Wanted output of the map"), Axis("Input of the map"), height=1.4)
+        return Figure("inverse", f"The inverse of the static map of {found.name}.", (plot,))
+    way, unit = ("m", "N") if found.name == "linear-axis" else ("rad", "N*m")
+    command = plain_unit(bench.command_unit)
+    edge = max(3 * abs(float(found.dead_zone_inverse(1e-9))), 0.1 * bench.limit)
+    wanted, speed = np.linspace(-edge, edge, 1001), np.linspace(-bench.speed, bench.speed, 1001)
+    plots = (
+        Plot(
+            (Line(wanted, found.dead_zone_inverse(wanted)),),
+            Axis("Wanted behind the dead zone", command),
+            Axis("Before the dead zone", command),
+        ),
+        Plot(
+            (Line(speed, found.friction_force(speed)),),
+            Axis("Reference speed", f"{way}/s"),
+            Axis("Friction that is compensated", unit),
+        ),
+    )
+    return Figure("inverse", f"What the compensation of {found.name} puts before the plant.", plots, columns=2)
+
+
+def _bench_sections(bench: ControlBench, references: Sequence[str]) -> tuple[Section, ...]:
+    """The table of a bench, and its runs over some references."""
+    header, rows = rows_of(bench)
+    quantity, unit = bench.motion
+    table = Table(header, tuple(rows), caption=f"RMS error of the true {quantity} in {unit}", text_columns=2)
+    return (
+        Section("Bench", tables=(table,)),
+        *(Section(f"Bench: {each}", figures=(bench_figure(bench, each),)) for each in references),
     )
 
 
@@ -66,37 +130,34 @@ def bode_figure(found: Controller) -> Figure:
     return Figure("bode", caption, plots, columns=2, shared_x=True)
 
 
-def bench_figure(bench: ControlBench, *references: str, name: str = "") -> Figure:
-    """Motion, error and command on the bench for some references.
+def bench_figure(bench: ControlBench, reference: str, name: str = "") -> Figure:
+    """Motion, error and command on the bench for a reference.
 
     Args:
         bench: with its runs.
-        references: of `REFERENCES`.
+        reference: of `REFERENCES`.
         name: of the figure; by default that of the reference.
     """
     quantity, unit = bench.motion
-    plots = []
-    for reference in references:
-        runs = {(name, plant): run for (name, each, plant), run in bench.runs.items() if each == reference}
-        first = runs[CASCADE, AS_IS]
-        motion: list[Mark] = [Line(first.time, first.reference, "reference", Stroke(Ink.BLACK, Dash.DASHED, 0.8))]
-        every = [run.reference - run.actual for (name, _), run in runs.items() if name == CASCADE]
-        errors: list[Mark] = [Band(first.time, np.min(every, axis=0), np.max(every, axis=0), "cascade, all plants")]
-        commands: list[Mark] = []
-        for name_, ink in INKS.items():
-            if (name_, AS_IS) in runs:
-                run = runs[name_, AS_IS]
-                motion.append(Line(run.time, run.actual, name_, Stroke(ink)))
-                errors.append(Line(run.time, run.reference - run.actual, name_, Stroke(ink)))
-                commands.append(Line(run.time, run.command, name_, Stroke(ink), stairs=True))
-        plots += [
-            Plot(tuple(motion), TIME, Axis(f"{quantity.capitalize()}, {reference}", unit)),
-            Plot(tuple(errors), TIME, Axis("Error", unit)),
-            Plot(tuple(commands), TIME, Axis("Command", plain_unit(bench.command_unit))),
-        ]
-    wrong = " and ".join(bench.wrong)
-    caption = (
-        f"{' and '.join(references).capitalize()} on the bench, as identified; the band is the error of the cascade "
-        f"with {wrong} 30 % lower and higher{' and with backlash' if bench.backlash > 0 else ''}."
+    runs = {(name, plant): run for (name, each, plant), run in bench.runs.items() if each == reference}
+    first = runs[CASCADE, AS_IS]
+    motion: list[Mark] = [Line(first.time, first.reference, "reference", Stroke(Ink.BLACK, Dash.DASHED, 0.8))]
+    every = [run.reference - run.actual for (name, _), run in runs.items() if name == CASCADE]
+    errors: list[Mark] = [Band(first.time, np.min(every, axis=0), np.max(every, axis=0), "cascade, all plants")]
+    commands: list[Mark] = []
+    for controller, ink in INKS.items():
+        if (controller, AS_IS) in runs:
+            run = runs[controller, AS_IS]
+            motion.append(Line(run.time, run.actual, controller, Stroke(ink)))
+            errors.append(Line(run.time, run.reference - run.actual, controller, Stroke(ink)))
+            commands.append(Line(run.time, run.command, controller, Stroke(ink), stairs=True))
+    plots = (
+        Plot(tuple(motion), TIME, Axis(f"{quantity.capitalize()}, {reference}", unit)),
+        Plot(tuple(errors), TIME, Axis("Error", unit)),
+        Plot(tuple(commands), TIME, Axis("Command", plain_unit(bench.command_unit))),
     )
-    return Figure(name or f"bench-{references[0]}", caption, tuple(plots), shared_x=len(references) == 1)
+    caption = (
+        f"{reference.capitalize()} on the bench, as identified; the band is the error of the cascade with "
+        f"{' and '.join(bench.wrong)} 30 % lower and higher{' and with backlash' if bench.backlash > 0 else ''}."
+    )
+    return Figure(name or f"bench-{reference}", caption, plots, shared_x=True)

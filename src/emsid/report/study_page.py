@@ -65,6 +65,7 @@ from emsid.validation.comparison import Assessment
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.claims import Claim, claim
 from emsid.wording.study import ratio as in_words
+from emsid.wording.study import where
 
 WORST = "The intervals are those in which the linear model is worst."
 
@@ -79,8 +80,11 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
     found = findings(result)
     first, rows = result.parts[0], study_rows(result)
     notes = [each for each in found if claim(each) is None and severity(each) is Severity.INFO]
-    notes = [each for each in notes if each not in headline(found)]
+    bench = [each for each in found if each.code == "study-virtual-bench"]
+    notes = [each for each in notes if each not in (*headline(found), *bench)]
     works: dict[str, Callable[[], Iterable[Section]]] = {
+        **{f"the {part.name} study": partial(lambda part: [part_section(part, result)], part) for part in result.parts},
+        "the simulated motor": lambda: [motor_section(result)],
         "tables beside the paper's": lambda: [
             Section(
                 "The paper's tables beside this study",
@@ -96,24 +100,23 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
             )
         ],
         "survey": lambda: claim_sections(result),
-        **{f"the {part.name} study": partial(lambda part: [part_section(part, result)], part) for part in result.parts},
-        "the simulated motor": lambda: [motor_section(result)],
         **{model: partial(model_sections, result, model) for model in (BLOCKS, ONE_MASS, TWO_MASSES)},
     }
     with collected() as noted:
         opening = tried(
-            "the first figure", lambda: Section("", figures=(overview(first, rows[first.name]),)), Section("")
+            "the first figure", lambda: Section("", figures=(overview(first, rows[first.called]),)), Section("")
         )
         sections = joined({f"section of the page: {part}": work for part, work in works.items()})
+    title = f"Models of {first.identification.name}" if first.own else "Models of an electromechanical system"
     return Report(
-        title="Identification of an electromechanical system, after Kara and Abokoos",
-        summary=(" ".join(sentence(each, argument) for each in headline(found)),),
+        title=title,
+        summary=tuple(sentence(each, argument) for each in [*headline(found), *bench]),
         sections=tuple(sections),
         imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
         opening=opening,
         notices=tuple(
             Notice(sentence(each, argument), severity(each).value)
-            for each in (*found, *noted)
+            for each in sorted((*found, *noted), key=lambda each: "study" not in each.data)
             if severity(each) is not Severity.INFO
         ),
     )
@@ -121,7 +124,7 @@ def study_report(result: Study, argument: Spelling = as_python) -> Report:
 
 def study_rows(result: Study) -> dict[str, list[SummaryRow]]:
     """A row for every model, by the name of the study."""
-    return {part.name: summary(part, own_records=result.own_records) for part in result.parts}
+    return {part.called: summary(part, own_records=result.own_records) for part in result.parts}
 
 
 def lead_inputs(result: Study) -> tuple[InputRow, ...]:
@@ -169,7 +172,7 @@ def part_section(part: Part, result: Study) -> Section:
         else ()
     )
     return Section(
-        f"The {name} study",
+        f"The {part.called}",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
         tables=(
             views.results_table(part.rows, unit=part.unseen.output_units[0]),
@@ -249,6 +252,15 @@ def times(ratio: float | None) -> str:
     return "" if ratio is None else in_words(ratio)
 
 
+def beside(ratio: float | None) -> str:
+    """A ratio to the linear model, and whether it is worse.
+
+    >>> beside(557.2), beside(0.9906), beside(1.0001)
+    ('×557', '×0.991, worse', '×1')
+    """
+    return f"{times(ratio)}{', worse' * (ratio is not None and float(f'{ratio:.3g}') < 1)}"
+
+
 def overview(part: Part, rows: Sequence[SummaryRow]) -> Figure:
     """The picture of the study: measured speed through zero with free runs, and the ratio of every model."""
     best = max((row for row in rows if row.better_unseen is not None), key=_ratio, default=None)
@@ -265,7 +277,7 @@ def overview(part: Part, rows: Sequence[SummaryRow]) -> Figure:
     known = values[np.isfinite(values)]
     ratios = Plot(
         (
-            Bars(values, tuple(times(row.better_unseen) or "diverged" for row in drawn), "this study"),
+            Bars(values, tuple(beside(row.better_unseen) or "diverged" for row in drawn), "this study"),
             *((Points(paper[:, 0], paper[:, 1], "paper", Ink.RED),) if len(paper) else ()),
         ),
         Axis(
@@ -277,8 +289,8 @@ def overview(part: Part, rows: Sequence[SummaryRow]) -> Figure:
     )
     return Figure(
         "overview",
-        f"The {part.name} on unseen data: measured and free runs where the linear model is worst, and the free-run MSE "
-        "of the linear model divided by that of each model; larger is better.",
+        f"The {part.called} on unseen data: measured and free runs where the linear model is worst, and the free-run "
+        "MSE of the linear model divided by that of each model; larger is better.",
         (through_zero, ratios),
         columns=2,
     )
@@ -298,8 +310,14 @@ def paper_table(parts: Sequence[Part]) -> Table:
                 continue
             published, found = PAPER_MSE[part.name, data], ratios[data]
             here = (number(on(model).row.simulation_mse) for model in (LINEAR, PAPER))
-            numbers = (*map(number, published), times(found.paper), *here, times(found.free_run), times(found.one_step))
-            rows.append((part.name, data, *numbers))
+            numbers = (
+                *map(number, published),
+                times(found.paper),
+                *here,
+                beside(found.free_run),
+                beside(found.one_step),
+            )
+            rows.append((part.called, data, *numbers))
     return Table(
         (
             "Study",
@@ -341,7 +359,7 @@ def models_table(rows: Mapping[str, Sequence[SummaryRow]], inputs: Sequence[Inpu
                 str(row.parameters),
                 "" if of_first is None else percent(of_first.fit_percent),
                 *(_times(found.get((name, model))) for name in rows),
-                *(("" if over is None else times(over.median),) if inputs else ()),
+                *(("" if over is None else beside(over.median),) if inputs else ()),
                 *(("" if over is None else f"{times(over.lowest)} to {times(over.highest)}",) if inputs else ()),
                 f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
             )
@@ -354,7 +372,7 @@ def models_table(rows: Mapping[str, Sequence[SummaryRow]], inputs: Sequence[Inpu
     return Table(
         ("Model", "Parameters", "Free-run fit", *(f"Ratio, {name}" for name in rows), *many_heads, "Description"),
         tuple(cells),
-        f"All models, in free run on unseen data; fit in the {first[0].study}.",
+        f"All models, in free run on unseen data; fit {where(next(iter(rows)))}.",
         note,
         ends_in_text=True,
         emphasised=frozenset({list(models).index(best)}),
@@ -363,7 +381,7 @@ def models_table(rows: Mapping[str, Sequence[SummaryRow]], inputs: Sequence[Inpu
 
 def _times(row: SummaryRow | None) -> str:
     """A ratio to the linear model; none in a check, whose error is only rounding."""
-    return "" if row is None else "check only" if row.check else times(row.better_unseen)
+    return "" if row is None else "check only" if row.check else beside(row.better_unseen)
 
 
 def claims_table(found: Sequence[Finding], argument: Spelling = as_python) -> Table:
@@ -392,8 +410,8 @@ def motors_table(rows: Sequence[MotorRow]) -> Table:
                 row.meaning,
                 f"{row.linear_fit_percent:.1f} %",
                 f"{100 * row.even_share:.0f} %",
-                *(times(row.unseen.get(model)) for model in MODELS),
-                times(row.one_step),
+                *(beside(row.unseen.get(model)) for model in MODELS),
+                beside(row.one_step),
             )
             for row in rows
         ),

@@ -136,12 +136,12 @@ def study_data(result: Study) -> dict[str, Any]:
     return content
 
 
-HEADLINE = ("study-paper-ratios", "study-even-terms", "study-what-decides", "study-best-model")
-"""The findings that sum up the study, in this order; the reason is one of the second and the third."""
+HEADLINE = ("study-best-model", "study-paper-ratios", "study-even-terms", "study-what-decides")
+"""The findings that sum up the study, in this order; the reason is one of the last two."""
 
 
 def headline(found: Sequence[Finding]) -> list[Finding]:
-    """What was found, in three findings at most: the paper's comparison, the reason, and the best model."""
+    """What was found, in three findings at most: the best model, the paper's comparison, and the reason."""
     by_code = {finding.code: finding for finding in found}
     if "study-even-terms" in by_code:
         by_code.pop("study-what-decides", None)
@@ -175,14 +175,14 @@ def findings(result: Study) -> list[Finding]:
 def _compared(result: Study) -> Iterable[Finding]:
     """The paper's comparison on its motor, and the reason of its result."""
     parts = [part for part in result.parts if part.name == SIMULATION or not result.own_records]
-    ratios = [asdict(row) for part in parts for row in paper_ratios(part)]
+    ratios = [asdict(row) | {"study": part.called} for part in parts for row in paper_ratios(part)]
     if any(row["data"] == UNSEEN for row in ratios):
         yield Finding("study-paper-ratios", PAPER, {"rows": ratios})
     compared = [
         (part, _better(part.on_unseen(LINEAR).row, part.on_unseen(PAPER).row)) for part in parts if PAPER in part.models
     ]
     studies = [
-        {"study": part.name, "better": better, "paper": paper_ratio(part.name, UNSEEN)}
+        {"study": part.called, "better": better, "paper": paper_ratio(part.name, UNSEEN)}
         for part, better in compared
         if better is not None and better < NO_BETTER
     ]
@@ -195,7 +195,7 @@ def _best(result: Study) -> Iterable[Finding]:
     rows = [row for row in summary(result.parts[0], own_records=result.own_records) if not row.check]
     best = max(rows, key=lambda row: row.better_unseen or 0.0)
     if best.better_unseen is not None:
-        data = {"study": best.study, "parameters": best.parameters}
+        data = {"study": result.parts[0].called, "parameters": best.parameters}
         data |= {"fit_percent": best.fit_percent, "ratio": best.better_unseen}
         yield Finding("study-best-model", best.model, data)
 
@@ -206,7 +206,7 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
     if part.name == SIMULATION:
         yield Finding("study-noise-free", part.name)
     if TWO_MASSES in part.models:
-        yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name, "fixed": list(FIXED)})
+        yield Finding("study-own-simulator", TWO_MASSES, {"study": part.called, "fixed": list(FIXED)})
 
 
 def _of_models(part: Part) -> Iterable[Finding]:
@@ -214,11 +214,11 @@ def _of_models(part: Part) -> Iterable[Finding]:
     yield from (finding for fit in part.fits for finding in fit.findings if finding.code == "forgetting-limited")
     for fit in part.fits:
         if fit.ending is Ending.RANK_DEFICIENT:
-            data = {"study": part.name, "method": fit.method, "rank": int(fit.rank), "parameters": len(fit.names)}
+            data = {"study": part.called, "method": fit.method, "rank": int(fit.rank), "parameters": len(fit.names)}
             yield Finding("study-rank-deficient", fit.model.name, data)
     for model, why in part.failed.items():
         reason, internal = str(why).removeprefix(f"{model}: "), isinstance(why, InternalError)
-        yield Finding("study-model-failed", model, {"study": part.name, "problem": reason, "internal": internal})
+        yield Finding("study-model-failed", model, {"study": part.called, "problem": reason, "internal": internal})
 
 
 def _prediction(part: Part) -> Iterable[Finding]:
@@ -227,7 +227,7 @@ def _prediction(part: Part) -> Iterable[Finding]:
     rows = [row for row in rows if row.one_step_mse > 0]
     if rows:
         row = max(rows, key=lambda row: row.simulation_mse / row.one_step_mse)
-        data = {"study": part.name, "method": row.method, "ratio": row.simulation_mse / row.one_step_mse}
+        data = {"study": part.called, "method": row.method, "ratio": row.simulation_mse / row.one_step_mse}
         yield Finding("study-one-step", row.model, data)
 
 
@@ -242,7 +242,7 @@ def _recursion(part: Part, forgetting: float) -> Iterable[Finding]:
     ]
     if apart:
         difference, model = max(apart)
-        data = {"study": part.name, "difference": difference, "forgetting": forgetting}
+        data = {"study": part.called, "difference": difference, "forgetting": forgetting}
         prior = next((row for row in part.priors if row.model == model), None)
         if prior is not None and forgetting == 1.0:
             data |= {"condition": prior.condition, "covariance": USUAL, "ridge": prior.ridge_usual}
@@ -378,7 +378,11 @@ def about_excitation(part: Part, richer: Richer | None) -> Iterator[Finding]:
     if not part.excitations or LINEAR not in part.models:
         return
     own = part.excitations[0]
-    data: dict[str, Any] = {"study": part.name, "order": own.order, "parameters": len(part.on_unseen(LINEAR).fit.names)}
+    data: dict[str, Any] = {
+        "study": part.called,
+        "order": own.order,
+        "parameters": len(part.on_unseen(LINEAR).fit.names),
+    }
     data |= {"condition": own.conditions[PAPER], "crest_factor": own.crest_factor, "richer": None}
     if richer is not None:
         data["richer"] = {

@@ -75,6 +75,7 @@ class Part:
         interrupted: whether the user stopped it before all models were done.
         excitations: what the two inputs excite.
         priors: recursive against batch least squares, for several P(0).
+        own: whether the records are the user's.
     """
 
     name: str
@@ -86,6 +87,12 @@ class Part:
     interrupted: bool = False
     excitations: tuple[Excitation, ...] = ()
     priors: tuple[PriorRow, ...] = ()
+    own: bool = False
+
+    @property
+    def called(self) -> str:
+        """What texts call it: an experiment without records of the user is that of a virtual bench."""
+        return self.name if self.own or self.name == SIMULATION else "virtual bench"
 
     @property
     def rows(self) -> list[Row]:
@@ -271,6 +278,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
         done.interrupted,
         tried(f"excitation of the {name}", lambda: tuple(excitation_of(each, kind) for each in (first, second)), ()),
         tried(f"priors of the {name}", lambda: priors(regressions, first, second, start), ()),
+        own=own,
     )
 
 

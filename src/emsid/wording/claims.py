@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from emsid.findings import Finding
 from emsid.wording.catalogue import Spelling, as_python, sentence
 from emsid.wording.lists import listed
-from emsid.wording.study import percent, ratio, span
+from emsid.wording.study import percent, ratio, smaller, span, where
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def _about(code: str) -> Callable[[Callable[[Finding], Parts]], Callable[[Findin
 @_about("study-paper-ratios")
 def paper_ratios(f: Finding) -> Parts:
     rows = f.data["rows"]
-    published = listed([f"{ratio(row['paper'])} ({row['study']}, {row['data']} data)" for row in rows])
+    published = listed([f"{ratio(row['paper'])} (beside our {row['study']}, {row['data']} data)" for row in rows])
     ahead = listed([ratio(row["one_step"]) for row in rows])
     return (
         f"The nonlinear model (5.10) has a smaller MSE than the linear model (5.12), by {published}",
@@ -65,11 +65,11 @@ def paper_ratios(f: Finding) -> Parts:
 @_about("study-even-terms")
 def even_terms(f: Finding) -> Parts:
     studies = f.data["studies"]
-    here = listed([f"{1 / study['better']:.2f} times ({study['study']})" for study in studies])
-    paper = listed([f"{1 / study['paper']:.2g}" for study in studies])
+    here = listed([f"{smaller(study['better'])} {where(study['study'])}" for study in studies])
+    paper = listed([smaller(study["paper"]) for study in studies])
     return (
         "An expansion of second degree describes dead zone and Coulomb friction",
-        f"Its free-run MSE is {here} the linear model's; in the paper {paper}",
+        f"Its free-run MSE, beside the linear model's, is {here}; in the paper {paper}",
         "dead zone and friction alike in both directions",
     )
 

@@ -25,6 +25,22 @@ def ratio(value: float) -> str:
     return f"×{times(value)}"
 
 
+def smaller(value: float) -> str:
+    """How a quantity compares with another one that is so many times it.
+
+    >>> smaller(2034.5), smaller(0.8), smaller(1.0)
+    ('2,030 times smaller', '1.25 times larger', 'the same')
+    """
+    if times(value) == "1":
+        return "the same"
+    return f"{times(value)} times smaller" if value > 1 else f"{times(1 / value)} times larger"
+
+
+def where(study: str) -> str:
+    """In which of the studies."""
+    return "in simulation" if study == "simulation" else f"{'on' if 'bench' in study else 'in'} the {study}"
+
+
 def span(group: Mapping[str, Any]) -> str:
     """The lowest and the highest ratio of a group."""
     return f"{ratio(group['lowest'])} to {ratio(group['highest'])}"
@@ -46,18 +62,20 @@ def load_friction(f: Finding, argument: Spelling) -> str:
 def paper_ratios(f: Finding, argument: Spelling) -> str:
     """Data: rows (study, data, paper, free_run, one_step), with those on unseen data."""
     rows = [row for row in f.data["rows"] if row["data"] == "unseen"]
-    shares = [f"{1 / row['free_run']:.3g} in {row['study']} (paper: {1 / row['paper']:.2g})" for row in rows]
-    return f"On unseen data, the paper's nonlinear free-run MSE relative to its linear one is {listed(shares)}"
+    worse = [times(row["free_run"]) != "1" and row["free_run"] < 1 for row in rows]
+    how = "worse" if all(worse) else "partly worse" if any(worse) else "not worse"
+    parts = [f"{ratio(row['free_run'])} {where(row['study'])} (paper: {ratio(row['paper'])})" for row in rows]
+    return f"The paper's nonlinear model is {how} than its linear one: MSE ratio {listed(parts)}"
 
 
 @words("study-best-model")
 def best_model(f: Finding, argument: Spelling) -> str:
     """Data: study, parameters, fit_percent, ratio (1 for the linear model)."""
     d = f.data
-    smaller = f", with an MSE {times(d['ratio'])} times smaller than the linear model's" if d["ratio"] != 1 else ""
+    beside = f", with an MSE {smaller(d['ratio'])} than the linear model's" if times(d["ratio"]) != "1" else ""
     return (
-        f"{f.subject} ({d['parameters']} parameters) is the best model of the {d['study']}: its free run fits to "
-        f"{d['fit_percent']:.1f} %{smaller}"
+        f"{f.subject} ({d['parameters']} parameters) is the best model {where(d['study'])}: its free run fits to "
+        f"{d['fit_percent']:.1f} %{beside}"
     )
 
 
@@ -113,11 +131,13 @@ def excitation(f: Finding, argument: Spelling) -> str:
     """Data: study, order, parameters, condition, crest_factor, richer (or None)."""
     d = f.data
     order, enough = (
-        (f"{d['order']}", "too few for") if d["order"] < d["parameters"] else (f"{d['order']} or more", "enough for")
+        (f"{d['order']}", "not rich enough")
+        if d["order"] < d["parameters"]
+        else (f"{d['order']} or more", "rich enough")
     )
     return (
-        f"The input of the {d['study']} study is persistently exciting of order {order}, {enough} the "
-        f"{d['parameters']} parameters of the linear model"
+        f"The input {where(d['study'])} is {enough} for the {d['parameters']} parameters of the linear model (order of "
+        f"excitation {order})"
     )
 
 
@@ -136,14 +156,14 @@ def recursive_and_batch(f: Finding, argument: Spelling) -> str:
     share = format(100 * d["difference"], ".2g" if d["difference"] < 1 else ",.0f")
     return (
         f"Recursive and batch least squares (forgetting factor {d['forgetting']:g}) differ by at most {share} % of the "
-        f"free-run MSE in the {d['study']} study, in {f.subject}"
+        f"free-run MSE {where(d['study'])}, in {f.subject}"
     )
 
 
 @words("study-model-failed", Severity.PROBLEM)
 def model_failed(f: Finding, argument: Spelling) -> str:
     more = of_program(argument) if f.data["internal"] else ""
-    return f"{f.subject} could not be fitted in the {f.data['study']} study: {f.data['problem']}{more}"
+    return f"{f.subject} could not be fitted {where(f.data['study'])}: {f.data['problem']}{more}"
 
 
 sentences("""
@@ -151,10 +171,10 @@ study-survey-recorded info: The tables of other motors, inputs and records were 
 study-even-terms info: The quadratic terms of {subject} are the same for u and −u, so they cannot describe a dead zone
     and friction that are alike in both directions
 study-noise-free warning: The simulation study has no noise, and its physical models are the equations that made the
-    data; compare the models by the experiment study
-study-virtual-bench info: The experiment study used a virtual bench with noise, quantisation, delay and ripple that no
-    model contains; give {argument[record]} and {argument[unseen]} for records of a real drive
-study-one-step info: One-step errors are small for almost any model: in the {study} study, the free-run MSE of
+    data; compare the models by the other study
+study-virtual-bench info: No drive was measured: the records are of a virtual bench, with noise, delay and ripple that
+    no model contains; give your own ({argument[record]}, {argument[unseen]})
+study-one-step info: One-step errors are small for almost any model: in the study of the {study}, the free-run MSE of
     {subject} ({method}) is {ratio:,.0f} times its one-step MSE
 study-rank-deficient warning: {subject} ({study}, {method}): the data determine {rank} combinations of the
     {parameters} parameters, so not all of its estimates are meaningful

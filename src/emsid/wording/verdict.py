@@ -171,7 +171,7 @@ def _best_of(d: Mapping[str, Any]) -> str:
         against = [f"{other} parameters instead of {own}"] if other > own else []
         against += ["an implausible shape"] if d["because"] is not None else []
         against += ["an unfinished search"] if d["unfinished"] else []
-        percent = f"{100 * (d['ratio'] - 1):.2g} % smaller{_SAME_IN[d['same_in']]}"
+        percent = f"{100 * (1 - 1 / d['ratio']):.2g} % smaller{_SAME_IN[d['same_in']]}"
         by = f", with {listed(against)}" if against else ""
         return f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
     if d["models"] > 1:

@@ -61,7 +61,8 @@ def compensate(
     Of a plant of one mass it writes the inverse of the dead zone, the friction for a reference speed, and the command
     that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of its static
     map. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on a bench
-    with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine.
+    with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine. A page
+    shows the runs and the inverse.
 
     \b
     Examples:
@@ -76,8 +77,8 @@ def compensate(
     from emsid.exports.verb import check_stable
     from emsid.io import load, origin
     from emsid.models.verbs import as_model
-    from emsid.report.control_page import bench_figure
-    from emsid.report.svg import svg
+    from emsid.report.control_page import compensation_report, gain_at_reversal
+    from emsid.report.page import report_files
 
     check_folder(out)
     loaded, source = load(model), origin(model)
@@ -86,7 +87,7 @@ def compensate(
         dt = subject.dt if subject.dt is not None or source is None else source.dt
     found: Compensation | MapInverse
     bench: ControlBench | None = None
-    more, lines = {}, []
+    lines = list[str]()
     if dt is None or hasattr(subject, "blocks"):
         found = invert(loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed)
         check_stable(subject, dt)
@@ -95,13 +96,15 @@ def compensate(
             loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed, limit=limit, delay=delay,
             amplitude=amplitude,
         )  # fmt: skip
-        more["compensation.svg"] = svg(bench_figure(bench, "reversal", "hold", name="compensation"))
         lines = bench_lines(bench)
+    more = report_files(compensation_report(found, bench))
     written = write(loaded, found, out, name=name, dt=dt, single=single, force=force, more=more, bench=lines)
     if json:
         document: dict[str, Any] = {"schema": 1, "files": [str(path) for path in written]}
         say_json(as_json(document | ({} if bench is None else {"bench": bench.to_data()})))
         return
     if bench is not None:
+        say(*gain_at_reversal(bench))
         say_bench(bench)
-    say(f"written to {out}: {', '.join(path.name for path in written)}")
+    names = dict.fromkeys(path.relative_to(out).parts[0] for path in written)
+    say(f"written to {out}: {', '.join(names)}")

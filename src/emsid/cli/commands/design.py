@@ -1,18 +1,15 @@
 """``emsid design``."""
 
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import Force, Json, names, option, quantity, sample_time
-from emsid.cli.terminal import Align, plain_table, say, say_json, show
+from emsid.cli.terminal import say, say_json, show, text_table
 from emsid.cli.writing import as_json, check_file
-
-if TYPE_CHECKING:
-    from emsid.experiment_design import Design
 
 
 @app.command()
@@ -50,7 +47,8 @@ def design(
 
     The signal stays within the limits on the model, and makes the 95 % intervals of the wanted parameters small: its
     Fisher information is that of the model's own free run. They are printed beside those of standard signals within the
-    same limits, with what no signal separates. `emsid bench run --signal` sends the file to a board.
+    same limits, with what no signal separates; a page beside the file shows signal and intervals. `emsid bench run
+    --signal` sends the file to a board.
 
     \b
     Examples:
@@ -61,10 +59,16 @@ def design(
     """
     from emsid.experiment_design import design as run
     from emsid.exports.verb import check_stable
-    from emsid.io import load, origin, write_record
+    from emsid.io import atomic_write, load, origin, write_record
+    from emsid.io.files import together
     from emsid.models.verbs import as_model
+    from emsid.report.design_page import design_report, gain, widths_table
+    from emsid.report.page import PAGE, report_files
+    from emsid.wording import sentence
 
-    check_file(out, force)
+    page = out.with_suffix(".html")
+    for path in (out, page):
+        check_file(path, force)
     loaded, source = load(model), origin(model)
     if dt is None and as_model(loaded).dt is None and source is not None:
         dt = source.dt
@@ -73,30 +77,12 @@ def design(
         loaded, limit=limit, duration=duration, dt=dt, limit_slew=limit_slew, limit_speed=limit_speed,
         limit_travel=limit_travel, wanted=names(wanted, "--for"), criterion=criterion, noise=noise, seed=seed,
     )  # fmt: skip
-    write_record(found.record, out)
+    with together():
+        write_record(found.record, out)
+        atomic_write(page, report_files(design_report(found, option), formats=())[PAGE])
     if json:
         say_json(as_json({"schema": 1, "file": str(out), "samples": len(found.record), **found.to_data()}))
         return
-    _say(found, out)
-
-
-def _say(found: "Design", out: Path) -> None:
-    """Print the predicted intervals beside those of the standard signals."""
-    from emsid.wording import sentence
-
-    columns = {"present": found.present, "design": found.best.half_widths}
-    columns |= {name: each.half_widths for name, each in found.standard.items()}
-    headings: dict[str, Align] = {
-        "quantity": "left",
-        "value": "right",
-        **dict.fromkeys(columns, "right"),
-        "unit": "left",
-    }
-    rows = []
-    for name, value in found.values.items():
-        cells = (f"{half:.3g}" if isfinite(half := column[name]) else "–" for column in columns.values())
-        rows.append((f"{'*' if name in found.wanted else ' '} {name}", f"{value:.5g}", *cells, found.units[name]))
-    show(plain_table("predicted half widths of 95 % intervals", headings, rows))
-    say(f"* wanted: {found.gain:.2f} times narrower than with the best standard signal")
-    say(*(f"- {sentence(finding, option)}" for finding in found.findings))
-    say(f"written to {out}: {len(found.record):,} samples")
+    show(text_table(widths_table(found)))
+    say(gain(found), *(f"- {sentence(finding, option)}" for finding in found.findings))
+    say(f"written to {out}: {len(found.record):,} samples; {page.name} shows them")

@@ -126,7 +126,7 @@ def _print(result: "Study", details: bool) -> None:
         return
     say("")
     for part in result.parts:
-        caption = f"The {part.name} study."
+        caption = f"The {part.called}."
         show(text_table(results_table(part.rows, unit=part.unseen.output_units[0], caption=caption)))
     say(EXPLAINED, "")
     show(text_table(paper_table(result.parts)))

@@ -27,7 +27,7 @@ import polars as pl
 from emsid.errors import EmsidError, FormatError
 from emsid.io import read_columns
 from test_io_formats import parquet
-from test_io_more_formats import bag, excel, feather, mcap, mcap_of_ros, mdf, tdms, wpilog
+from test_io_more_formats import bag, dataflash, excel, feather, mcap, mcap_of_ros, mdf, tdms, ulog, wpilog
 
 ADDRESSES, MEMORY = 6 << 30, 1 << 30
 """Bytes that a parser may ask for, and that it may use."""
@@ -45,6 +45,8 @@ KINDS = {
     "wpilog": (".wpilog", wpilog),
     "mcap": (".mcap", mcap),
     "ros": (".mcap", mcap_of_ros),
+    "ulog": (".ulg", ulog),
+    "dataflash": (".bin", dataflash),
     "bag": (".bag", lambda: bag(Path(tempfile.mkdtemp()))),
 }
 K = np.arange(30.0)

@@ -133,7 +133,7 @@ def test_damaged_files_with_a_process_of_their_own(
         assert read_columns(path).series
 
 
-@pytest.mark.parametrize("kind", ["excel", "tdms", "wpilog", "mcap"])
+@pytest.mark.parametrize("kind", ["excel", "tdms", "wpilog", "mcap", "dataflash"])
 def test_damaged_files_of_measuring_systems(folder: Path, kind: str) -> None:
     """A few, with parsers whose libraries do not crash; ``fuzz_formats.py`` tries all kinds."""
     read, refused, wrong = fuzz(kind, 40, 1, folder)

@@ -18,7 +18,7 @@ import pytest
 
 import emsid
 from emsid.errors import EmsidError, FormatError
-from emsid.io import READERS, packing
+from emsid.io import READERS, ParsedFile, packing, read_columns
 from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns
@@ -172,6 +172,126 @@ def bag(tmp_path: Path) -> bytes:
     return (tmp_path / "made.bag").read_bytes()
 
 
+def ulog() -> bytes:
+    """By its specification: a header, formats, subscriptions, and data with a time in µs; u and y in two topics."""
+
+    def message(kind: str, payload: bytes) -> bytes:
+        return struct.pack("<HB", len(payload), ord(kind)) + payload
+
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 5)
+    content += message("F", b"command:uint64_t timestamp;float[2] u;") + message(
+        "F", b"motor:uint64_t timestamp;float y;"
+    )
+    for number, topic in enumerate((b"\0command", b"\0motor")):
+        content += message("A", topic[:1] + struct.pack("<H", number) + topic[1:])
+    for t, u, y in zip(T, U, Y, strict=True):
+        for number, values in ((0, (u, 7.0)), (1, (y,))):
+            content += message("D", struct.pack(f"<HQ{len(values)}f", number, round(1e6 * (t + 3)), *values))
+    return content
+
+
+def dataflash() -> bytes:
+    """By its description: FMT defines every kind of message; then units and multipliers, then samples."""
+
+    def text(words: str, size: int) -> bytes:
+        return words.encode().ljust(size, b"\0")
+
+    def message(kind: int, layout: str, *values: float | bytes) -> bytes:
+        return b"\xa3\x95" + struct.pack(f"<B{layout}", kind, *values)
+
+    content = b""
+    for kind, name, types, fields, layout in (
+        (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "BB4s16s64s"),
+        (129, "UNIT", "QbZ", "TimeUS,Id,Label", "Qb64s"),
+        (130, "MULT", "Qbd", "TimeUS,Id,Mult", "Qbd"),
+        (131, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", "QB16s16s"),
+        (140, "MOT", "QBhc", "TimeUS,Instance,Volt,Rate", "QBhh"),
+        (141, "MSG", "QZ", "TimeUS,Message", "Q64s"),
+    ):
+        size = 3 + struct.calcsize(f"<{layout}")
+        content += message(128, "BB4s16s64s", kind, size, text(name, 4), text(types, 16), text(fields, 64))
+    for letter, unit in (("v", "V"), ("E", "rad/s")):
+        content += message(129, "Qb64s", 0, ord(letter), text(unit, 64))
+    for letter, factor in (("F", 1e-6), ("C", 1e-3), ("B", 1e-2)):
+        content += message(130, "Qbd", 0, ord(letter), factor)
+    content += message(131, "QB16s16s", 0, 140, text("s#vE", 16), text("F-CB", 16))
+    content += message(141, "Q64s", 0, text("armed", 64)) + b"\xa3\xa3\x95 noise"
+    for t, u, y in zip(T, U, Y, strict=True):
+        for motor, sign in ((0, -1), (1, 1)):
+            content += message(140, "QBhh", round(1e6 * (t + 3)), motor, round(1e3 * sign * u), round(1e2 * sign * y))
+    return content
+
+
+DBC = """VERSION ""
+BU_: Drive
+BO_ 256 Command: 8 Drive
+ SG_ u : 0|16@1- (0.01,0) [0|0] "V" Drive
+ SG_ State : 16|8@1+ (1,0) [0|0] "" Drive
+BO_ 512 Motor: 8 Drive
+ SG_ y : 7|16@0- (0.1,0) [0|0] "rad/s" Drive
+ SG_ State : 16|8@1+ (1,0) [0|0] "" Drive
+"""
+
+
+def candump() -> str:
+    """A log whose second message comes half as often as the first and 2 ms later, beside frames of another node."""
+    lines = []
+    for k, (t, u, y) in enumerate(zip(T, U, Y, strict=True)):
+        lines.append(f"({1700000000 + t:.6f}) can0 100#{struct.pack('<hB', round(100 * u), 1).hex().upper()}")
+        if k % 2 == 0:
+            lines.append(f"({1700000000.002 + t:.6f}) can0 200#{struct.pack('>hB', round(10 * y), 2).hex().upper()}")
+            lines.append(f"({1700000000.003 + t:.6f}) can0 701#05")
+    return "\n".join([*lines, f"({1700000001:.6f}) can0 200#FF", ""])
+
+
+def vector(text: str) -> str:
+    """The same in Vector's ASC."""
+    frames = [re.fullmatch(r"\(17(.*)\) can0 (\w+)#(\w+)", line) for line in text.splitlines()]
+    rows = [(float(f[1]), f[2], bytes.fromhex(f[3]).hex(" ")) for f in frames if f]
+    body = [f"{t:.6f} 1 {name} Rx d {len(data.split())} {data}" for t, name, data in rows]
+    return "\n".join(["date Mon Jan 5 10:00:00.000 am 2026", "base hex timestamps absolute", "", *body, ""])
+
+
+@pytest.mark.parametrize(("suffix", "text"), [(".log", candump()), (".asc", vector(candump()))], ids=["candump", "ASC"])
+def test_a_log_of_a_can_bus_needs_a_database(
+    tmp_path: Path, suffix: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, dbc = tmp_path / f"bus{suffix}", str(tmp_path / "drive.dbc")
+    log.write_text(text)
+    Path(dbc).write_text(DBC)
+    with pytest.raises(FormatError, match="give the DBC file of the bus") as refused:
+        emsid.read(log, input="u", output="y")
+    assert refused.value.arguments == ("dbc",)
+    if suffix == ".asc":  # one in a process of its own is enough for a test
+        monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    columns = read_columns(log, dbc=dbc)
+    assert set(columns.series) == {"u", "Command.State", "y", "Motor.State", "time", "y.time"}
+    np.testing.assert_allclose(columns.series["y"], np.round(Y[::2], 1), atol=1e-9)
+    record = emsid.read(log, input="u", output="y", dbc=dbc)  # at the times of the output; the input is held
+    assert (record.dt, record.input_units, record.output_units) == (pytest.approx(0.02), ("V",), ("rad/s",))
+    np.testing.assert_allclose(record.input[:, 0], U[::2])
+    look = emsid.describe(log, dbc=dbc)
+    assert look.reading["dbc"] == dbc
+    assert emsid.read(log, **look.reading).output_names == ("d(y)",)
+    Path(dbc).write_text(DBC.replace("256", "257").replace("512", "513"))
+    with pytest.raises(FormatError, match="no frame of this log is a message of"):
+        read_columns(log, dbc=dbc)
+    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    with pytest.raises(FormatError, match=r"install cantools: pip install 'emsid\[can\]'"):
+        emsid.read(log, input="u", output="y", dbc=dbc)
+    with pytest.raises(FormatError, match="a database describes logs of a CAN bus"):
+        read_columns(dbc, dbc=dbc)
+
+
+def test_a_dataflash_log_that_is_cut_off_or_another_file() -> None:
+    columns = READERS[".bin"](dataflash()[:-3])
+    assert len(columns.series["MOT.0.Volt"]) == N
+    assert len(columns.series["MOT.1.Volt"]) == N - 1
+    assert columns.cut == {"": (2 * N - 1, 0)}
+    with pytest.raises(FormatError, match="not a DataFlash log, or it is damaged; it looks like text"):
+        READERS[".bin"](b"t,u,y")
+
+
 Made = Callable[[], bytes]
 
 
@@ -187,8 +307,22 @@ Made = Callable[[], bytes]
         (".mcap", mcap, "bench.u", "bench.y", ("", "")),
         (".mcap", mcap_of_ros, "bench.x", "bench.y", ("", "")),
         (".bag", bag, "bench.x", "bench.y", ("", "")),
+        (".ulg", ulog, "command.u_1", "motor.y", ("", "")),
+        (".bin", dataflash, "MOT.1.Volt", "MOT.1.Rate", ("V", "rad/s")),
     ],
-    ids=["Feather", "Excel", "TDMS without start", "TDMS", "MDF", "WPILOG", "MCAP", "MCAP of ROS 2", "bag"],
+    ids=[
+        "Feather",
+        "Excel",
+        "TDMS without start",
+        "TDMS",
+        "MDF",
+        "WPILOG",
+        "MCAP",
+        "MCAP of ROS 2",
+        "bag",
+        "ULog",
+        "DataFlash",
+    ],
 )
 def test_a_file_of_each_kind(
     tmp_path: Path,
@@ -206,7 +340,7 @@ def test_a_file_of_each_kind(
         monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
     record = emsid.read(path, input=input, output=output, time=time)
     np.testing.assert_allclose(record.input[:, 0], U)
-    np.testing.assert_allclose(record.output[:, 0], Y)
+    np.testing.assert_allclose(record.output[:, 0], Y, rtol=1e-6)
     assert record.dt == pytest.approx(0.01)
     assert (*record.input_units, *record.output_units) == units
     look = emsid.describe(path)
@@ -296,6 +430,23 @@ def test_columns_with_clocks_of_their_own() -> None:
     np.testing.assert_allclose(on_one_clock(columns, "time", []).series["u"].to_numpy(), times / 0.25 - 1)
     np.testing.assert_allclose(held.series["y"].to_numpy(), 2 * times)
     assert on_one_clock(Columns({}), "time", []) == Columns({})
+
+
+def test_a_topic_that_was_logged_only_at_the_start_does_not_shorten_the_others(tmp_path: Path) -> None:
+    """Of a file with many clocks, a first look takes the columns that are there for most of the time."""
+    time, short = 0.01 * np.arange(500), np.array([0.0, 0.01])
+    u = np.repeat(np.random.default_rng(0).choice([-3.0, 3.0], 50), 10)
+    y = np.convolve(u, np.exp(-np.arange(100) / 10))[:500]
+    series = {"voltage": u, "time": time, "speed": y, "speed.time": time + 0.002, "fault": short, "fault.time": short}
+    clocks = {"voltage": "time", "speed": "speed.time", "fault": "fault.time"}
+    columns = Columns(
+        {name: pl.Series(name, values) for name, values in series.items()},
+        clocks=clocks | {name: name for name in clocks.values()},
+    )
+    look = emsid.describe(ParsedFile(tmp_path / "log.ulg", columns))
+    assert (look.reading["input"], look.reading["output"]) == ("voltage", "speed")
+    assert look.record is not None
+    assert len(look.record) > 490
 
 
 def test_what_a_library_prints_is_no_part_of_the_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -274,7 +274,7 @@ def test_every_row_of_a_long_table_is_read() -> None:
     ],
 )
 def test_frames_of_a_can_bus_are_named_with_what_helps(line: str) -> None:
-    with pytest.raises(FormatError, match=r"log of CAN frames.*decode it with the DBC file"):
+    with pytest.raises(FormatError, match=r"log of CAN frames.*give the DBC file"):
         columns_of(f"{line}\n" * 20)
 
 

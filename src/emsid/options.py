@@ -67,6 +67,7 @@ READING = (
         spelled=("output", "y")),
     Declared("time", "text", "Time column; it must be regular, or be resampled", "COL", _C),
     Declared("dt", "sample time", "Sample time: 0.001 (seconds), 1ms or 1kHz", "S", _C),
+    Declared("dbc", "text", "Database of a log of a CAN bus: DBC, KCD, SYM or ARXML", "FILE", _C),
     Declared("units", "texts by column", "Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI",
         "COL=UNIT", _C, spelled=("unit",)),
     Declared("time_unit", "text",

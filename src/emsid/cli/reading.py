@@ -54,7 +54,7 @@ class Reader:
         from emsid.first_look.clock import contradiction, stated_clock
         from emsid.io import ParsedFile, read, read_columns
 
-        parsed = ParsedFile(path, read_columns(path, in_part=in_part))
+        parsed = ParsedFile(path, read_columns(path, in_part=in_part, dbc=self.given.get("dbc")))
         given = self.for_columns(parsed.columns)
         if self.recalled_dt and (other := self._by_its_clock(parsed, given)) is not None:
             return other
@@ -139,9 +139,10 @@ class Reader:
 
         for name in ("input", "output"):
             if not self.given.get(name) and files:
-                read_columns(files[0])  # a missing or damaged file is what to mend first
+                dbc = self.given.get("dbc")
+                read_columns(files[0], dbc=dbc)  # a missing or damaged file is what to mend first
                 hint = f"`{command_line(['emsid', 'describe', file_word(str(files[0]))])}` shows the columns"
-                raise DataError(f"{_kind_in_words(files[0])}name the {name} column; {hint}", arguments=(name,))
+                raise DataError(f"{_kind_in_words(files[0], dbc)}name the {name} column; {hint}", arguments=(name,))
         names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]
         found = [file_and_column(name) for name in names]
         files = list(files) or [each[0] for each in found if each][:1]
@@ -234,13 +235,13 @@ class Reader:
         )
 
 
-def _kind_in_words(path: Path) -> str:
+def _kind_in_words(path: Path, dbc: str | None) -> str:
     """What a file is, where that is no dynamic record, as the beginning of a message."""
     from emsid.first_look import describe
     from emsid.first_look.kinds import FileKind
 
     with suppress(EmsidError):
-        look = describe(path)
+        look = describe(path, dbc=dbc)
         return "" if look.kind.kind is FileKind.DYNAMIC else f"{look.name} is {look.kind}; "
     return ""
 

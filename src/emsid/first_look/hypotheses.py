@@ -83,7 +83,7 @@ def of_pairs(
         given: the other arguments of `emsid.read` that are known.
         pairs: names of an input and an output each.
     """
-    found, files = [], [parsed_file(path, in_part=True) for path in paths] if pairs else []
+    found, files = [], [parsed_file(path, in_part=True, dbc=given.get("dbc")) for path in paths] if pairs else []
     for u, y in pairs:
         divided = groups(describe_files(files, **given, input=u, output=y)[0])
         found += [_hypothesis(group) for group in divided[:1]]

@@ -172,7 +172,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         FormatError: where the file cannot be read at all.
         DataError: where an argument that is given cannot be used.
     """
-    parsed = parsed_file(path, in_part=True)
+    parsed = parsed_file(path, in_part=True, dbc=reading.get("dbc"))
     file = parsed.path
     with errors_of(file):
         named = [name for side in ("input", "output") for name in as_names(reading.get(side) or ())]
@@ -236,11 +236,19 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
 
 
 def _on_one_clock(raw: Columns, time: str) -> Columns:
-    """The columns at the times of one clock, if the file has several: the given one, or that with most samples."""
+    """The columns at the times of one clock, if the file has several: the given one, or that with most samples.
+
+    Columns that are there for less than half of its time, such as the few messages of a start, are left out.
+    """
     if not raw.clocks:
         return raw
-    counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
-    return on_one_clock(raw, time if time in counts else max(counts, key=counts.__getitem__), raw.series)
+    clocks = {clock: as_numbers(raw.series[clock]) for clock in raw.clocks.values()}
+    leading = time if time in clocks else max(clocks, key=lambda each: len(clocks[each]))
+    begin, end = clocks[leading][[0, -1]]
+    short = {name for name, t in clocks.items() if min(end, t[-1]) - max(begin, t[0]) < (end - begin) / 2}
+    series = {name: each for name, each in raw.series.items() if raw.clocks.get(name) not in short}
+    kept = {name: clock for name, clock in raw.clocks.items() if name in series}
+    return on_one_clock(replace(raw, series=series, clocks=kept), leading, series)
 
 
 def _with_responses_to_codes(columns: Mapping[str, Column], roles: Roles) -> dict[str, Column]:

@@ -152,7 +152,7 @@ def describe_files(
         FormatError: where a file cannot be read at all.
         DataError: where an argument that is given cannot be used.
     """
-    if len(paths) == 2 and not {"input", "output"} & set(reading):
+    if len(paths) == 2 and not {"input", "output", "dbc"} & set(reading):
         pair = _input_and_output([Path(path) for path in paths])
         if pair is not None:
             u, y = pair

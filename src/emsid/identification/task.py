@@ -32,7 +32,6 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
 from math import ceil, inf, log
-from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -50,7 +49,7 @@ from emsid.first_look.levels import PART
 from emsid.first_look.responses import answers
 from emsid.first_look.stops import without_stops
 from emsid.identification.candidates import CANDIDATES, Physical, left_out, lift_an_arm, usual_for, with_unit_of_name
-from emsid.io.reading import ParsedFile, common_step, read, read_columns
+from emsid.io.reading import common_step, parsed_file, read, read_columns
 from emsid.models.free_run import RUNAWAY
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.grey_box import assumptions
@@ -306,9 +305,9 @@ def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:
         raise DataError(f"a {type(given).__name__} is no record; give emsid.Record(input, output, dt=…), or a path")
     missing = [name for name in ("input", "output") if name not in reading]
     if missing:
-        columns = ", ".join(read_columns(given).series)
+        columns = ", ".join(read_columns(given, dbc=reading.get("dbc")).series)
         raise DataError(f"{given}: name its columns with {' and '.join(missing)}; there are {columns}")
-    return read(ParsedFile(FilePath(given), read_columns(given, in_part=True)), **reading)
+    return read(parsed_file(given, in_part=True, dbc=reading.get("dbc")), **reading)
 
 
 def as_one(records: Sequence[Record]) -> Record:

@@ -1,15 +1,17 @@
 """Columns as bytes, for readers that parse a file in a process of their own (see `emsid.io.sandbox`).
 
-The first line is a JSON table of units, clocks, lengths and of what is no column; the rest is Arrow IPC. Shorter
-columns are padded with missing values.
+The first line is a JSON table of names, units, clocks and of what is no column; the rest is Arrow IPC, one file for the
+columns of each length, with their sizes in the first line.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -57,25 +59,34 @@ class Packed:
     def _clocks(self) -> list[str]:
         return list(dict.fromkeys(self.clocks.values()))
 
-    def to_bytes(self) -> bytes:
+    def columns(self) -> Columns:
         """All columns; what is no column becomes a reason."""
+        columns = from_arrays((name, np.asarray(values)) for name, values in self.arrays.items())
+        known = columns.series
+        clocks = {name: clock for name, clock in self.clocks.items() if name in known and clock in known}
+        return replace(columns, units=self.units, clocks=clocks, cut=self.cut)
+
+    def to_bytes(self) -> bytes:
+        """The same for another process."""
         import polars as pl
 
-        columns = from_arrays((name, np.asarray(values)) for name, values in self.arrays.items())
+        columns = self.columns()
         lengths = {name: len(series) for name, series in columns.series.items()}
-        longest = max(lengths.values(), default=0)
-        padded = {name: series.extend_constant(None, longest - len(series)) for name, series in columns.series.items()}
+        files = []
+        for length in dict.fromkeys(lengths.values()):
+            files.append(BytesIO())
+            pl.DataFrame([each for each in columns.series.values() if len(each) == length]).write_ipc(files[-1])
+        contents = [file.getvalue() for file in files]
         head = {
-            "units": self.units,
-            "clocks": {name: clock for name, clock in self.clocks.items() if name in lengths and clock in lengths},
-            "lengths": lengths,
-            "cut": self.cut,
+            "units": columns.units,
+            "clocks": columns.clocks,
+            "names": list(lengths),
+            "sizes": list(map(len, contents)),
+            "cut": columns.cut,
             "others": dict(columns.others),
             "numbers": dict(columns.numbers),
         }
-        body = BytesIO()
-        pl.DataFrame(padded).write_ipc(body)
-        return json.dumps(head).encode() + b"\n" + body.getvalue()
+        return b"".join([json.dumps(head).encode(), b"\n", *contents])
 
 
 def unpacked(content: bytes) -> Columns:
@@ -84,9 +95,11 @@ def unpacked(content: bytes) -> Columns:
 
     line, _, body = content.partition(b"\n")
     head: Mapping[str, Any] = json.loads(line)
-    frame = pl.read_ipc(BytesIO(body))
+    ends = accumulate(head["sizes"], initial=0)
+    frames = [pl.read_ipc(BytesIO(body[begin:end])) for begin, end in pairwise(ends)]
+    found = {series.name: series for frame in frames for series in frame}
     return Columns(
-        series={name: frame[name][:length] for name, length in head["lengths"].items()},
+        series={name: found[name] for name in head["names"]},
         others=head["others"],
         numbers=head["numbers"],
         units=head["units"],

@@ -15,6 +15,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,13 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.io.arrow import large_arrow, read_arrow
+from emsid.io.can import read_can, without_database
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
 from emsid.io.derivative import check_window, derivative
 from emsid.io.edges import with_edges
 from emsid.io.files import gunzipped, is_large, looks_like, read_bytes
+from emsid.io.flight import read_dataflash, read_ulog
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.large import BLOCK, LargeTable, check_wide, columns_in, excerpt
@@ -76,6 +79,9 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".wpilog": read_wpilog,
     ".mcap": read_mcap,
     ".bag": read_bag,
+    ".ulg": read_ulog,
+    ".bin": read_dataflash,
+    **dict.fromkeys((".blf", ".trc"), without_database),
 }
 """The reader for each suffix: from the content of a file to its columns."""
 LARGE_READERS: dict[Callable[[bytes], Columns], Callable[[Path], Columns | LargeTable | None]] = {
@@ -94,6 +100,7 @@ _KINDS = {
     **dict.fromkeys(("input", "output"), argument_types.NAMES),
     "time": argument_types.NAME,
     "time_unit": argument_types.TEXT,
+    "dbc": argument_types.TEXT,
     "mask": argument_types.CONDITION,
     **dict.fromkeys(
         ("dt", "counts_per_revolution", "supply_voltage", "pwm_full_scale", "filter"), argument_types.NUMBER
@@ -116,13 +123,14 @@ class _Signal:
     is_derivative: bool
 
 
-def read_columns(path: str | os.PathLike[str], *, in_part: bool = False) -> Columns:
+def read_columns(path: str | os.PathLike[str], *, in_part: bool = False, dbc: str | None = None) -> Columns:
     """The columns of a file, by the reader for its suffix, or for the one before ``.gz``; a text of another as a table.
 
     Args:
         path: the file.
         in_part: whether an excerpt is enough of a table of more than `emsid.io.large.MOST` numbers, which is then read
             in blocks: a text whose lines are all alike, Parquet or Arrow.
+        dbc: the database of a log of a CAN bus, see `read`.
 
     Raises:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
@@ -130,7 +138,7 @@ def read_columns(path: str | os.PathLike[str], *, in_part: bool = False) -> Colu
     path = Path(path)
     packed = path.suffix.lower() == ".gz"
     suffix = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
-    reader = READERS.get(suffix)
+    reader = READERS.get(suffix) if dbc is None else partial(read_can, suffix=suffix, database=Path(dbc))
     in_blocks = LARGE_READERS.get(reader) if reader is not None and in_part and not packed else None
     try:
         found = in_blocks(path) if in_blocks is not None and is_large(path, LARGE) else None
@@ -148,7 +156,7 @@ def read_columns(path: str | os.PathLike[str], *, in_part: bool = False) -> Colu
         columns = check_wide(columns, one_column_per_signal(columns))
     except FormatError as problem:
         message = str(problem).removeprefix(f"{path}: ")
-        raise FormatError(f"{path}: {message}") from None
+        raise FormatError(f"{path}: {message}", arguments=problem.arguments) from None
     if not columns.series:
         raise FormatError(f"{path}: there is no column in this file{columns.besides}; name another")
     return columns
@@ -171,12 +179,13 @@ class ParsedFile:
         return str(self.path)
 
 
-def parsed_file(source: Any, *, in_part: bool = False) -> ParsedFile:
+def parsed_file(source: Any, *, in_part: bool = False, dbc: str | None = None) -> ParsedFile:
     """The columns of a file; a data frame is taken as a file of the name ``frame``.
 
     Args:
         source: a path, a file that is parsed already, a pandas or Polars frame, or a dictionary of arrays.
         in_part: whether an excerpt of a very large file is enough.
+        dbc: the database of a log of a CAN bus, see `read`.
 
     Raises:
         FormatError: where a file cannot be read.
@@ -185,7 +194,7 @@ def parsed_file(source: Any, *, in_part: bool = False) -> ParsedFile:
     if isinstance(source, ParsedFile):
         return source
     if isinstance(source, str | os.PathLike):
-        return ParsedFile(Path(source), read_columns(source, in_part=in_part))
+        return ParsedFile(Path(source), read_columns(source, in_part=in_part, dbc=dbc))
     return ParsedFile(Path("frame"), columns_of_frame(source))
 
 
@@ -197,6 +206,7 @@ def read(
     dt: float | None = None,
     time: str | None = None,
     time_unit: str | None = None,
+    dbc: str | None = None,
     rows: slice | None = None,
     mask: str | None = None,
     wrap: Mapping[str, float] | None = None,
@@ -221,8 +231,8 @@ def read(
     Args:
         path: a table (CSV, TSV, ``.dat``, ``.txt``, ``.log``), JSON or JSON lines, a MAT file (version 5 to 7.3),
             Parquet, Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a
-            spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); a file that is parsed already; or a
-            pandas or Polars frame, or a dictionary of arrays.
+            spreadsheet, TDMS, MDF, WPILOG, MCAP, a bag of ROS 1 or 2 (a folder), or a log of a CAN bus; ULog;
+            DataFlash; a file that is parsed already; or a pandas or Polars frame, or a dictionary of arrays.
         input: the column, or columns, that drive the system. A unit in brackets may be left out, here and in all
             other arguments: ``speed`` is the column ``speed [rad/s]``. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``edges(A)`` is the
@@ -238,6 +248,8 @@ def read(
             output have values in different rows, and ``rows`` then counts those of the output.
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds. For a
             column of ticks it is their rate, ``8kHz``. It may also be given in ``units``.
+        dbc: the database (DBC, KCD, SYM or ARXML) with which the frames of a log of a CAN bus are decoded; every signal
+            is a column.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
@@ -269,7 +281,7 @@ def read(
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
-    given, parsed = locals(), parsed_file(path)
+    given, parsed = locals(), parsed_file(path, dbc=dbc)
     file = parsed.path
     with errors_of(file):
         argument_types.check_types(given, _KINDS)

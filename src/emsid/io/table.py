@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 from emsid.errors import FormatError
 from emsid.io.blocks import side_by_side, stacked
+from emsid.io.can import without_database
 from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, parse, without_units
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.cut_off import marked, without_cut_line
@@ -44,9 +45,12 @@ _DIGIT = re.compile(r"\d")
 _MATRIX = re.compile(r"\s*(?:[A-Za-z_]\w*\s*=\s*(?:\w+(?:\.\w+)?\()?[\[({]+|[\])}]+[;,]?)\s*(?:\.\.\.)?\s*")
 _LABVIEW, _HEADER_ENDS, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
-# (1700000000.000800) can0 181#FFFF, or can0  201   [4]  F4 D4 00 00, with or without a time in front
+# (1700000000.000800) can0 181#FFFF, or can0  201   [4]  F4 D4 00 00, with or without a time in front,
+# or 0.01 1 181 Rx d 2 FF D4
 _CAN_FRAME = re.compile(
     r"\s*(\(\S+\)\s+)?\w+\s+([0-9A-F]{3,8}#\S*(\s+[RT])?|[0-9A-F]{3,8}\s+\[\d+\](\s+[0-9A-F]{2})*(\s+'.*')?)\s*"
+    r"|\s*[\d.]+\s+\d+\s+[0-9A-F]+x?\s+[RT]x\s.*",
+    re.IGNORECASE,
 )
 
 
@@ -97,7 +101,8 @@ def _read_by_lines(content: bytes) -> Columns:
     if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
-    _refuse_can_frames(texts[-LAST_LINES:])
+    if 2 * sum(_CAN_FRAME.fullmatch(text) is not None for text in texts[-LAST_LINES:]) > len(texts[-LAST_LINES:]):
+        without_database(b"")
     texts, times, labels, units = monitor_lines(texts)
     texts = _without_end(texts)
     tail = [text for text in texts[-LAST_LINES:] if _DIGIT.search(text)]
@@ -210,15 +215,6 @@ def _without_end(texts: Sequence[str]) -> list[str]:
         if alone or not any(text.count(end) == last[-1].count(end) and text[-1:] != end for text in filled):
             return [text.removesuffix(end) for text in filled]
     return list(texts)
-
-
-def _refuse_can_frames(texts: Sequence[str]) -> None:
-    """Refuse a log of a CAN bus, whose numbers are bytes."""
-    if 2 * sum(_CAN_FRAME.fullmatch(text) is not None for text in texts) > len(texts):
-        raise FormatError(
-            "this is a log of CAN frames, whose bytes do not say which signals they hold; decode it with the DBC file "
-            "of the bus to a table with a column for each signal, as cantools, asammdf and SavvyCAN do"
-        )
 
 
 def _with_marks(numbers: Sequence[int], texts: Sequence[str], separator: str) -> list[str]:

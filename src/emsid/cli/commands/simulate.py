@@ -114,7 +114,7 @@ def _of_model(path: Path, file: Path, reader: Any, start: Start) -> "tuple[Recor
 
     model, source = load_model(path), origin(path)
     reader = reader.after(read_options(path), () if source is None else source.names)
-    parsed = ParsedFile(file, read_columns(file))
+    parsed = ParsedFile(file, read_columns(file, dbc=reader.given.get("dbc")))
     reading = reader.for_columns(parsed.columns)
     if source is None or "input" not in reading:
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from emsid.errors import FormatError
 from emsid.io.columns import Columns
@@ -33,7 +34,7 @@ def parsed(content: bytes) -> bytes:
         text = database.decode()
     except UnicodeDecodeError:
         text = database.decode("cp1252")  # as Vector's editor writes DBC files
-    known = load_string(text)
+    known: Any = load_string(text)
     names = Counter(signal.name for message in known.messages for signal in message.signals)
     messages = {(message.frame_id, message.is_extended_frame): message for message in known.messages}
     samples: dict[str, list[tuple[float, float]]] = {}

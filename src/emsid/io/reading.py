@@ -133,9 +133,11 @@ def read_columns(path: str | os.PathLike[str], *, in_part: bool = False, dbc: st
         dbc: the database of a log of a CAN bus, see `read`.
 
     Raises:
+        DataError: where ``dbc`` is no text.
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
     """
     path = Path(path)
+    argument_types.check_types({"dbc": dbc}, {"dbc": argument_types.TEXT}, f"{path}: ")
     packed = path.suffix.lower() == ".gz"
     suffix = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
     reader = READERS.get(suffix) if dbc is None else partial(read_can, suffix=suffix, database=Path(dbc))

@@ -149,7 +149,7 @@ def test_where_no_model_can_be_used_none_is_called_recommended(run, tmp_path):
     assert status == 0
     assert printed.startswith("No model describes these data: ")
     assert "recommended; " not in printed
-    assert "none is recommended" in page
+    assert '<p class="lead">No model describes these data: ' in page
     assert "arx is recommended" not in page
     assert not (out / "best.json").exists()
     assert (out / "arx.json").exists()
@@ -324,7 +324,7 @@ def test_files_of_an_earlier_run_are_listed_separately(run, log, tmp_path, monke
         os.utime(path, (0, 0))
     printed = run(*words, "arx")[1]
     left = sum(path.stat().st_mtime == 0 for path in figures)
-    assert left >= 4
+    assert left == sum(path.name.startswith("friction-narx-") for path in figures) > 0
     assert printed.endswith(f"from an earlier run, not from this one: friction-narx.json, {left} in figures/\n")
     monkeypatch.setattr("emsid.report.page.page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
     status, printed, _ = run(*words, "arx")

@@ -560,6 +560,12 @@ def test_what_differs_in_a_motor_is_named_by_its_cause() -> None:
         "M04": ("angle", pytest.approx(1 / 1.3, rel=0.05)),
     }
     page = fleet_report(result, "motors")
-    plots = page.sections[0].figures[0].plots
+    named = page.summary[0]
+    assert named.endswith("; no motor has changed.")
+    assert all(each in named for each in ("M02 (ratio of resistance to torque constant)", "M08 (rotor_inertia)"))
+    plots = [plot for figure in page.figures for plot in figure.plots]
+    (first,) = page.opening.figures
+    differs = {mark.names for plot in first.plots for mark in plot.marks if getattr(mark, "label", "") == "differs"}
+    assert {name for names in differs for name in names} == {each.motor for each in result.outliers}
     assert all(plot.x.names == tuple(f"M{k:02d}" for k in range(16)) for plot in plots)
-    assert plots[-1].y.quantity == "noise of the output"
+    assert "noise of the output" in {plot.y.quantity for plot in first.plots}

@@ -12,8 +12,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from emsid import DataError, FormatError, Record, RecursiveLeastSquares, arx, friction_narx
+from emsid import DataError, FormatError, Record, RecursiveLeastSquares, Structure, arx, friction_narx
 from emsid.estimation import Control, Directional, Forgetting
+from emsid.findings import Finding
 from emsid.live.board import Board
 from emsid.live.log import Log, read_from
 from emsid.live.protocol import LineParser
@@ -24,6 +25,8 @@ from emsid.live.session import Session, Settings, messages
 from emsid.live.sources import open_source
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench
+from emsid.wording import sentence
+from emsid.wording.terms import meanings
 from live_sessions import DT, PLAIN, Bytes, findings, lines, tracked, url
 
 
@@ -139,9 +142,54 @@ def test_time_that_goes_backwards_is_a_gap(tmp_path: Path) -> None:
 
 
 def test_a_source_that_sends_nothing_is_reported_and_its_log_closed(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="has sent nothing for"):
+    with pytest.raises(DataError, match=r"has sent nothing yet; .*waited 0.3 s"):
         tracked(folder=tmp_path, end=TimeoutError())
     assert read_from(tmp_path / "log.txt").startswith(b"# emsid: begins")
+
+
+def test_a_source_that_speaks_late_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a limit, however long it takes; it is said once that it waits, and what has come."""
+    monkeypatch.setattr("emsid.live.session.SILENT", 0.1)
+    begun = time.monotonic()
+
+    class Late(Bytes):
+        def read(self, timeout: float) -> bytes:
+            if time.monotonic() - begun < 0.6:
+                time.sleep(0.01)
+                return b""
+            return super().read(timeout)
+
+    for sent, said in ((b"", "it has sent nothing yet"), (b"ready\n", "1 lines have come and none is a sample")):
+        begun = time.monotonic()
+        log, parser = Log(tmp_path / f"{len(sent)}.txt"), LineParser()
+        session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), "board")
+        receiver = Receiver(Late(lines(300)), log)
+        if sent:
+            parser.feed(sent)
+        found = list(messages(session, receiver, parser, Settings(0.01), log))
+        receiver.close()
+        log.close()
+        first, second = found[:2]
+        assert (first["code"], second["kind"]) == ("source-awaited", "start")
+        assert said in sentence(Finding(*(first[name] for name in ("code", "subject", "data"))))
+        assert [each.get("code") for each in found].count("source-awaited") == 1
+        assert session.counts["samples"] == 300
+
+
+def test_terms_are_named_by_what_they_mean() -> None:
+    record = Record(np.zeros(3), np.zeros(3), DT, ("voltage [V]",), ("speed",), ("V",), ("rad/s",))
+    structure = friction_narx(1, 1, knots=(-0.5, 0.16), speeds=(4.48,))
+    assert dict(zip(structure.parameter_names, meanings(structure, record), strict=True)) == {
+        "a1": "speed, 1 sample before",
+        "b1": "voltage, 1 sample before",
+        "h1_1": "voltage below -0.5 V, 1 sample before",
+        "h2_1": "voltage above 0.16 V, 1 sample before",
+        "c0": "Coulomb friction, direction of speed",
+        "c1": "Stribeck friction, fades over 4.48 rad/s",
+        "offset": "offset",
+    }
+    product = Structure.parse("y(t-1)*u(t-2)^2", "sign(u(t))")
+    assert meanings(product, record) == ("speed(t-1)*voltage(t-2)^2", "sign(voltage(t))")
 
 
 def test_garbage_lines_are_reported_and_logged(tmp_path: Path) -> None:

@@ -42,7 +42,10 @@ def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: 
     assert names == {"record.csv", "report.html", "track.json", "state.json", "arx.json", "figures"}
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "<pre><span>y(t)</span>" in page
-    assert ">Regressor</th>" in page
+    assert ">Meaning</th>" in page
+    assert ">u, 1 sample before</td>" in page
+    assert page.index('id="last-samples"') < page.index('id="arx-tracking"')
+    assert "b1: u, 1 sample before" in out
     data = json.loads((tmp_path / "out" / "track.json").read_text())
     assert (data["samples"], data["reason"], len(data["changes"])) == (4000, "ended", 1)
     named = (tmp_path / "log.csv").read_bytes().replace(b"t[s]", b"Zeit[s]", 1)

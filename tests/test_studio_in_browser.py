@@ -28,25 +28,20 @@ import numpy as np
 import pytest
 
 pytest.importorskip("selenium")
-from selenium import webdriver
 from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
+from browser import CHROMIUM, DRIVER, chromium
 from emsid.studio import uplot
 from live_sessions import lines
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="needs Debian's chromium and chromium-driver"),
     pytest.mark.skipif(not uplot.is_there(), reason="needs uPlot: python -m emsid.studio.uplot"),
     pytest.mark.xdist_group("browser"),  # one browser and one server for all
 ]
-FLAGS = (
-    "headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking "
-    "disable-component-update disable-sync hide-scrollbars"
-)
 CELLS = "return [...document.querySelectorAll('.scroll tbody tr')].map((row) => [...row.cells].map((x) => x.innerText))"
 PICTURES = os.environ.get("EMSID_PICTURES")
 
@@ -170,16 +165,9 @@ def downloads(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory, downloads: Path) -> Iterator[Any]:
-    options = webdriver.ChromeOptions()
-    for flag in FLAGS.split():
-        options.add_argument(f"--{flag}")
-    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
-    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
-    options.binary_location = str(CHROMIUM)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER), env=dict(os.environ)))
-    yield driver
-    driver.quit()
+    profile = tmp_path_factory.mktemp("profile")
+    with chromium(profile, **{"download.default_directory": str(downloads)}) as driver:
+        yield driver
 
 
 @pytest.fixture

@@ -77,6 +77,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("samples-not-tracked", "socket://board:7000", {"samples": 1200}),
     Finding("source-disconnected", "serial:///dev/ttyACM0", {"wait": 30.0}),
     Finding("nothing-excites", "log.csv", {"inputs": [{"name": "u", "level": 0.0, "unit": "V"}], "samples": 200}),
+    Finding("source-awaited", "serial:///dev/ttyACM0", {"lines": 0, "example": ""}),
+    Finding("source-awaited", "serial:///dev/ttyACM0", {"lines": 12, "example": "ready"}),
     Finding("source-silent", "serial:///dev/ttyACM0", {"seconds": 5.2}),
     Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 0, "example": "1.2,x"}),
     Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 2, "example": "1.2,x"}),

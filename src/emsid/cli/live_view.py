@@ -187,11 +187,8 @@ def bars(outputs: "deque[float]") -> str:
 def tables(message: Message, start: Message) -> "list[Any]":
     """Parameters with intervals, and physical values."""
     found = []
-    terms = dict(zip(start["parameters"], start["terms"], strict=True))
-    named = [
-        each | {"name": f"{each['name']} {terms[each['name']]}" if each["name"][0] == "θ" else each["name"]}
-        for each in message["parameters"]
-    ]
+    meanings = dict(zip(start["parameters"], start["meanings"], strict=True))
+    named = [each | {"name": f"{each['name']}: {meanings[each['name']]}"} for each in message["parameters"]]
     for title, rows in (("parameters, with 95 % intervals", named), ("motor", message["physical"])):
         lines = [
             (

@@ -26,9 +26,10 @@ from emsid.report.document import (
     Stroke,
     Table,
 )
-from emsid.report.numbers import estimate, number, slug
+from emsid.report.numbers import estimate, first_up, number, slug
 from emsid.units import plain_unit
-from emsid.wording import Severity, sentence, severity
+from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.lists import listed, shortened
 from emsid.wording.live import FACTORS
 
 MARK = "*"
@@ -40,18 +41,22 @@ MOST_NAMED = 30
 INKS = (Ink.RED, Ink.ORANGE, Ink.PURPLE, Ink.GREEN, Ink.NAVY)
 
 
-def fleet_report(result: Fleet, source: str) -> Report:
+def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> Report:
     """The page of a fleet.
 
     Args:
         result: of `emsid.fleet`.
         source: what it was read from, in a few words.
+        argument: how names of arguments are written in its findings.
     """
     good = len(result.rows) - len(result.failed)
     motors = {row.motor for row in result.rows}
     named = {outlier.motor for outlier in result.outliers} | {change.motor for change in result.changes}
     changed = [each for each in result.series if len(each.periods) >= FEWEST_PERIODS]
-    sections = [Section("Parameters over the motors", figures=(over_motors(result),))] if result.series else []
+    different = {outlier.parameter for outlier in result.outliers}
+    series = [*result.series, *([result.noise] if result.noise is not None else [])]
+    first, others = ([each for each in series if (each.parameter in different) is named] for named in (True, False))
+    sections = [Section("Parameters over the motors", figures=(over_motors(result, others),))] if others else []
     if changed and good:
         sections.append(Section("Parameters over time", figures=(over_periods(result, changed),)))
     if result.failed:
@@ -60,10 +65,9 @@ def fleet_report(result: Fleet, source: str) -> Report:
     return Report(
         title="Fleet",
         summary=(
-            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. Motors that "
-            f"differ from the others: {len({outlier.motor for outlier in result.outliers})}; that have changed: "
-            f"{len({change.motor for change in result.changes})}. In a healthy fleet at most one run in 20 names any "
-            "motor, for each of the two.",
+            _named(result),
+            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. In a healthy "
+            "fleet at most one run in 20 names any motor as different, and one in 20 as changed.",
         ),
         facts=(
             Fact(f"{len(motors):,}", "motors"),
@@ -71,14 +75,36 @@ def fleet_report(result: Fleet, source: str) -> Report:
             Fact(f"{len(result.failed):,}", "rows without a model"),
         ),
         sections=tuple(sections),
-        opening=Section("", tables=tuple(filter(None, (_causes(result), _outliers(result), _changes(result))))),
+        opening=Section(
+            "",
+            tables=tuple(filter(None, (_causes(result), _outliers(result), _changes(result)))),
+            figures=(over_motors(result, first, "motors-that-differ"),) if first else (),
+        ),
         notices=tuple(
-            Notice(sentence(finding), severity(finding).value)
+            Notice(sentence(finding, argument), severity(finding).value)
             for finding in result.findings
             if severity(finding) is not Severity.INFO and not finding.subject
         ),
         imprint=f"emsid fleet {source}",
     )
+
+
+def _named(result: Fleet) -> str:
+    """The motors that differ or have changed, with the parameters in which they do."""
+    parts, explained = [], {(each.motor, name) for each in result.causes for name in each.parameters}
+    for found, what in ((result.outliers, "differ from the others"), (result.changes, "have changed")):
+        of: dict[str, list[str]] = {}
+        for cause in result.causes if found is result.outliers else ():
+            of[cause.motor] = [FACTORS[cause.causes[0]]]
+        for each in found:
+            if found is result.changes or (each.motor, each.parameter) not in explained:
+                of.setdefault(each.motor, []).append(each.parameter)
+        names = shortened([f"{motor} ({listed(parameters)})" for motor, parameters in of.items()])
+        parts.append(f"{names} {what if len(of) > 1 else SINGULAR[what]}" if of else f"no motor {SINGULAR[what]}")
+    return f"{first_up('; '.join(parts))}."
+
+
+SINGULAR = {"differ from the others": "differs from the others", "have changed": "has changed"}
 
 
 def _causes(result: Fleet) -> Table | None:
@@ -181,10 +207,10 @@ def _marked(result: Fleet, parameter: str) -> str:
     return f"{parameter} {MARK}" if parameter in result.assuming else parameter
 
 
-def over_motors(result: Fleet) -> Figure:
-    """Every parameter of all motors in the order of their names, with intervals, ordinary range and outliers."""
+def over_motors(result: Fleet, series: Sequence[Series], name: str = "over-motors") -> Figure:
+    """Parameters of all motors in the order of their names, with intervals, ordinary range and outliers."""
     plots = []
-    for each in [*result.series, *([result.noise] if result.noise is not None else [])]:
+    for each in series:
         means, errors = each.of_motors
         places = np.arange(float(len(means)))
         known = np.isfinite(means)
@@ -214,7 +240,7 @@ def over_motors(result: Fleet) -> Figure:
             )
         )
     return Figure(
-        "over-motors",
+        name,
         "Estimates of all motors, in the order of their names.",
         tuple(plots),
         columns=min(2, len(plots)),

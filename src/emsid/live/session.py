@@ -31,6 +31,8 @@ from emsid.live.timeline import Stretch, Timeline
 from emsid.live.tracking import Change, Physical, Tracker, Tracking
 from emsid.models.regression.narx import Narx
 from emsid.record import Record
+from emsid.wording import sentence
+from emsid.wording.terms import meanings
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]
@@ -62,14 +64,14 @@ class Settings:
     Args:
         every: seconds between two messages with the estimate.
         duration: seconds of samples after which it ends; None to go on.
-        patience: seconds to wait for the first sample.
+        patience: seconds to wait for the first sample; None to wait until it comes.
         dt: sample time in s; by default from the time column.
         false_alarm: mean time in s between false alarms of changes; 0 to look for none.
     """
 
     every: float = 0.2
     duration: float | None = None
-    patience: float = 10.0
+    patience: float | None = None
     dt: float | None = None
     false_alarm: float = 0.0
 
@@ -198,7 +200,7 @@ class _Work:
         self.timeline, self.away = Timeline(settings.dt), 0.0
         self.state, self.begun = state, time.monotonic()
         self.estimated = self.done = self.begun
-        self.quiet = self.behind = False
+        self.quiet = self.behind = self.waiting = False
         self.rates: deque[tuple[float, int]] = deque([(self.begun, 0)])
         self.reported = 0
 
@@ -292,8 +294,13 @@ class _Work:
             session.counts[name] = getattr(self.timeline, name)
         for name in ("malformed", "not_finite"):
             session.counts[name] = getattr(self.parser, name)
-        if session.tracking is None and now - self.begun > self.settings.patience:
-            raise DataError(self.no_sample(silent))
+        if session.tracking is None:
+            waited, patience = now - self.begun, self.settings.patience
+            if patience is not None and waited > patience:
+                raise DataError(f"{sentence(self.awaited())[:-1]} (waited {patience:g} s)", arguments=("patience",))
+            if waited > SILENT and not self.waiting:
+                self.waiting = True
+                yield self.found(self.awaited(), keep=False)
         if silent > SILENT and session.tracking is not None and not self.quiet:
             self.quiet = True
             yield self.found(Finding("source-silent", session.name, {"seconds": silent}))
@@ -342,18 +349,10 @@ class _Work:
         if tracking is not None and tracking.correlation > COLOURED:
             yield self.found(Finding("tracking-errors-coloured", data={"correlation": tracking.correlation}))
 
-    def no_sample(self, silent: float) -> str:
-        """Why there is no sample after all this time."""
-        name, patience = self.session.name, self.settings.patience
-        if self.parser.lines:
-            return (
-                f"{name}: {self.parser.lines} lines have come in {patience:g} s and too few are samples, such as "
-                f"{self.parser.example!r}; check the baud rate and the header"
-            )
-        return (
-            f"{name} has sent nothing for {patience:g} s; check that the board runs, that its lines end with a line "
-            "break, and the baud rate"
-        )
+    def awaited(self) -> Finding:
+        """That no sample has come yet, and what has."""
+        data = {"lines": self.parser.lines, "example": self.parser.example}
+        return Finding("source-awaited", self.session.name, data)
 
     def start(self, record: Record) -> Message:
         """The first message."""
@@ -367,6 +366,7 @@ class _Work:
                 "equation": tracker.recursion.structure.equation(),  # type: ignore[attr-defined]
                 "parameters": list(tracker.recursion.structure.parameter_names),
                 "terms": [str(regressor) for regressor in tracker.recursion.structure.regressors],  # type: ignore[attr-defined]
+                "meanings": list(meanings(tracker.recursion.structure, record)),
                 "rule": _rule(tracker),
                 "inputs": _channels(record.input_names, record.input_units),
                 "output": _channels(record.output_names, record.output_units)[0],
@@ -381,7 +381,7 @@ class _Work:
         session, now = self.session, time.monotonic()
         tracking = session.tracking
         if tracking is None or tracking.last is None:
-            raise DataError(self.no_sample(0.0))
+            raise DataError(sentence(self.awaited()))
         while len(self.rates) > 1 and now - self.rates[0][0] > 2.0:
             self.rates.popleft()
         before, count = self.rates[0]

@@ -21,6 +21,7 @@ import stat
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -114,19 +115,19 @@ def open_source(text: str, baud: int = 115200) -> Source:
     raise DataError(f"{text}: {reason}")
 
 
-def awaited(opening: Callable[[], Source], seconds: float, notify: Callable[[str], None]) -> Source:
+def awaited(opening: Callable[[], Source], seconds: float | None, notify: Callable[[str], None]) -> Source:
     """Open a source; where nothing serves its port yet, try again, so that it may start after this program.
 
     Args:
         opening: opens it.
-        seconds: for which to try; 0 for one attempt.
+        seconds: for which to try; 0 for one attempt, None to try until it is served.
         notify: shows that it waits.
 
     Raises:
         NotServed: where nothing serves the port after this time.
         DataError: where it cannot be opened for another reason, at once.
     """
-    until, waits = time.monotonic() + seconds, False
+    until, waits = inf if seconds is None else time.monotonic() + seconds, False
     while True:
         try:
             return opening()
@@ -134,7 +135,7 @@ def awaited(opening: Callable[[], Source], seconds: float, notify: Callable[[str
             if time.monotonic() >= until:
                 raise
             if not waits:
-                notify(f"{problem}; waiting {seconds:g} s for it")
+                notify(f"{problem}; waiting {'' if seconds is None else f'{seconds:g} s '}for it")
             waits = True
         time.sleep(AGAIN)
 

@@ -38,23 +38,23 @@ def compensation_report(found: Compensation | MapInverse, bench: ControlBench | 
         found: the inverse of a plant or of a static map.
         bench: its bench; a static map has none.
     """
+    sections = tuple[Section, ...]()
     if bench is None:
-        gain, opening, sections = ("The inverse of the static map, over its values.",), inverse_figure(found), ()
+        gain, opening = ["The inverse of the static map, over its values."], inverse_figure(found)
     else:
-        gain = gain_at_reversal(bench)
-        opening = bench_figure(bench, "reversal", name="compensation")
+        gain, opening = gain_at_reversal(bench), bench_figure(bench, "reversal", name="compensation")
         others = [each for each in REFERENCES if each != "reversal"]
         sections = (Section("Inverse", figures=(inverse_figure(found, bench),)), *_bench_sections(bench, others))
     return Report(
         title=f"Compensation of {found.name}",
-        summary=gain,
+        summary=tuple(gain),
         opening=Section("", figures=(opening,)),
         sections=sections,
         imprint="emsid compensate",
     )
 
 
-def gain_at_reversal(bench: ControlBench) -> tuple[str, str]:
+def gain_at_reversal(bench: ControlBench) -> list[str]:
     """What the compensation makes of the error at a reversal, for every plant of the bench."""
     ratios = {
         plant: bench.runs[BARE, "reversal", plant].error / run.error
@@ -62,10 +62,10 @@ def gain_at_reversal(bench: ControlBench) -> tuple[str, str]:
         if (name, reference) == (CASCADE, "reversal")
     }
     others = listed([f"{smaller(ratio)} with {plant}" for plant, ratio in ratios.items() if plant != AS_IS])
-    return (
+    return [
         f"On the bench, the error at a reversal is {smaller(ratios[AS_IS])} with the compensation than without it.",
         f"That is with friction and dead zone as identified. It is {others}.",
-    )
+    ]
 
 
 def inverse_figure(found: Compensation | MapInverse, bench: ControlBench | None = None) -> Figure:

@@ -25,10 +25,10 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import number, slug
-from emsid.report.views.front import regressor_column
 from emsid.report.views.record import settled_range
 from emsid.units import plain_unit
 from emsid.wording import Severity, sentence, severity
+from emsid.wording.terms import meanings
 
 MOST_PLOTS = 12
 """Plots of at most this many parameters; the table has all."""
@@ -64,7 +64,6 @@ def tracking_report(session: Session) -> Report:
             )
         ],
         "estimate over time": lambda: [Section("Estimate over time", figures=(convergence(session),))],
-        "last samples": lambda: [Section("Last samples", figures=(last_samples(session),))],
     }
     tables = {"parameters": lambda: _parameters(session), "physical values": lambda: _physical(session)}
     with collected() as noted:
@@ -82,6 +81,7 @@ def tracking_report(session: Session) -> Report:
             "",
             equations=(fit.model.equation(),),
             tables=tuple(filter(None, shown)),
+            figures=tuple(filter(None, [tried("last samples", lambda: last_samples(session), None)])),
         ),
         notices=tuple(
             Notice(sentence(each), severity(each).value)
@@ -96,15 +96,20 @@ def _parameters(session: Session) -> Table:
     fit = session.fit
     assert fit is not None
     halves = session.tracker.half_widths(session.tracking) if session.tracking else np.zeros(0)
-    extra = regressor_column(fit)
     rows = tuple(
-        (name, *of, number(value), f"± {half:.2g}" if np.isfinite(half) else "unknown")
-        for name, value, half, *of in zip(
-            fit.names, fit.estimate.tolist(), halves.tolist(), *extra.values(), strict=True
+        (name, of, number(value), f"± {half:.2g}" if np.isfinite(half) else "unknown")
+        for name, of, value, half in zip(
+            fit.names, _meanings(session), fit.estimate.tolist(), halves.tolist(), strict=True
         )
     )
-    head = ("Parameter", *extra, "Estimate", "95 % interval")
-    return Table(head, rows, "The estimate at the end.", text_columns=1 + len(extra))
+    head = ("Parameter", "Meaning", "Estimate", "95 % interval")
+    return Table(head, rows, "The estimate at the end.", text_columns=2)
+
+
+def _meanings(session: Session) -> tuple[str, ...]:
+    """What every parameter multiplies, in words."""
+    assert session.fit is not None
+    return meanings(session.fit.model.structure, session.recent[0][0])
 
 
 def _physical(session: Session) -> Table | None:
@@ -135,7 +140,7 @@ def convergence(session: Session) -> Figure:
     order = np.argsort(time, kind="stable")
     time, estimates, halves = time[order], estimates[order], np.nan_to_num(halves[order])
     plots = []
-    for k, name in list(enumerate(fit.names))[:MOST_PLOTS]:
+    for k, (name, meaning) in list(enumerate(zip(fit.names, _meanings(session), strict=True)))[:MOST_PLOTS]:
         value, half = estimates[:, k], halves[:, k]
         wide = float(np.quantile(half[len(half) // 10 :], 0.75))
         low, high = settled_range(value, value[-1] + wide * np.array([-1.0, 1.0]))
@@ -146,7 +151,7 @@ def convergence(session: Session) -> Figure:
         for j, change in enumerate(session.changes):
             at = np.array([change.time, change.time])
             marks.append(Line(at, np.array([low, high]), "change" if not j else "", Stroke(Ink.RED, Dash.DASHED, 0.8)))
-        plots.append(Plot(tuple(marks), Axis("Time", "s"), Axis(name, range=(low, high))))
+        plots.append(Plot(tuple(marks), Axis("Time", "s"), Axis(name, range=(low, high)), meaning))
     return Figure(
         f"{slug(fit.model.name)}-tracking",
         f"Estimates over time with 95 % intervals{'; dashed: detected changes' if session.changes else ''}.",

@@ -50,6 +50,18 @@ def source_disconnected(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} was disconnected; the tracking ends if it is not back within {_duration(f.data['wait'])}"
 
 
+@words("source-awaited")
+def source_awaited(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: lines (that have come and are no samples), example (one of them)."""
+    if f.data["lines"]:
+        came = f"{f.data['lines']} lines have come and none is a sample, such as {f.data['example']!r}"
+        return f"waiting for {f.subject}: {came}; check the baud rate and the header"
+    return (
+        f"waiting for {f.subject}: it has sent nothing yet; check that the board runs, that its lines end with a line "
+        "break, and the baud rate"
+    )
+
+
 @words("nothing-excites", Severity.WARNING)
 def nothing_excites(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: inputs (name, level, unit), samples."""

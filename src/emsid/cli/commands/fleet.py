@@ -110,7 +110,7 @@ def fleet(
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: fleet_report(result, ", ".join(source)), pdf, interrupted=result.interrupted)
+    drawn = draw(out, lambda: fleet_report(result, ", ".join(source), option), pdf, interrupted=result.interrupted)
     if not json:
         with reader_may_leave():
             say_where(out, drawn, RESULT, SUMMARY)

@@ -82,7 +82,12 @@ Reconnect = Annotated[
     typer.Option(metavar="S", parser=quantity("s"), help="Time in which a connection that broke may come back."),
 ]
 Patience = Annotated[
-    float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the port, and for a sample.")
+    float | None,
+    typer.Option(
+        metavar="S",
+        parser=quantity("s"),
+        help="Give up if no sample comes in this time.  [default: wait]",
+    ),
 ]
 
 
@@ -110,7 +115,7 @@ def track(
     dt: Dt = None,
     every: Every = 0.2,
     duration: Duration = None,
-    patience: Patience = 10.0,
+    patience: Patience = None,
     reconnect: Reconnect = 30.0,
     out: Out = Path("emsid-track"),
     json: Json = False,
@@ -118,10 +123,10 @@ def track(
 ) -> None:
     """Track the parameters of a motor while it runs.
 
-    Shows input, output, one-step prediction, parameters with 95 % intervals and physical values, announces changes of
-    the load, and ends with the source, after --duration, or with Ctrl-C or SIGTERM. A connection that breaks may come
-    back within --reconnect. Every received line is in log.txt within a second. Writes record.csv, report.html,
-    track.json, the model, and state.json to go on from.
+    Waits until the source speaks; then shows input, output, one-step prediction, parameters with 95 % intervals and
+    physical values, announces changes of the load, and ends with the source, after --duration, or with Ctrl-C or
+    SIGTERM. A connection that breaks may come back within --reconnect. Every received line is in log.txt within a
+    second. Writes record.csv, report.html, track.json, the model, and state.json to go on from.
 
     \b
     Examples:
@@ -180,7 +185,7 @@ def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, mo
 
 
 def _received(
-    session: "Session", out: Path, prepare: "Callable[[], None]", baud: int, away: float, patience: float
+    session: "Session", out: Path, prepare: "Callable[[], None]", baud: int, away: float, patience: float | None
 ) -> "Receiver":
     """Open the source of a session, and receive it.
 
@@ -190,7 +195,7 @@ def _received(
         prepare: what takes long; a file that is not there is refused before it, and a board is opened after it.
         baud: of a serial port.
         away: seconds in which a connection that broke may come back.
-        patience: seconds to wait for a port that nothing serves yet.
+        patience: seconds to wait for a port that nothing serves yet; None to wait until one does.
     """
     from emsid.live.log import Log
     from emsid.live.receiver import Receiver

@@ -16,7 +16,7 @@ from emsid.errors import EmsidError
 from emsid.models.verbs import as_model
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import curve_with_band, limited, magnitude_and_phase
-from emsid.report.views.cascade import SQUARE, around
+from emsid.report.views.cascade import NEAREST, SQUARE, around
 from emsid.report.views.conventions import MEASURED, MODELS, TIME, channel_axis
 from emsid.units import name_and_unit, with_unit
 from emsid.validation.analysis import bode, pole_map, step
@@ -69,7 +69,10 @@ def poles_and_zeros(several: Sequence[PoleMap], labels: Sequence[str], strokes: 
     grey = Stroke(Ink.GREY, Dash.DASHED, 0.8)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", grey)] if discrete else []
     poles = np.concatenate([each.poles for each in several])
-    x, y = around(poles if len(poles) else np.zeros(1, dtype=complex))
+    errors = np.nan_to_num(1.96 * np.concatenate([each.standard_error for each in several]))
+    size = 0.0 if discrete else 0.5 * float(np.abs(poles).max(initial=0.0))
+    least = max(NEAREST, size, float(np.abs(errors).max(initial=0.0)))
+    x, y = around(poles if len(poles) else np.zeros(1, dtype=complex), least)
     for each, label, stroke in zip(several, labels, cycle(strokes), strict=False):
         ink = stroke.ink
         for pole, error in zip(each.poles, 1.96 * each.standard_error, strict=True):

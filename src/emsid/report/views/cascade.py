@@ -320,14 +320,18 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     return Figure(f"{prefix}-poles", text, plots, columns=2)
 
 
-def around(poles: NDArray[np.complex128]) -> tuple[Axis, Axis]:
+def around(poles: NDArray[np.complex128], least: float = NEAREST) -> tuple[Axis, Axis]:
     """Axes of one scale that show these poles with some room around them; the real axis is in the middle.
+
+    Args:
+        poles: what they show.
+        least: from their middle to their ends, without the room.
 
     >>> [axis.range for axis in around(np.array([0.9, 1.0]))]
     [(0.89, 1.01), (-0.06, 0.06)]
     """
     low, high = float(poles.real.min()), float(poles.real.max())
-    reach = ROOM * max((high - low) / 2, float(np.abs(poles.imag).max()), NEAREST)
+    reach = ROOM * max((high - low) / 2, float(np.abs(poles.imag).max()), least)
     middle = (low + high) / 2
     real = (round(middle - reach, 6), round(middle + reach, 6))
     return Axis("Real part", "1", range=real), Axis("Imaginary part", "1", range=(-round(reach, 6), round(reach, 6)))

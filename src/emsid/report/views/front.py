@@ -353,11 +353,11 @@ def correlation_table(fit: Fit[Any]) -> Table | None:
     strongest = np.max(np.abs(found - np.eye(len(known))), axis=1)
     shown = np.sort(np.argsort(-strongest, kind="stable")[:CORRELATED])
     rows = tuple(
-        (str(k), fit.names[known[i]], *(f"{found[i, j]:.2f}" if j < i else "" for j in shown[:-1]))
+        (f"[{k}]", fit.names[known[i]], *(f"{found[i, j]:.2f}" if j < i else "" for j in shown[:-1]))
         for k, i in enumerate(shown, 1)
     )
     most = f", of the {CORRELATED} parameters with the largest" if len(known) > CORRELATED else ""
-    header = ("No.", "Parameter", *(str(k) for k in range(1, len(shown))))
+    header = ("No.", "Parameter", *(f"[{k}]" for k in range(1, len(shown))))
     caption = f"Correlations of the estimates of {fit.model.name}{most}; those near ±1 are known only together."
     return Table(header, rows, caption, text_columns=2)
 

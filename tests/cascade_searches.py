@@ -56,7 +56,7 @@ def hammerstein_wiener(records: Any, order: int | None = None, settings: Cascade
     return CascadeStructure(HAMMERSTEIN_WIENER, (None, order), settings).fit(records)
 
 
-def record_of(model: Cascade, samples: int = 2500, noise: float = 0.01, seed: int = 0) -> Record:
+def record_of(model: Cascade, samples: int = 1200, noise: float = 0.01, seed: int = 0) -> Record:
     """A record of the cascade from rest, driven by low-pass noise; the noise is a share of the output's spread."""
     rng = np.random.default_rng(seed)
     u = 1.5 * lfilter([0.6], [1, -0.4], rng.standard_normal(samples)) / 0.65

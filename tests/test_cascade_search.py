@@ -232,7 +232,7 @@ FRICTIONLESS: dict[str, Any] = {"rotor_friction": Friction(0.0), "load_friction"
 )
 def test_dead_zone_of_a_simulated_motor(motor: Motor, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    u = np.repeat(rng.uniform(-6, 6, 1500), 4)
+    u = np.repeat(rng.uniform(-6, 6, 750), 4)
     speed = np.asarray(simulate(motor, u, 0.005).load_speed)[: len(u)]
     record = Record(u, speed + 0.01 * np.std(speed) * rng.standard_normal(len(u)), 0.005)
     zone = motor.voltage_dead_zone
@@ -247,7 +247,7 @@ def test_dead_zone_of_a_simulated_motor(motor: Motor, seed: int) -> None:
 
 def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> None:
     truth = unit_gain(Cascade((fir([1.0]), DeadZone(-0.6, 0.45, 1.0, 1.0), SLOW)))
-    fit = hammerstein(record_of(truth, 6000), 2, replace(AT_RATE, static=DEAD_ZONE))
+    fit = hammerstein(record_of(truth, 3000), 2, replace(AT_RATE, static=DEAD_ZONE))
     interval = fit.interval(0.99)
     for name, value in (("f.b_l", -0.6), ("f.b_r", 0.45)):
         at = fit.names.index(name)

@@ -10,6 +10,7 @@ from conftest import try_few_refinements
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
+from emsid.first_look import examined
 from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
@@ -63,6 +64,16 @@ def test_orders_are_searched_once_for_the_fits_one_step_ahead_and_to_the_free_ru
     CANDIDATES["friction-narx"](record, Options(ridge=1.0), FREE)
     CANDIDATES["friction-narx"](system(300, 1), Options(), FREE)
     assert len(searched) == 3
+
+
+def test_how_the_output_answers_the_input_is_found_once(monkeypatch):
+    """It takes a sixth of an identification of regressions, and several checks ask for it."""
+    asked, found = [], examined.answers
+    monkeypatch.setattr(examined, "answers", lambda *given: asked.append(given) or found(*given))
+    identify(system(500, 1), models=["arx"])
+    assert len(asked) == 1
+    identify(system(500, 1), system(250, 2), models=["arx"])
+    assert len(asked) == 2
 
 
 def test_without_validation_the_end_of_the_record_is_kept_unseen():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +60,20 @@ def response_of(record: Record) -> Response | None:
     It is the simulated response that explains the output best, of both signs: a correlation has the wrong sign in a
     closed loop, and at a delay of half a period. Of the delays that explain as much the shortest one is taken.
 
+    It is found once for a record, as several parts of an identification ask for it.
+
     Args:
         record: with an output.
     """
+    if record not in _RESPONSES:
+        _RESPONSES[record] = _response(record)
+    return _RESPONSES[record]
+
+
+_RESPONSES: WeakKeyDictionary[Record, Response | None] = WeakKeyDictionary()
+
+
+def _response(record: Record) -> Response | None:
     if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
         return None
     table = np.column_stack([record.input[:, 0], without_outliers(record).output[:, 0]])

@@ -114,10 +114,11 @@ class Plausibility:
 
     Args:
         record: what they were fitted to.
+        whole: all data, where the record is a part of them.
     """
 
-    def __init__(self, record: Record) -> None:
-        self.record = record
+    def __init__(self, record: Record, whole: Record | None = None) -> None:
+        self.record, self.whole = record, record if whole is None else whole
 
     @cached_property
     def extremes(self) -> Extremes:
@@ -206,8 +207,8 @@ class Plausibility:
 
     @cached_property
     def response(self) -> Response | None:
-        """How the output of the record answers its input."""
-        return response_of(self.record)
+        """How the output of all data answers their input."""
+        return response_of(self.whole)
 
     @cached_property
     def rise(self) -> float | None:

@@ -603,7 +603,7 @@ class Compared:
             pole: of a plant that is unstable without its controller: models are ranked by their predictions.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
-        plausibility = Plausibility(train)
+        plausibility = Plausibility(train, whole)
         findings = about_the_fits(fits, plausibility)
         parts = choice_and_headline(test) if whole is not None and len(fits) > 1 else None
         on_choice = parts and compare(fits, parts[0], transient=transient, data="choice")

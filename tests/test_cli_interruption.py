@@ -346,9 +346,8 @@ def test_ctrl_c_at_exit_prints_no_second_message(tmp_path):
 
 
 def test_ctrl_c_while_the_drawing_library_is_imported(log, tmp_path):
-    status, out, err = signalled(
-        tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--pdf", "--out", "out"
-    )
+    words = ("identify", log, *IDENTIFY, "--models", "arx", *FIRST_ORDER, "--pdf", "--out", "out")
+    status, out, err = signalled(tmp_path, "matplotlib.figure", *words)
     assert (status, err) == (130, LEFT_OUT + FOUND)
     assert "Recommended: " in out
     assert_whole(tmp_path / "out", drawn=False)

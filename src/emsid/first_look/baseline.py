@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,23 +110,23 @@ def baseline(record: Record, delay: int | None, orders: Sequence[int] = (LAGS,))
     """
     if not np.ptp(record.output[:, 0]) > 0:
         return None
-    delay = _best_delay(record, max(1, delay or 1))
+    few, latest = middle(record, FEW_SAMPLES), max(1, delay or 1)
+    halves = {max(1, latest >> k) for k in range(latest.bit_length())} if latest > 1 else set()
+    tried = {each: _by_instruments(few, each) for each in halves}
+    delay = _best_delay(few, tried)
+    of_all = tried[delay] if tried and len(few) == len(record) else _by_instruments(record, delay)
     by_squares = [each for order in orders for each in _by_squares(record, delay, order)]
-    found = [_simulated(record, *each, delay) for each in (*_by_instruments(record, delay), *by_squares)]
+    found = [_simulated(record, *each, delay) for each in (*of_all, *by_squares)]
     return max((each for each in found if each is not None), key=lambda each: each.fit, default=None)
 
 
-def _best_delay(record: Record, delay: int) -> int:
-    """The delay of the best free run among ``delay``, half of it and so on down to one."""
-    if delay <= 1:
-        return delay
-    few = middle(record, FEW_SAMPLES)
-    halves = [max(1, delay >> k) for k in range(delay.bit_length())]
+def _best_delay(record: Record, tried: Mapping[int, list[tuple[Array, Array, float]]]) -> int:
+    """The longest delay of those whose free runs are as good as the best; one where none of the models has one."""
     fits = {
-        each: simulated.fit
-        for each in halves
-        for one in _by_instruments(few, each)
-        if (simulated := _simulated(few, *one, each)) is not None
+        delay: simulated.fit
+        for delay, models in tried.items()
+        for each in models
+        if (simulated := _simulated(record, *each, delay)) is not None
     }
     best = max(fits.values(), default=0.0)
     return max((each for each in fits if fits[each] >= best - SAME), default=1)

@@ -87,7 +87,7 @@ def test_the_page_of_a_validation_counts_records_and_explains_its_numbers(result
     assert "<dt>Free run</dt>" in page
     for text in (said, page):
         assert "FILE" not in text
-        assert "Method" not in text
+        assert "Fitted" not in text
     run("validate", result / "arx.json", other, result.parent / "log.csv", "--out", tmp_path / "two")
     page = (tmp_path / "two" / "report.html").read_text()
     assert "<dt>records</dt><dd>2</dd>" in page

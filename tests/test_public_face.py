@@ -430,6 +430,51 @@ def test_a_plotted_record_shows_one_unit_of_each_channel():
     assert [axes.get_ylabel() for axes in record.plot().axes] == ["Voltage [V]", "Speed [rad/s]"]
 
 
+def test_a_fit_says_how_it_was_fitted(linear_record, linear_fit):
+    free = emsid.fit(emsid.arx(na=1, nb=1), linear_record, free_run=True)
+    assert repr(linear_fit).startswith("Fit(arx, one step: ")
+    assert repr(free).startswith("Fit(arx, free run: ")
+    found = emsid.compare([linear_fit, free], linear_record)
+    assert {row.split()[0] + " " + " ".join(row.split()[1:3]) for row in str(found).splitlines()[2:]} == {
+        "arx one step",
+        "arx free run",
+    }
+    assert {"y1 by arx, one step", "y1 by arx, free run"} <= set(found.to_frame().columns)
+
+
+def test_a_fit_of_a_plant_knows_the_sample_time_of_its_data(plant_fit, tmp_path):
+    voltage = np.full(50, 3.0)
+    assert emsid.simulate(plant_fit, voltage).dt == 1e-2
+    np.testing.assert_array_equal(emsid.simulate(plant_fit, voltage).output, plant_fit.simulate(voltage).output)
+    emsid.export(plant_fit, to="c99", out=tmp_path / "c")
+    assert "0.01" in (tmp_path / "c" / "rigid_motor.h").read_text()
+    with pytest.raises(emsid.ModelError, match="give dt"):
+        emsid.export(plant_fit.model, to="c99", out=tmp_path / "other")
+
+
+def test_a_linear_part_keeps_names_and_units(linear_fit, plant_fit):
+    named = ["u1 [V]"], ["y1 [rad/s]"]
+    assert repr(emsid.to_continuous(plant_fit)).startswith("LinearSystem(rigid-motor: u1 [V] → y1 [rad/s], ")
+    for system in (plant_fit.to_control(), emsid.to_discrete(plant_fit, 1e-3).to_control()):
+        assert (system.input_labels, system.output_labels, system.name) == (*named, "rigid-motor")
+        assert len(system.poles()) == len(emsid.poles(plant_fit))
+    system = linear_fit.to_control()
+    assert (system.input_labels, system.output_labels, system.name) == (["u1"], ["y1"], "arx")
+
+
+def test_the_picture_of_a_fitted_plant_has_its_friction(plant_fit):
+    _, run, friction = plant_fit.plot().axes
+    assert friction.get_xlabel() == "Speed ω [rad/s]"
+    assert run.get_xlim() != friction.get_xlim()
+
+
+def test_a_row_and_a_first_look_are_one_short_line(plant_fit, linear_record, tmp_path):
+    linear_record.to_frame().write_csv(tmp_path / "log.csv")
+    for each in (plant_fit["rotor_inertia"], emsid.describe(tmp_path / "log.csv")):
+        assert len(repr(each)) < 140
+        assert repr(each).startswith(f"{type(each).__name__}(")
+
+
 def test_a_fit_without_intervals_draws_its_estimates(linear_record):
     noise = 0.5 * np.random.default_rng(3).standard_normal((len(linear_record), 1))
     biased = emsid.fit(emsid.arx(na=1, nb=1), replace(linear_record, output=linear_record.output + noise))
@@ -441,7 +486,7 @@ def test_a_fit_without_intervals_draws_its_estimates(linear_record):
 
 def test_a_fit_prints_every_parameter_with_interval_and_ending(linear_fit):
     head, names, *rows = str(linear_fit).splitlines()
-    assert head.startswith("arx: solved")
+    assert head.startswith("arx, one step: solved")
     assert names.split("  ")[0] == "Parameter"
     for row, name, (low, high) in zip(rows, linear_fit.names, linear_fit.interval(), strict=False):
         printed, _, least, _, most, *_ = row.split()
@@ -455,7 +500,7 @@ def test_a_fit_of_a_plant_prints_units_and_what_was_fixed(plant_fit):
     assert "N·m/A" in rows["motor_constant"]
     assert "fixed" in rows["resistance"]
     assert "Ω" in rows["resistance"]
-    assert rows["rigid-motor:"].split()[1] == plant_fit.ending.value
+    assert str(plant_fit).startswith(f"rigid-motor, free run: {plant_fit.ending.value}")
 
 
 def test_a_parameter_that_the_data_do_not_determine_has_no_interval():

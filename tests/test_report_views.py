@@ -17,7 +17,7 @@ from emsid.record import Record
 from emsid.report import tracking_page, views
 from emsid.report.document import Dash, Ink
 from emsid.report.figures import draw
-from emsid.validation.comparison import Row, assess, compare
+from emsid.validation.comparison import Row, assess, compare, labels
 from emsid.validation.correlation import autocorrelation, cross_correlation, input_test, limit_over
 from emsid.wording import sentence
 from report_examples import (
@@ -95,9 +95,9 @@ def test_the_responses_are_the_runs():
 def test_labels_name_the_method_where_a_model_stands_there_twice():
     structure, record = STRUCTURES[0], drive()
     both = [emsid.least_squares(structure, record), emsid.recursive_least_squares(structure, record)]
-    assert views.labels([assess(fit, record) for fit in both]) == ("arx (LS)", "arx (RLS)")
-    assert views.labels([assess(both[0], record)]) == ("arx",)
-    assert views.labels([assess(both[0], record)] * 2) == ("arx (LS), no. 1", "arx (LS), no. 2")
+    assert labels([assess(fit, record) for fit in both]) == ("arx, one step", "arx, recursive")
+    assert labels([assess(both[0], record)]) == ("arx",)
+    assert labels([assess(both[0], record)] * 2) == ("arx, one step, no. 1", "arx, one step, no. 2")
 
 
 def test_nonlinear_correlations_are_drawn_with_the_band_of_their_test():

@@ -185,10 +185,10 @@ def test_table_has_a_line_for_every_model_best_first() -> None:
     record = bench()
     comparison = compare([fit_of(arx(1, 1), [-2.0, 1.0]), fit_of(Structure.parse("u(t-1)"), [0.5])], record)
     _, head, best, last, note = str(comparison).splitlines()
-    assert head.split()[:3] == ["Model", "Method", "Data"]
+    assert head.split()[:3] == ["Model", "Fitted", "Data"]
     assert best.split()[0] == "structure"
-    assert best.split()[4] == f"{comparison.best.row.simulation_rmse:.4g}"
-    assert last.split()[:6] == ["arx", "LS", "unseen", "–", "–", "–"]
+    assert best.split()[5] == f"{comparison.best.row.simulation_rmse:.4g}"
+    assert last.split()[:7] == ["arx", "one", "step", "unseen", "–", "–", "–"]
     assert "diverged at sample 17" in note
 
 

@@ -63,6 +63,6 @@ class Presented:
 
         A record is drawn with its inputs and outputs; a comparison with the measured outputs and the free run of every
         model; an identification with its comparison on unseen data; a fit of a plant with the free run on the data it
-        was fitted to, any other fit with the width of the interval of every parameter.
+        was fitted to, its friction and its dead zone, any other fit with the width of the interval of every parameter.
         """
         return _presenter().plot(self)

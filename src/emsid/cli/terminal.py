@@ -126,9 +126,9 @@ FREE_RUN_EXPLAINED = (
 )
 """The note below a table of free runs."""
 _ONE_STEP = "one-step: prediction from measured outputs up to the sample before."
-_METHOD = "method: LS least squares, RLS recursive least squares, GN Gauss–Newton search on the free run."
+_FITTED = "fitted: to the prediction one step ahead, the same sample by sample (recursive), or to the free run."
 _DATA = "data: used in fit, or unseen (no model was fitted to it)."
-EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_METHOD} {_DATA}"
+EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_FITTED} {_DATA}"
 """The note below a table of errors."""
 WITHOUT_METHOD_EXPLAINED = f"{FREE_RUN_EXPLAINED} {_ONE_STEP} {_DATA}"
 """The note below a table of the errors of models from files."""

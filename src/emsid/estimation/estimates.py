@@ -27,7 +27,7 @@ INCLUDES_ZERO = "interval includes zero"
 """The status of an estimate that may be zero: the data give a bound of it, and no value."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """A row of the table of parameters.
 
@@ -56,6 +56,10 @@ class Estimate:
     given: tuple[str, ...] = ()
     interval: tuple[float, float] | None = None
     record: str = ""
+
+    def __repr__(self) -> str:
+        ends = f", 95 %: {self.interval[0]:.4g} … {self.interval[1]:.4g}" if self.interval else ""
+        return f"Estimate({self.name} = {self.value:.4g}{self.unit and f' {self.unit}'}{ends}; {self.status})"
 
     @property
     def asked(self) -> bool:

@@ -45,6 +45,10 @@ class Ending(Enum):
         return self in (Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED)
 
 
+FITTED = {"ls": "one step", "rls": "recursive", "iv": "instruments", "pem": "one step", "gn": "free run"}
+"""What a method makes small, in words for tables; another method has its name."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Presented, Generic[M]):
     """A model fitted to a record.
@@ -172,7 +176,31 @@ class Fit(Presented, Generic[M]):
         name = self.model_name
         short = name if len(name) <= 40 else f"{name[:39]}…"
         count = f"{self.size} parameter{'s' * (self.size != 1)}"
-        return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"
+        return f"{type(self).__name__}({short}, {self.fitted}: {count}, {self.ending.value})"
+
+    @property
+    def fitted(self) -> str:
+        """How it was fitted, in words: to the prediction one step ahead, to the free run, …"""
+        return FITTED.get(self.method, self.method)
+
+    @property
+    def sample_time(self) -> float | None:
+        """The sample time of its model, else that of the records; None where neither is known."""
+        own: float | None = getattr(self.model, "dt", None)
+        return own if own is not None or self.channels is None else self.channels.dt
+
+    def to_control(self, *arguments: Any) -> Any:
+        """The linear part of the model for python-control, with the names and units of its channels.
+
+        Args:
+            arguments: as the model takes them.
+        """
+        system = self.__getattr__("to_control")(*arguments)
+        if self.channels is not None and hasattr(system, "set_inputs"):
+            system.name = self.model_name
+            system.set_inputs(self.channels.inputs_in_units)
+            system.set_outputs(self.channels.outputs_in_units)
+        return system
 
     def simulate(self, record: Any, transient: int | None = None, *, dt: float | None = None) -> Any:
         """Free run of the model; inputs alone are taken at the sample time of the record it was fitted to.
@@ -182,9 +210,7 @@ class Fit(Presented, Generic[M]):
             transient: samples that start a segment in motion.
             dt: sample time in s of inputs alone.
         """
-        if dt is None and getattr(self.model, "dt", None) is None and self.channels is not None:
-            dt = self.channels.dt
-        return self.model.simulate(record, transient, dt=dt)  # type: ignore[attr-defined]
+        return self.model.simulate(record, transient, dt=dt or self.sample_time)  # type: ignore[attr-defined]
 
     def residuals(self, record: Record) -> Any:
         """What the model leaves of the outputs of a record, with its tests; see `emsid.residuals`."""

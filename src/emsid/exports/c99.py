@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files, switched
 from emsid.exports.recursive import recursive
 from emsid.models.c_form import CForm, number
@@ -73,13 +72,12 @@ def c99(export: Export) -> tuple[Files, list[str]]:
         ModelError: for a model without a form in C, a sample time that is missing, an option that is neither yes nor
             no, or a recursion of a model that is no regression.
     """
-    if export.dt is None:
-        raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
+    export, dt = export.sampled()
     single = switched(export, "single")
-    form = c_form_of(export.model, dt=export.dt, single=single, parameters=tuple(export.options.get("settable", ())))
+    form = c_form_of(export.model, dt=dt, single=single, parameters=tuple(export.options.get("settable", ())))
     latency = int(export.model.latency)
     files: Files = {
-        f"{export.name}.h": header(export.name, form, export.dt, latency, single=single),
+        f"{export.name}.h": header(export.name, form, dt, latency, single=single),
         f"{export.name}.c": source(export.name, form, single=single),
     }
     if switched(export, "recursive"):

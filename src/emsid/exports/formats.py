@@ -7,7 +7,7 @@ cannot carry, with what is missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from emsid.errors import ModelError
@@ -38,6 +38,17 @@ class Export:
     dt: float | None
     options: Mapping[str, Any] = field(default_factory=dict)
     record: Record | None = None
+
+    def sampled(self) -> tuple[Export, float]:
+        """The same with a sample time, by default that of the data of the fit, and this in s.
+
+        Raises:
+            ModelError: where none is known.
+        """
+        step = self.fit.sample_time if self.dt is None and self.fit is not None else self.dt
+        if step is None:
+            raise ModelError(f"{self.model.name} has no sample time of its own; give dt", arguments=("dt",))
+        return replace(self, dt=step), step
 
 
 SWITCH = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}

@@ -28,8 +28,7 @@ def matlab(export: Export) -> tuple[Files, list[str]]:
     Raises:
         ModelError: for a model that has neither, or a sample time that is missing.
     """
-    if export.dt is None:
-        raise ModelError(f"{export.model.name} has no sample time of its own; give dt", arguments=("dt",))
+    export, _ = export.sampled()
     files: Files = {}
     notes: list[str] = []
     form: CForm | None = None

@@ -37,8 +37,8 @@ PROBE = 2_000
 @np.errstate(all="ignore")  # a model whose numbers overflow is refused below
 def export(
     model: Any,
-    format: str,
-    path: str | os.PathLike[str],
+    to: str,
+    out: str | os.PathLike[str],
     *,
     name: str | None = None,
     dt: float | None = None,
@@ -51,10 +51,10 @@ def export(
 
     Args:
         model: a model, or a fit; of a fit the README has the intervals of the parameters.
-        format: its name, see `emsid.exports.FORMATS`.
-        path: the folder to write to.
+        to: the format by its name, see `emsid.exports.FORMATS`.
+        out: the folder to write to.
         name: of files and functions; by default that of the model.
-        dt: sample time in s, for a model that has none of its own.
+        dt: sample time in s, for a model that has none of its own; of a fit, C and MATLAB take that of its data.
         force: whether files that exist are replaced.
         unseen: a record that the model was not fitted to, for the fit of its free run in the README, or that fit as
             ``fit_percent``, ``simulation_rmse`` and ``samples``.
@@ -71,23 +71,23 @@ def export(
         DataError: for an unseen record that the model cannot run on.
         FormatError: where files exist or cannot be written.
     """
-    kind = format_of(format)
+    kind = format_of(to)
     unknown = [option for option in options if option not in kind.options]
     if unknown:
         have = listed(list(kind.options)) if kind.options else "none"
-        raise ModelError(f"{format} has no option {unknown[0]!r}; it has {have}", arguments=(unknown[0],))
+        raise ModelError(f"{to} has no option {unknown[0]!r}; it has {have}", arguments=(unknown[0],))
     subject = as_model(model)
     step = _dt(subject, dt)
     check_stable(subject, step)
     fit, record = model if isinstance(model, Fit) else None, unseen if isinstance(unseen, Record) else None
     if kind.physical:
-        refuse_assumed(fit, format, as_names_with_commas(assume))
+        refuse_assumed(fit, to, as_names_with_commas(assume))
     made = Export(subject, fit, c_name(name or subject.name), step, options, record)
     files, notes = kind.function(made)
     if kind.physical:
         files = {file: commented(file, content, sentences(fit)) for file, content in files.items()}
-    files = {**files, README: readme(made, format, notes, files, quality(subject, unseen))}
-    return write_new(files, path, force=force)
+    files = {**files, README: readme(made, to, notes, files, quality(subject, unseen))}
+    return write_new(files, out, force=force)
 
 
 COMMENTS = {".xml": "<!-- {} -->", ".mo": "// {}", ".h": "// {}", ".py": "# {}", ".yaml": "# {}"}

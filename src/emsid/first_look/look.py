@@ -76,7 +76,7 @@ _POSITION = ColumnQuantity.POSITION
 _MOTIONS = (_POSITION, ColumnQuantity.SPEED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FirstLook(Presented):
     """What a file holds, and how to read it. It prints as a table.
 
@@ -135,6 +135,10 @@ class FirstLook(Presented):
         }
         numbers = {name: [getattr(each, name) for each in columns] for name in ("missing", "low", "high", "distinct")}
         return frame({name: np.array(values) for name, values in (texts | numbers).items()}, library)
+
+    def __repr__(self) -> str:
+        read = ", ".join(f"{name} {self.reading[name]}" for name in ("input", "output") if self.reading.get(name))
+        return f"FirstLook({self.name}: {self.rows} rows, {len(self.columns)} columns; {read or self.kind})"
 
     @property
     def name(self) -> str:

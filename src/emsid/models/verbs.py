@@ -265,7 +265,8 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
         input: (N,) or (N, nu), in the units of the data that the model was fitted to, SI where these had units; or a
             record, which is converted to them. Where the record has outputs, those at the start of every segment give
             the initial state and are repeated in the result; otherwise every segment starts at rest.
-        dt: sample time of the input in seconds, for a model without its own; a record has its own.
+        dt: sample time of the input in seconds, for a model without its own; a record has its own. By default that of
+            the data of a fit.
 
     Returns:
         A record with the input and the simulated outputs, which have the names and units of the data of a fit, or those
@@ -284,6 +285,7 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
     if isinstance(input, Record):
         input = for_model(model, input)
     subject = as_model(model, input if isinstance(input, Record) else None)
+    dt = model.sample_time if dt is None and isinstance(model, Fit) else dt
     record = _named(as_record(subject, input, dt), model, subject)
     run = subject.simulate(record)
     if run.diverged_at is not None:

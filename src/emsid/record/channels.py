@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from emsid.errors import DataError
 from emsid.record.record import Record
-from emsid.units import channel_and_unit
+from emsid.units import channel_and_unit, in_unit
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,16 @@ class ChannelNames:
     dt: float
     inputs: tuple[tuple[str, str], ...]
     outputs: tuple[tuple[str, str], ...]
+
+    @property
+    def inputs_in_units(self) -> list[str]:
+        """The inputs as ``voltage [V]``."""
+        return [in_unit(*channel) for channel in self.inputs]
+
+    @property
+    def outputs_in_units(self) -> list[str]:
+        """The outputs likewise."""
+        return [in_unit(*channel) for channel in self.outputs]
 
     @classmethod
     def of(cls, record: Record) -> ChannelNames:

@@ -29,7 +29,7 @@ from emsid.report.numbers import estimate, less_than, number
 from emsid.report.views import analysis, first_look
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.front import results_table
-from emsid.report.views.grey_box import sticking
+from emsid.report.views.grey_box import dead_zone, friction, sticking
 from emsid.report.views.record import measured_and_simulated, responses
 from emsid.report.views.residuals import residuals
 from emsid.units import readable_unit
@@ -79,7 +79,7 @@ def _row(name: str, value: float, half: float | None, unit: str, status: str, ho
 
 
 def how_it_ended(fit: Fit[Any]) -> str:
-    """Method, ending and size of a fit, in a line."""
+    """Ending and size of a fit, in a line."""
     steps = f" after {fit.iterations} steps" if fit.iterations else ""
     ended = {
         Ending.SOLVED: "solved",
@@ -89,7 +89,7 @@ def how_it_ended(fit: Fit[Any]) -> str:
         Ending.OUT_OF_BUDGET: f"stopped{steps}, before a minimum: the limit of steps or time was reached",
         Ending.INTERRUPTED: f"interrupted{steps}; the best so far is kept",
     }[fit.ending]
-    return f"{ended}, {fit.samples:,.0f} samples, method {fit.method}"
+    return f"{ended}, {fit.samples:,.0f} samples"
 
 
 # --- figures ---------------------------------------------------------------------------------------------------------
@@ -151,7 +151,12 @@ def _(several: Several) -> Figure | None:  # type: ignore[type-arg]
 
 @figure.register
 def _(fit: GreyBoxFit) -> Figure | None:
-    return sticking(fit) if fit.segments else _interval_widths(fit)
+    """The free run, and the friction and the dead zone that the fit found."""
+    parts = [each for each in (sticking(fit), friction(fit), dead_zone(fit)) if each] if fit.segments else []
+    if not parts:
+        return _interval_widths(fit)
+    plots = tuple(plot for part in parts for plot in part.plots)
+    return replace(parts[0], caption=" ".join(part.caption for part in parts), plots=plots, shared_x=False)
 
 
 @figure.register
@@ -224,7 +229,11 @@ def _(fit: Fit) -> tuple[list[str], Table | None, list[str]]:  # type: ignore[ty
     header = ("Parameter", *("Unit",) * units, "Estimate", "95 % interval")
     cells = tuple((row.name, *(row.unit,) * units, row.value, row.interval) for row in rows)
     table = Table(header, cells, text_columns=1 + units, ends_in_text=True)
-    return [f"{fit.model.name}: {how_it_ended(fit)}"], table if rows else None, [worded(each) for each in fit.findings]
+    return (
+        [f"{fit.model.name}, {fit.fitted}: {how_it_ended(fit)}"],
+        table if rows else None,
+        [worded(each) for each in fit.findings],
+    )
 
 
 @tables.register

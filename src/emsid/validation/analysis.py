@@ -62,7 +62,7 @@ def linearize(model: Any, at: float = 0.0) -> LinearSystem:
     try:
         part = capabilities_of(subject).linear_part(subject, at)
         if all(np.isfinite(matrix).all() for matrix in (part.a, part.b, part.c, part.d)):
-            return part
+            return replace(part, channels=model.channels) if isinstance(model, Fit) else part
     except ArithmeticError:
         pass
     raise ModelError(f"{subject.name} has no linear part with finite numbers; identify it again")

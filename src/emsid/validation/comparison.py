@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import FITTED, Fit
 from emsid.findings import Finding
 from emsid.models.free_run import RESTING, from_rest
 from emsid.models.free_run import mean_squared_error as mean_squared_error
@@ -102,6 +102,11 @@ class Row:
     def fit_in_words(self) -> str:
         """The fit, or why there is none, for a sentence."""
         return _fit_in_words(self.fit_percent)
+
+    @property
+    def fitted(self) -> str:
+        """How it was fitted, see `emsid.estimation.fit.Fit.fitted`."""
+        return FITTED.get(self.method, self.method)
 
     @property
     def data_label(self) -> str:
@@ -257,11 +262,11 @@ class Comparison(Presented):
         record = self.best.record
         columns = {"t": record.time}
         columns |= dict(zip(record.output_names, record.output.T, strict=True))
-        for each in self.assessments:
+        for label, each in zip(labels(self.assessments), self.assessments, strict=True):
             for k, name in enumerate(record.output_names):
                 simulated = each.simulation.output[:, k]
-                columns[f"{name} by {each.row.model}"] = simulated
-                columns[f"error of {name} by {each.row.model}"] = record.output[:, k] - simulated
+                columns[f"{name} by {label}"] = simulated
+                columns[f"error of {name} by {label}"] = record.output[:, k] - simulated
         return frame(columns, library)
 
     @property
@@ -274,6 +279,16 @@ class Comparison(Presented):
         name = best.model if len(best.model) <= 40 else f"{best.model[:39]}…"
         where = self.best.record.name[:30]
         return f"Comparison({len(self.rows)} models on {where}; best {name}, fit {best.fit_percent:.2f} %)"
+
+
+def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
+    """Labels for legends: the model, with how it was fitted if a model occurs twice."""
+    rows = [each.row for each in assessments]
+    models = [row.model for row in rows]
+    names = [row.model if models.count(row.model) == 1 else f"{row.model}, {row.fitted}" for row in rows]
+    return tuple(
+        name if names.count(name) == 1 else f"{name}, no. {names[: k + 1].count(name)}" for k, name in enumerate(names)
+    )
 
 
 def validate(

@@ -9,11 +9,14 @@ sample takes one into the other by
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.models.linear_parts import python_control
+from emsid.record.channels import ChannelNames
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -34,6 +37,7 @@ class LinearSystem:
         dt: sample time in s; None in continuous time.
         delay: dead time in s that is left out of the matrices.
         name: of the model that it describes.
+        channels: names and units of its inputs and outputs; None where not known.
     """
 
     a: Array
@@ -43,10 +47,24 @@ class LinearSystem:
     dt: float | None
     delay: float = 0.0
     name: str = "linear"
+    channels: ChannelNames | None = None
 
     def __repr__(self) -> str:
         (outputs, inputs), time = self.d.shape, "continuous time" if self.dt is None else f"dt {self.dt:g} s"
-        return f"LinearSystem({self.name}: {len(self.a)} states, {inputs} in, {outputs} out, {time})"
+        sides = f"{inputs} in, {outputs} out"
+        if self.channels is not None:
+            sides = f"{', '.join(self.channels.inputs_in_units)} → {', '.join(self.channels.outputs_in_units)}"
+        return f"LinearSystem({self.name}: {sides}, {len(self.a)} states, {time})"
+
+    def to_control(self) -> Any:
+        """The system for python-control, without its dead time, with the names and units of its channels.
+
+        Raises:
+            ModelError: if python-control is not installed.
+        """
+        known = self.channels
+        names = {} if known is None else {"inputs": known.inputs_in_units, "outputs": known.outputs_in_units}
+        return python_control().ss(self.a, self.b, self.c, self.d, self.dt or 0, name=self.name, **names)
 
     @property
     def poles(self) -> Complex:

@@ -4,7 +4,7 @@ They return plain data (`emsid.report.document`) for the sections of a report. T
 corresponding figures and tables of the paper.
 """
 
-from emsid.report.views.conventions import channel_axis, labels
+from emsid.report.views.conventions import channel_axis
 from emsid.report.views.front import motor_table, parameter_table, regressor_column, results_table
 from emsid.report.views.grey_box import nonlinearities
 from emsid.report.views.record import (
@@ -24,7 +24,6 @@ __all__ = [
     "convergence",
     "critical_intervals",
     "inputs",
-    "labels",
     "measured_and_simulated",
     "model_section",
     "motor_table",

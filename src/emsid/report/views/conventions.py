@@ -8,7 +8,6 @@ Definitions of the terms in tables and figures.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,6 @@ from emsid.wording.lists import sample_time
 
 if TYPE_CHECKING:
     from emsid.record import Record
-    from emsid.validation.comparison import Assessment
 
 
 BAND = "95 % band"
@@ -53,16 +51,6 @@ def in_words(record: Record) -> str:
     channels = ", ".join(in_unit(name, unit) for name, unit in zip(names, units, strict=True))
     pieces = f" in {len(record.breaks) + 1} segments" if record.breaks else ""
     return f"{len(record):,} sample{'s' * (len(record) != 1)}{pieces}, dt {sample_time(record.dt)}; {channels}"
-
-
-def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
-    """Labels for legends: the model, with the method if a model occurs twice."""
-    rows = [each.row for each in assessments]
-    models = [row.model for row in rows]
-    names = [row.model if models.count(row.model) == 1 else f"{row.model} ({row.method.upper()})" for row in rows]
-    return tuple(
-        name if names.count(name) == 1 else f"{name}, no. {names[: k + 1].count(name)}" for k, name in enumerate(names)
-    )
 
 
 def output_axis(record: Record, channel: int) -> Axis:
@@ -144,7 +132,7 @@ FIT = Term(
 )
 MSE = Term("MSE, RMSE", "mean square error and its root; the RMSE is in the unit of the output.")
 METHOD = Term(
-    "Method",
-    "LS: least squares. RLS: recursive least squares, sample by sample. GN: Gauss–Newton, a search for the smallest "
-    "error of the free run.",
+    "Fitted",
+    "one step: least squares of the prediction one sample ahead. recursive: the same, sample by sample. free run: a "
+    "search (Gauss–Newton) for the smallest error of the simulation from the input alone.",
 )

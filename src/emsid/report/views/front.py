@@ -252,13 +252,13 @@ def results_table(
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
     fitted = any(row.method != FROM_FILE for row in rows)
-    words = (*("Experiment",) * several, "Model", *("Method",) * fitted, "Data", *("Output", "Unit") * outputs)
+    words = (*("Experiment",) * several, "Model", *("Fitted",) * fitted, "Data", *("Output", "Unit") * outputs)
     numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", *("Parameters",) * fitted)
     cells: list[tuple[str, ...]] = []
     bold: set[int] = set()
     best = _best_unseen(rows)
     for k, row in enumerate(rows):
-        named = (*(row.experiment,) * several, row.model, *(row.method.upper(),) * fitted, row.data_label)
+        named = (*(row.experiment,) * several, row.model, *(row.fitted,) * fitted, row.data_label)
         lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
             (each, (each.output, readable_unit(each.unit))) for each in row.outputs
         ]
@@ -276,7 +276,7 @@ def results_table(
                 )
             )
     notes = [
-        f"The free run of {row.model} ({row.method.upper()}, {row.data_label}) diverged at sample {row.diverged_at}."
+        f"The free run of {row.model} ({row.fitted}, {row.data_label}) diverged at sample {row.diverged_at}."
         for row in rows
         if row.diverged_at is not None
     ]
@@ -335,7 +335,7 @@ def parameter_table(
     return Table(
         ("Parameter", *extra, "Estimate", "95 % interval", "±\u00a0[%]"),
         tuple(rows),
-        f"Parameters of {fit.model.name} ({fit.method.upper()}).",
+        f"Parameters of {fit.model.name} ({fit.fitted}).",
         text_columns=1 + len(extra),
     )
 

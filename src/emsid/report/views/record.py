@@ -25,13 +25,13 @@ from emsid.report.views.conventions import (
     TIME,
     channel_axis,
     channels,
-    labels,
     of_output,
     output_axis,
     timeline,
     with_gaps,
 )
 from emsid.units import with_unit
+from emsid.validation.comparison import labels
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Mark, Plot, Stroke
-from emsid.report.views.conventions import MODELS, TIME, channels, labels, of_output, output_axis, timeline, with_gaps
+from emsid.report.views.conventions import MODELS, TIME, channels, of_output, output_axis, timeline, with_gaps
 from emsid.units import name_and_unit
+from emsid.validation.comparison import labels
 from emsid.validation.correlation import LAGS, autocorrelation, cross_correlation, limit_over
 
 if TYPE_CHECKING:

@@ -195,7 +195,9 @@ class Fit(Presented, Generic[M]):
         Args:
             arguments: as the model takes them.
         """
-        system = self.__getattr__("to_control")(*arguments)
+        if not hasattr(self.model, "to_control"):
+            raise AttributeError(f"a fit of {self.model_name} has no attribute 'to_control'")
+        system = self.model.to_control(*arguments)
         if self.channels is not None and hasattr(system, "set_inputs"):
             system.name = self.model_name
             system.set_inputs(self.channels.inputs_in_units)

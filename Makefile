@@ -8,7 +8,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 # Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: study studio test lint docs bench coverage environment kernels clean
+.PHONY: study studio test lint docs release bench coverage environment kernels clean
 .DELETE_ON_ERROR:
 
 study: $(VENV)/installed
@@ -34,6 +34,15 @@ docs: $(VENV)/documented-with
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -d build/docs/trees docs build/docs/html
 	$(BIN)/python docs/check_site.py build/docs/html
 	@echo "open build/docs/html/index.html"
+
+# Wheel and sdist: tests that need no compiled kernels run from the sdist, and the README's lines from the wheel on the
+# newest Python that is found.
+release: $(VENV)/tested-with
+	rm -rf dist build/sdist && mkdir -p build/sdist
+	$(BIN)/python -m build --outdir dist . >build/release.log
+	tar -xzf dist/emsid-*.tar.gz -C build/sdist --strip-components 1
+	cd build/sdist && PYTHONPATH=src $(CURDIR)/$(BIN)/pytest tests/test_packaging.py tests/test_units.py tests/test_io_table.py
+	.ci/wheel dist/emsid-*.whl "$$(.ci/newest)"
 
 bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py

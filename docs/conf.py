@@ -50,7 +50,7 @@ html_copy_source = False
 html_show_sphinx = False
 html_permalinks_icon = "#"
 # Pages without a section have no list of its pages.
-html_sidebars = {page: [] for page in ("start", "accuracy", "coming-from", "glossary", "cite")}
+html_sidebars = {page: [] for page in ("start", "accuracy", "from-matlab", "coming-from", "glossary", "cite")}
 html_theme_options = {
     "logo": {"text": "emsid"},
     "navbar_end": ["theme-switcher"],

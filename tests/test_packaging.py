@@ -40,3 +40,16 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
     paper, works = ((HOME / "paper" / name).read_text("utf-8") for name in ("paper.md", "paper.bib"))
     cited = set(re.findall(r"@([a-z]+\d*)", paper))
     assert cited == set(re.findall(r"@\w+\{(\w+),", works))
+
+
+def test_what_a_release_needs_is_there_and_names_no_other_address() -> None:
+    """Python versions of the classifiers are those that continuous integration runs; addresses are those of the recipe."""
+    project = tomllib.loads((HOME / "pyproject.toml").read_text("utf-8"))["project"]
+    recipe = (HOME / "conda-recipe" / "meta.yaml").read_text("utf-8")
+    assert set(project["urls"].values()) <= set(re.findall(r"home: (\S+)", recipe))
+    versions = [each.rpartition(" ")[2] for each in project["classifiers"] if re.search(r":: 3\.\d+$", each)]
+    assert project["requires-python"] == f">={min(versions, key=lambda each: int(each[2:]))}"
+    assert "make release" in (HOME / ".ci" / "run").read_text("utf-8")
+    for name in ("SECURITY.md", "CODE_OF_CONDUCT.md", "CITATION.cff"):
+        assert "@" not in (HOME / name).read_text("utf-8")
+    assert "source:\n  url:" in recipe

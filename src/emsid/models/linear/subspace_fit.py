@@ -429,7 +429,7 @@ class StateSpaceError:
         slope = np.array([self.coefficients(beta + s)[1] - self.coefficients(beta - s)[1] for s in step]) / (
             2 * DIFFERENCE
         )
-        fit = found.judged().fit(model, [str(k) for k in range(self.size)])
+        fit = found.judged().fit(model, [str(k) for k in range(self.size)], "gn" if self.free_run else "pem")
         certain = np.isfinite(np.diag(fit.covariance)).all()
         covariance = slope.T @ fit.covariance @ slope if certain else np.diag(np.full(len(names), np.inf))
         return replace(

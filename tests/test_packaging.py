@@ -43,7 +43,7 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
 
 
 def test_what_a_release_needs_is_there_and_names_no_other_address() -> None:
-    """Python versions of the classifiers are those that continuous integration runs; addresses are those of the recipe."""
+    """Pythons in the classifiers begin with the oldest that is supported; addresses are those of the recipe."""
     project = tomllib.loads((HOME / "pyproject.toml").read_text("utf-8"))["project"]
     recipe = (HOME / "conda-recipe" / "meta.yaml").read_text("utf-8")
     assert set(project["urls"].values()) <= set(re.findall(r"home: (\S+)", recipe))

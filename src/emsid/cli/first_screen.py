@@ -62,6 +62,8 @@ BEFORE = ("unstable-in-loop", "input-explains-nothing")
 """The findings before the recommendation: what models and errors mean depends on them."""
 AS_NAMES = frozenset({"not-identifiable", "weakly-identified", "intervals-include-zero"})
 """Findings whose parameters are on the screen by name."""
+DROPPED = frozenset({"model-failed", "models-out-of-time", "interrupted"})
+"""Findings that name models without a result, and why."""
 OF_THE_LOOP = frozenset(
     {"free-run-diverged", "diverges-beyond-range", "diverges-on-constant-input", "diverges-on-steps"}
 )
@@ -155,11 +157,12 @@ def _source(model: str, given: Sequence[str]) -> str:
 
 
 def _not_known(result: Identification) -> None:
-    """Print what these data do not show: values by name, and what limits the result."""
+    """Print what these data do not show: models without a result, values by name, and what limits the result."""
     names = not_determined(_open(result))
     warned = [finding for finding in _warnings(result) if severity(finding) is not Severity.INFO]
     looped = any(finding.code == BEFORE[0] for finding in result.findings)
     said = (
+        *DROPPED,
         *AS_NAMES,
         *BEFORE,
         *(OF_THE_LOOP if looped else ()),
@@ -170,7 +173,8 @@ def _not_known(result: Identification) -> None:
         for finding in warned
         if finding.code not in said and finding not in result.model_verdicts
     ]
-    lines = [*([names] if names else []), *other_reasons(result.model_verdicts[0]), *found]
+    dropped = "; ".join(sentence(finding, option) for finding in warned if finding.code in DROPPED)
+    lines = [*filter(None, (dropped, names)), *other_reasons(result.model_verdicts[0]), *found]
     if lines:
         say(f"not known{further(len(lines) - UNKNOWN, option)}", *(f"- {line}" for line in lines[:UNKNOWN]))
     else:

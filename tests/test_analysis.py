@@ -136,15 +136,15 @@ def test_a_comparison_becomes_a_frame(record: emsid.Record, fit: emsid.Fit[Any])
 
 
 def test_the_spectrum_of_a_linear_system_is_its_frequency_response(record: emsid.Record, fit: emsid.Fit[Any]) -> None:
-    found = emsid.spectrum(record)
+    found = emsid.frequency_response(record, "welch")
     truth = emsid.linearize(fit).response(found.frequency)[:, 0, 0]
     error = np.abs(found.response[:, 0, 0] - truth)
     assert np.median(error / np.abs(truth)) < 0.05
     assert np.min(found.coherence) > 0.8
     noise = replace(record, output=np.random.default_rng(3).standard_normal((2000, 1)))
-    assert np.median(emsid.spectrum(noise).coherence) < 0.2
+    assert np.median(emsid.frequency_response(noise, "welch").coherence) < 0.2
     with pytest.raises(emsid.DataError, match="does not change"):
-        emsid.spectrum(replace(record, input=np.ones((2000, 1))))
+        emsid.frequency_response(replace(record, input=np.ones((2000, 1))), "welch")
 
 
 def test_advice_is_that_of_a_first_look(record: emsid.Record) -> None:
@@ -211,8 +211,8 @@ def test_the_frequency_response_of_a_record_has_the_response_of_the_system_in_it
     assert 0.88 < inside.mean() <= 1.0
     assert found.coherence is not None
     assert found.coherence.min() > 0.9
-    whole = emsid.spectrum(record).to_frame()
-    assert whole.columns == found.to_frame().columns
+    whole = emsid.frequency_response(record, "welch").to_frame()
+    assert whole.columns == ["frequency", "magnitude", "phase", "deviation", "coherence"]
 
 
 def test_the_errors_of_poles_are_those_that_they_have(record: emsid.Record) -> None:

@@ -24,7 +24,7 @@ from cascade_searches import (
     wiener_hammerstein,
 )
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.nonlinear.rational import fit_rational, measured
 from emsid.excitation import SIGNALS
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -114,22 +114,22 @@ def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
 
 def test_frequency_response_and_the_rational_function_fitted_to_it() -> None:
     record = record_of(Cascade((SLOW,)), 20_000, noise=0.001)
-    response = frequency_response([(record.input[:, 0], record.output[:, 0])])
+    response = measured([(record.input[:, 0], record.output[:, 0])])
     b, a, cost = fit_rational(response, 2, 2)
     np.testing.assert_allclose(a, SLOW.denominator, atol=0.01)
     np.testing.assert_allclose(b, SLOW.numerator, atol=0.002)
     assert cost < 4 * len(response.frequency)
     with pytest.raises(ModelError, match="needs a segment of 32 samples"):
-        frequency_response([(np.ones(20), np.ones(20))])
+        measured([(np.ones(20), np.ones(20))])
     with pytest.raises(ModelError, match="excites nothing"):
-        frequency_response([(np.zeros(200), np.ones(200))])
+        measured([(np.zeros(200), np.ones(200))])
 
 
 @pytest.mark.parametrize(("excitation", "order"), [pytest.param("multisine", 6, marks=pytest.mark.long), ("sines", 5)])
 def test_a_pole_on_the_unit_circle_does_not_end_the_search(excitation: str, order: int) -> None:
     rng = np.random.default_rng(1)
     record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
-    _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), order + 1, order)
+    _, a, _ = fit_rational(measured([(record.input[:, 0], record.output[:, 0])]), order + 1, order)
     assert np.max(np.abs(np.roots(np.append(1.0, a)))) < 1 - 1e-4
     fit = wiener_hammerstein(record, (1, 1), CascadeSearch(threads=1, static=SPLINE, size=7))
     run = fit.model.simulate(record)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, cheby1, firwin, lfilter
 
 import emsid
-from emsid.estimation.nonlinear.frequency_response import frequency_response
+from emsid.estimation.nonlinear.rational import measured
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.starts import delay_exchanged, divided_anew, linear_candidates
@@ -23,7 +23,7 @@ def test_pairs_of_zeros_are_divided_between_two_odd_orders() -> None:
     zeros = [0.8 + 0.5j, 0.8 - 0.5j, 0.1 + 0.6j, 0.1 - 0.6j, -0.5 + 0.6j, -0.5 - 0.6j]
     poles = [0.84 + 0.3j, 0.84 - 0.3j, 0.8, 0.9 + 0.15j, 0.9 - 0.15j, 0.7]
     y = lfilter(np.real(np.poly(zeros)), np.real(np.poly(poles)), u) + 0.01 * rng.standard_normal(8000)
-    pairs = list(linear_candidates(frequency_response([(u, y)]), (3, 3), 6, 1))
+    pairs = list(linear_candidates(measured([(u, y)]), (3, 3), 6, 1))
     assert pairs
     assert {(len(first.denominator), len(second.denominator)) for first, second in pairs if first and second} == {
         (3, 3)

@@ -9,7 +9,7 @@ from scipy.signal import freqz, lfilter
 
 import emsid
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.frequency_response import frequency_response
+from emsid.estimation.nonlinear.rational import measured
 from emsid.excitation.periods import averaged, period_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -73,10 +73,10 @@ def test_periods_are_averaged_without_a_first_one_that_is_not_settled() -> None:
 def test_the_response_at_the_lines_of_a_period_has_no_leakage() -> None:
     """A resonance that a window would smear, to three standard deviations of its noise at almost all lines."""
     made = circuit(3, 2048, process=0.0, level=0.2)
-    found = frequency_response([(r.input[:, 0], r.output[:, 0]) for r in made.fitted], period=2048)
+    found = measured([(r.input[:, 0], r.output[:, 0]) for r in made.fitted], period=2048)
     at = 2 * np.pi * found.frequency
-    missed = np.abs(found.value - freqz(*FIRST, at)[1] * freqz(*SECOND, at)[1])
-    assert np.mean(missed < 4 * found.deviation + 2e-3 * np.abs(found.value)) > 0.95
+    missed = np.abs(found.response[:, 0, 0] - freqz(*FIRST, at)[1] * freqz(*SECOND, at)[1])
+    assert np.mean(missed < 4 * np.sqrt(found.total[:, 0, 0]) + 2e-3 * np.abs(found.response[:, 0, 0])) > 0.95
 
 
 def test_a_fit_to_averaged_periods_is_that_to_all_samples(periodic: list[emsid.Record]) -> None:

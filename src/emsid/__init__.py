@@ -21,6 +21,8 @@ RENAMED = {
     "Narx": "RegressionModel",
     "assess": "validate",
     "assess_model": "validate",
+    "spectrum": "frequency_response",
+    "Spectrum": "FrequencyResponse",
 }
 """The present name for every old one."""
 FREE_RUN = "emsid.fit(emsid.arx(na, nb, nk), record, free_run=True)"
@@ -72,8 +74,8 @@ OF_MATLAB = {
     "iopzmap": "emsid.pole_map(models).plot()",
     "pole": "emsid.poles(model)",
     "zero": "emsid.zeros(model)",
-    "spa": "emsid.spectrum(record)",
-    "etfe": "emsid.spectrum(record)",
+    "spa": "emsid.frequency_response(record)",
+    "etfe": "emsid.frequency_response(record)",
     "d2c": "emsid.to_continuous(model)",
     "c2d": "emsid.to_discrete(model, dt)",
     "d2d": "emsid.to_discrete(model, dt)",

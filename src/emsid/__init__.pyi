@@ -92,12 +92,12 @@ from .plant import DeadZoneLaw as DeadZoneLaw
 from .plant import Friction as Friction
 from .plant import Motor as Motor
 from .record import ChannelNames as ChannelNames
+from .record import FrequencyResponse as FrequencyResponse
 from .record import Record as Record
 from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate
 from .record import time_axis as time_axis
 from .validation.analysis import Residuals as Residuals
-from .validation.analysis import Spectrum as Spectrum
 from .validation.analysis import bode as bode
 from .validation.analysis import forecast as forecast
 from .validation.analysis import impulse as impulse
@@ -106,7 +106,6 @@ from .validation.analysis import pole_map as pole_map
 from .validation.analysis import poles as poles
 from .validation.analysis import predict as predict
 from .validation.analysis import residuals as residuals
-from .validation.analysis import spectrum as spectrum
 from .validation.analysis import step as step
 from .validation.analysis import to_continuous as to_continuous
 from .validation.analysis import to_discrete as to_discrete
@@ -115,6 +114,7 @@ from .validation.comparison import Comparison as Comparison
 from .validation.comparison import compare as compare
 from .validation.comparison import validate as validate
 from .validation.correlation import ResidualTest as ResidualTest
+from .validation.frequency import frequency_response as frequency_response
 from .validation.reestimation import reestimate as reestimate
 
 __version__: str

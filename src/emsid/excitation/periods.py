@@ -86,10 +86,8 @@ def averaged(u: Array, y: Array, period: int) -> Period:
         ModelError: for a period that is too short, or with which the input does not repeat.
     """
     _check_period(u, period)
-    count = len(u) // period
+    count = settled_periods(y, period)
     blocks = y[len(y) - count * period :].reshape(count, period)
-    if count > 1 and _begins_unsettled(blocks):
-        blocks = blocks[1:]
     mean = blocks.mean(axis=0)
     variance = float(np.sum((blocks - mean) ** 2) / ((len(blocks) - 1) * period)) if len(blocks) > 1 else 0.0
     return Period(u[len(u) - period :], mean, len(blocks), variance)
@@ -114,6 +112,18 @@ def _check_period(u: Array, period: int) -> None:
         raise ModelError(
             f"the input does not repeat with a period of {period} samples; {advice}", arguments=("period",)
         )
+
+
+def settled_periods(y: Array, period: int) -> int:
+    """How many whole periods at the end of an output (N,) or (N, ny) are in steady state: all, or all but the first.
+
+    Args:
+        y: at least one period.
+        period: in samples.
+    """
+    count = len(y) // period
+    blocks = y[len(y) - count * period :].reshape(count, period, -1)
+    return count - (count > 1 and any(_begins_unsettled(blocks[:, :, k]) for k in range(blocks.shape[2])))
 
 
 def _begins_unsettled(blocks: Array) -> bool:

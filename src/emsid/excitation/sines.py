@@ -93,19 +93,33 @@ def full_harmonics(period: int, dt: float, lowest: float, highest: float) -> Har
     return chosen
 
 
-def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harmonics:
-    """The odd harmonics among `full_harmonics`.
+def odd_harmonics(
+    period: int,
+    dt: float,
+    lowest: float,
+    highest: float,
+    left_out: int = 0,
+    rng: np.random.Generator | None = None,
+) -> Harmonics:
+    """The odd harmonics among `full_harmonics`, all of them or without detection lines.
+
+    With one in every ``left_out`` of them left out at random, a response shows the level of odd distortion at those,
+    and that of even distortion at the even ones: the fast method of `emsid.frequency_response`.
 
     Args:
         period: samples in a period.
         dt: sample time in s.
         lowest, highest: the band in Hz.
+        left_out: of so many successive odd harmonics one is left out, 3 or more; none for 0.
+        rng: source of the randomness; required for detection lines.
 
     Raises:
-        DataError: where the band holds none, or reaches the Nyquist frequency.
+        DataError: where the band holds none, or reaches the Nyquist frequency; for detection lines without a generator.
 
     >>> odd_harmonics(1000, 1e-3, 2.0, 7.0)
     array([3, 5, 7])
+    >>> len(odd_harmonics(1000, 1e-3, 1.0, 39.0, 4, np.random.default_rng(0)))
+    15
     """
     chosen = full_harmonics(period, dt, lowest, highest)
     odd: Harmonics = chosen[chosen % 2 == 1]
@@ -113,7 +127,12 @@ def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harm
         raise DataError(
             f"harmonic {chosen[0]} alone lies in {lowest:g} … {highest:g} Hz, and it is even; widen the band"
         )
-    return odd
+    if not left_out:
+        return odd
+    if left_out < 3 or rng is None:
+        raise DataError("detection lines need a generator as rng, and are one in three harmonics or fewer")
+    groups = np.arange(0, len(odd) - left_out + 1, left_out)
+    return np.asarray(np.delete(odd, groups + rng.integers(0, left_out, len(groups))), dtype=np.int64)
 
 
 def random_phases(harmonics: Harmonics, weights: Array, period: int, rng: np.random.Generator) -> Array:

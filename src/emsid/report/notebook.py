@@ -22,7 +22,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.first_look import FirstLook
 from emsid.identification import Identification
 from emsid.models.plants.search.result import GreyBoxFit, Status
-from emsid.record import Record
+from emsid.record import FrequencyResponse, Record
 from emsid.report.document import Axis, Bars, Figure, Plot, Table
 from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, less_than, number
@@ -33,9 +33,9 @@ from emsid.report.views.grey_box import dead_zone, friction, sticking
 from emsid.report.views.record import measured_and_simulated, responses
 from emsid.report.views.residuals import residuals
 from emsid.units import readable_unit
-from emsid.validation.analysis import Residuals, Spectrum
+from emsid.validation.analysis import Residuals, measured_curve
 from emsid.validation.comparison import Assessment, Comparison
-from emsid.validation.responses import Analysed, FrequencyResponse, PoleMap, Several, TimeResponse
+from emsid.validation.responses import Analysed, BodeCurve, PoleMap, Several, TimeResponse
 from emsid.wording import Severity, severity
 from emsid.wording import sentence as worded
 
@@ -135,18 +135,26 @@ def _(analysed: Analysed) -> Figure | None:
 
 @figure.register
 def _(several: Several) -> Figure | None:  # type: ignore[type-arg]
-    """Results of several models in one picture; that of a record among frequency responses is one of them."""
-    drawn: list[Any] = [each.path() if isinstance(each, Spectrum) else each for each in several]
+    """Results of several models in one picture."""
+    drawn: list[Any] = list(several)
     if all(isinstance(each, Residuals) for each in drawn):
         return residuals([each.assessment for each in drawn]) if drawn else None
     for kind, draw_all in (
         (TimeResponse, analysis.over_time),
-        (FrequencyResponse, analysis.over_frequency),
+        (BodeCurve, analysis.over_frequency),
         (PoleMap, analysis.poles_and_zeros),
     ):
         if all(isinstance(each, kind) for each in drawn):
             return draw_all(drawn, several.labels)
     return None
+
+
+@figure.register
+def _(response: FrequencyResponse) -> Figure | None:
+    outputs, inputs = response.response.shape[1:]
+    paths = [response.path(i, j) for i in range(outputs) for j in range(inputs)]
+    several = [replace(each, name=f"{each.output_names[0]} from {each.input_names[0]}") for each in paths]
+    return figure(Several(measured_curve(each) for each in (several if len(several) > 1 else paths)))
 
 
 @figure.register

@@ -20,7 +20,7 @@ from .comparison import validate as validate
 from .correlation import NonlinearTest as NonlinearTest
 from .reestimation import Reestimation as Reestimation
 from .reestimation import reestimate as reestimate
-from .responses import FrequencyResponse as FrequencyResponse
+from .responses import BodeCurve as BodeCurve
 from .responses import PoleMap as PoleMap
 from .responses import Several as Several
 from .responses import TimeResponse as TimeResponse

@@ -27,11 +27,12 @@ from emsid.models.kinds import capabilities_of
 from emsid.models.linear.system import LinearSystem
 from emsid.models.starting import start
 from emsid.models.verbs import as_model, for_model
-from emsid.record import Record
+from emsid.record import FrequencyResponse, Record
 from emsid.validation.bands import LONGEST, frequency_response_band, step_response_band
 from emsid.validation.comparison import Assessment, as_fit, assess
 from emsid.validation.correlation import NonlinearTest, ResidualTest, residual_tests
-from emsid.validation.responses import Analysed, FrequencyResponse, PoleMap, TimeResponse, of_each
+from emsid.validation.frequency import frequency_response
+from emsid.validation.responses import Analysed, BodeCurve, PoleMap, TimeResponse, of_each
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -228,13 +229,13 @@ def impulse(
 @of_each
 def bode(
     model: Any, *, at: float = 0.0, dt: float | None = None, output: int = 0, input: int = 0, level: float = 0.95
-) -> FrequencyResponse:
-    """The frequency response up to half the sampling rate, with bands where the model is a fit.
+) -> BodeCurve:
+    """Magnitude and phase up to half the sampling rate, with bands where the model is a fit.
 
-    That of a record is by averaged windows (`spectrum`), with its coherence.
+    Those of a record are by averaged windows, with their coherence; those of a `FrequencyResponse` are its own.
 
     Args:
-        model: a model, a fit or a plant, or a record; or several of them in a list.
+        model: a model, a fit or a plant, a frequency response, or a record; or several of them in a list.
         at: the constant input about which it is linearised.
         dt: sample time in s of a model that has none.
         output, input: of a model with several, from 0.
@@ -242,11 +243,31 @@ def bode(
 
     Raises:
         ModelError: for a model without a frequency response.
+        DataError: for a channel that a measured response does not have.
     """
     if isinstance(model, Record):
-        return spectrum(model).path(output, input, level)
+        model = frequency_response(model, "welch")
+    if isinstance(model, FrequencyResponse):
+        return measured_curve(model.path(output, input), level)
     fit, time = _fit_and_time(model, dt)
     return frequency_response_band(fit, time, output=output, input=input, around=at, level=level)
+
+
+def measured_curve(response: FrequencyResponse, level: float = 0.95) -> BodeCurve:
+    """Magnitude and phase of one path that was measured, with its levels of noise and distortion.
+
+    Args:
+        response: of one input and one output.
+        level: of the bands.
+    """
+    f, columns = response.frequency, response.columns()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.full(len(f), np.nan) if response.total is None else response.total[:, 0, 0]
+        relative = np.sqrt(variance / 2) / np.abs(response.response[:, 0, 0])
+    magnitude = Band(f, columns["magnitude"], 20 / np.log(10) * relative, level)
+    levels = {name: values for name, values in columns.items() if name in ("noise", "distortion", "even")}
+    phase = Band(f, columns["phase"], np.degrees(relative), level)
+    return BodeCurve(magnitude, phase, response.name, columns.get("coherence"), levels)
 
 
 # --- against data ----------------------------------------------------------------------------------------------------
@@ -398,107 +419,3 @@ def residuals(model: Any, record: Record) -> Residuals:
     tests = tuple(residual_tests(record, found.prediction))
     left, ahead = errors(found.simulation.output), errors(found.prediction.output)
     return Residuals(left, ahead, tests, found.nonlinear_tests, found)
-
-
-# --- without a model -------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Spectrum(Analysed):
-    """The frequency response of a record without a model.
-
-    Attributes:
-        frequency: (F,) in Hz.
-        response: (F, ny, nu) output over input.
-        coherence: (F, ny) share of each output's power that is linear in the inputs, 0 to 1.
-        standard_error: (F, ny, nu) of the magnitude of the response.
-        windows: how many windows were averaged.
-        of: the name of the record.
-    """
-
-    frequency: Array
-    response: Complex
-    coherence: Array
-    standard_error: Array
-    windows: int
-    of: str = ""
-
-    def path(self, output: int = 0, input: int = 0, level: float = 0.95) -> FrequencyResponse:
-        """The response of one output to one input, with bands.
-
-        Args:
-            output, input: from 0.
-            level: of the bands.
-
-        Raises:
-            DataError: for a channel that the record does not have.
-        """
-        outputs, inputs = self.response.shape[1:]
-        if not (0 <= output < outputs and 0 <= input < inputs):
-            raise DataError(f"{self.of} has {inputs} inputs and {outputs} outputs; give their numbers from 0")
-        f, where = self.frequency, (slice(None), output, input)
-        relative = self.standard_error[where] / np.abs(self.response[where])
-        magnitude = Band(f, self.magnitude[where], 20 / np.log(10) * relative, level)
-        phase = Band(f, self.phase[where], np.degrees(relative), level)
-        return FrequencyResponse(magnitude, phase, self.of, self.coherence[:, output])
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Those of `path` for every pair of an input and an output, numbered where there are several."""
-        outputs, inputs = self.response.shape[1:]
-        if outputs * inputs == 1:
-            return self.path().columns()
-        paths = [(i, k, self.path(k, i).columns()) for k in range(outputs) for i in range(inputs)]
-        numbered = {f"{name}_{i + 1}_{k + 1}": x for i, k, each in paths for name, x in each.items()}
-        return {"frequency": self.frequency} | {
-            name: x for name, x in numbered.items() if not name.startswith("frequency")
-        }
-
-    @property
-    def magnitude(self) -> Array:
-        """(F, ny, nu) in dB."""
-        return np.asarray(20 * np.log10(np.abs(self.response)))
-
-    @property
-    def phase(self) -> Array:
-        """(F, ny, nu) in degrees, continuous over frequency."""
-        return np.asarray(np.degrees(np.unwrap(np.angle(self.response), axis=0)))
-
-
-def spectrum(record: Record, window: int | None = None) -> Spectrum:
-    """The frequency response from the inputs to the outputs, by averaged Hann windows with half overlap (Welch).
-
-    With U and Y the windowed transforms, H = S_yu S_uu⁻¹ and coherence γ² = H S_uy / S_yy.
-
-    Args:
-        record: with outputs.
-        window: samples of a window; by default an eighth of the longest segment, at least 16.
-
-    Raises:
-        DataError: for a record without outputs, a window that is too long, or inputs that cannot be told apart.
-    """
-    longest = max(len(segment) for segment in record.segments)
-    size = max(16, longest // 8) if window is None else window
-    inputs, outputs = record.input.shape[1], record.output.shape[1]
-    if not outputs:
-        raise DataError(f"{record.name} has no output; a frequency response needs one")
-    if not 8 <= size <= longest:
-        raise DataError(f"a window of {size} samples; give 8 to {longest}, the longest segment of {record.name}")
-    taper = np.hanning(size + 1)[:size, None]
-    both = [np.hstack([segment.input, segment.output]) for segment in record.segments if len(segment) >= size]
-    pieces = [x[k : k + size] for x in both for k in range(0, len(x) - size + 1, size // 2)]
-    transforms = np.array([np.fft.rfft((piece - piece.mean(axis=0)) * taper, axis=0) for piece in pieces])[:, 1:]
-    if len(pieces) <= inputs:
-        raise DataError(f"{len(pieces)} windows for {inputs} inputs; give a shorter window or a longer record")
-    products = np.einsum("kfi,kfj->fij", transforms, transforms.conj()) / len(pieces)
-    s_uu, s_yu = products[:, :inputs, :inputs], products[:, inputs:, :inputs]
-    s_yy = np.real(np.einsum("fii->fi", products[:, inputs:, inputs:]))
-    if np.any(np.linalg.cond(s_uu) > 1.0 / np.finfo(float).eps):
-        raise DataError(f"{record.name}: an input does not change, or follows another at some frequency; leave it out")
-    inverse = np.linalg.inv(s_uu)
-    response = s_yu @ inverse
-    explained = np.real(np.einsum("fij,fij->fi", response, s_yu.conj()))
-    coherence = np.clip(np.divide(explained, s_yy, out=np.zeros_like(s_yy), where=s_yy > 0), 0.0, 1.0)
-    left = ((1 - coherence) * s_yy)[:, :, None] * np.real(np.einsum("fii->fi", inverse))[:, None, :]
-    independent = max(1.0, 0.6 * len(pieces))  # half overlapped Hann windows share a part of their samples
-    frequency = np.asarray(np.fft.rfftfreq(size, record.dt)[1:], dtype=float)
-    return Spectrum(frequency, response, coherence, np.sqrt(left / (2 * independent)), len(pieces), record.name)

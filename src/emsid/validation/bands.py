@@ -27,7 +27,7 @@ from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
 from emsid.models.steady_state import check_channel
 from emsid.record import Record
-from emsid.validation.responses import FrequencyResponse as FrequencyResponse
+from emsid.validation.responses import BodeCurve
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def usual_step(u: Array) -> tuple[float, float]:
 
 def frequency_response_band(
     fit: Fit[Any], dt: float, *, output: int = 0, input: int = 0, around: float = 0.0, level: float = 0.95
-) -> FrequencyResponse:
+) -> BodeCurve:
     """The frequency response of a model, about a constant input.
 
     It is that of a linear model, of the filters of a cascade in a row, of a plant in motion, or of a nonlinear
@@ -149,7 +149,7 @@ def frequency_response_band(
 
     value, spread = with_error(fit, logarithm)
     to_db, to_degrees = 20 / np.log(10), 180 / np.pi
-    return FrequencyResponse(
+    return BodeCurve(
         Band(f, to_db * value[:, 0], to_db * spread[:, 0], level),
         Band(f, to_degrees * value[:, 1], to_degrees * spread[:, 1], level),
         fit.model_name,

@@ -5,8 +5,8 @@ Of several models in a list, an analysis gives `Several` results, which are draw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
@@ -130,20 +130,22 @@ class TimeResponse(Band, Analysed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse(Analysed):
-    """A frequency response with bands.
+class BodeCurve(Analysed):
+    """Magnitude and phase of a model or of a measured frequency response, with bands.
 
     Attributes:
         magnitude: in dB over Hz.
         phase: in degrees over Hz.
         of: the name of the model, or of the record.
-        coherence: (m,) of a record: the share of the output's power that is linear in the inputs; else None.
+        coherence: (m,) of what was measured: the share of the output's power that is linear in the inputs; else None.
+        levels: (m,) by name, in dB like the magnitude: what noise and distortion add to a measured response.
     """
 
     magnitude: Band
     phase: Band
     of: str = ""
     coherence: Array | None = None
+    levels: Mapping[str, Array] = field(default_factory=dict)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """``frequency``, ``magnitude`` and ``phase``, each of these with its ends, and the coherence of a record."""

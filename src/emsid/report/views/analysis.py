@@ -20,7 +20,10 @@ from emsid.report.views.cascade import NEAREST, SQUARE, around
 from emsid.report.views.conventions import MEASURED, MODELS, TIME, channel_axis
 from emsid.units import name_and_unit, with_unit
 from emsid.validation.analysis import bode, pole_map, step
-from emsid.validation.responses import FrequencyResponse, PoleMap, Several, TimeResponse
+from emsid.validation.responses import BodeCurve, PoleMap, Several, TimeResponse
+
+LEVELS = (Dash.DASHED, Dash.DOTTED, Dash.DASH_DOTTED)
+"""Of noise, distortion and even distortion."""
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -44,11 +47,19 @@ def over_time(several: Sequence[TimeResponse], labels: Sequence[str], strokes: S
     return Figure("response", f"{first.quantity} of {_listed(labels)}{_bands(several)}.", tuple(plots), shared_x=True)
 
 
-def over_frequency(
-    several: Sequence[FrequencyResponse], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS
-) -> Figure:
+def over_frequency(several: Sequence[BodeCurve], labels: Sequence[str], strokes: Sequence[Stroke] = MODELS) -> Figure:
     """Frequency responses in one axes for the magnitude and one for the phase, and the coherence of records below."""
     plots: list[Plot] = [*magnitude_and_phase(several, labels, cycle(strokes))]
+    levels = tuple(
+        Line(each.magnitude.x, values, f"{name} of {label}", replace(stroke, dash=dash, width=0.8))
+        for each, label, stroke in zip(several, labels, cycle(strokes), strict=False)
+        for (name, values), dash in zip(each.levels.items(), LEVELS, strict=False)
+    )
+    if levels:  # below the response, which the limits of the axis are made for
+        lowest = min(float(np.quantile(line.y[np.isfinite(line.y)], 0.1)) for line in levels)
+        low, high = plots[0].y.range or (lowest, max(float(each.magnitude.value.max()) for each in several))
+        y = replace(plots[0].y, range=(min(low, lowest - 5.0), high))
+        plots[0] = replace(plots[0], marks=(*plots[0].marks, *levels), y=y)
     coherent = tuple(
         Line(each.magnitude.x, each.coherence, "", stroke)
         for each, stroke in zip(several, cycle(strokes), strict=False)

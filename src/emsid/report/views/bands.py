@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.bands import Band as Computed
     from emsid.record import Record
-    from emsid.validation.responses import FrequencyResponse
+    from emsid.validation.responses import BodeCurve
 
 
 CURVE = Stroke(Ink.BLUE, width=1.4)
@@ -33,7 +33,7 @@ def with_band(fit: Fit[Any]) -> str:
 
 
 def magnitude_and_phase(
-    several: Sequence[FrequencyResponse], labels: Sequence[str], strokes: Iterable[Stroke], of_band: str = ""
+    several: Sequence[BodeCurve], labels: Sequence[str], strokes: Iterable[Stroke], of_band: str = ""
 ) -> tuple[Plot, Plot]:
     """Frequency responses in one axes for the magnitude and one for the phase.
 

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational, frequency_response
+from emsid.estimation.nonlinear.rational import fit_rational, measured
 from emsid.excitation.between_samples import repeats
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
-from emsid.record import Record
+from emsid.record import FrequencyResponse, Record
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ SAMPLES_PER_PARAMETER = 5
 def measured_response(segments: Sequence[tuple[Array, Array]], period: int | None = None) -> FrequencyResponse | None:
     """The frequency response of (u, y) segments; None where they are too short for one, or the input is constant."""
     try:
-        return frequency_response(segments, period=period)
+        return measured(segments, period=period)
     except ModelError:
         return None
 

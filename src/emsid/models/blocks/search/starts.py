@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational
+from emsid.estimation.nonlinear.rational import fit_rational
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -46,7 +46,7 @@ from emsid.models.blocks.search.trials import TRIAL_SAMPLES, Filters, of_unit_ga
 from emsid.models.blocks.static_maps import Polynomial, StaticMap
 from emsid.models.one_channel import Segments
 from emsid.models.regression.structures import wiener_hammerstein_regression
-from emsid.record import Record
+from emsid.record import FrequencyResponse, Record
 
 Array = NDArray[np.float64]
 
@@ -181,8 +181,7 @@ def _alike(block: Rational, ratio: int = 1, delay: int = 0) -> Rational:
     """A filter at a higher rate, or with samples of delay more, that responds like this one at low frequencies."""
     b, a = block.numerator, block.denominator
     value = Rational(b, a).response(BELOW_WARPING, 1.0) * np.exp(-2j * np.pi * BELOW_WARPING * delay)
-    deviation = np.maximum(np.abs(value), WEAK * np.abs(value).max() or 1.0)
-    b, a, _ = fit_rational(FrequencyResponse(BELOW_WARPING, value, deviation), len(b), len(a), ratio)
+    b, a, _ = fit_rational(FrequencyResponse(BELOW_WARPING, value), len(b), len(a), ratio)
     return Rational(b, a, block.delay * ratio)
 
 

@@ -1,0 +1,1 @@
+"""Frequency responses from records: of periodic inputs, by local polynomials, by averaged windows."""

@@ -31,6 +31,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.transfer_function import TransferFunction
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.gravity import Gravity
@@ -135,6 +136,16 @@ def polynomials() -> Iterator[tuple[str, PolynomialModel]]:
     yield "polynomials without noise model", PolynomialModel(none, fast, none, none, [slow], 0.0, 1, DT)
 
 
+def transfer_functions() -> Iterator[tuple[str, TransferFunction]]:
+    """Of s, resonant and late, and of z."""
+    yield "transfer function", TransferFunction(np.array([3.0, 90.0]), np.array([1.0, 4.0, 90.0]), 0.0, 0.1, DT)
+    yield "transfer function, late", TransferFunction(np.array([-20.0]), np.array([1.0, 10.0]), 2.4 * DT, 0.0, DT)
+    yield (
+        "transfer function of z",
+        TransferFunction(np.array([0.2, 0.1]), np.array([1.0, -1.5, 0.6]), 2 * DT, 0.2, DT, discrete=True),
+    )
+
+
 def processes() -> Iterator[tuple[str, ProcessModel]]:
     """Process models with and without zero, whole and fractional dead times."""
     yield "process", ProcessModel(2.0, (0.08, 0.03), 0.0, 0.0, 0.1, DT)
@@ -216,6 +227,7 @@ ALL: dict[str, Model] = {
     **dict(state_spaces()),
     **dict(polynomials()),
     **dict(processes()),
+    **dict(transfer_functions()),
     **dict(cascades()),
     **dict(feedback()),
     **dict(plants()),

@@ -21,6 +21,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.transfer_function import TransferFunction
 from emsid.models.model import Model
 from emsid.models.plants.driven import NEED_SUPPLY
 from emsid.models.plants.gravity import Gravity
@@ -238,6 +239,26 @@ def by_process(text: str, u: Array) -> Array:
     return ProcessModel(gain, tuple(constants), dt=DT, **first).simulate(u).output
 
 
+def by_transfer_function(text: str, u: Array) -> Array:
+    """Coefficients of powers of s or z, dead time and offset as they are printed."""
+    discrete = "z" in text
+
+    def polynomial(part: str) -> Array:
+        found: dict[int, float] = {}
+        for term in part.split():
+            number, *power = re.split(r"\*?[sz]\^?", term)
+            found[int(power[0] or 1) if power else 0] = float(number) if number else 1.0
+        return np.array([found.get(k, 0.0) for k in range(max(found), -1, -1)])
+
+    above, below = (
+        polynomial(part) for part in re.findall(r"\(([^()]*)\)(?=/|\*|\s|$)", text.replace("exp(", "exp["))[:2]
+    )
+    delay = sum(float(number) for number in re.findall(r"exp\(-([\d.e-]+)\*s\)", text))
+    delay += sum(DT * int(number) for number in re.findall(r"\*z\^-(\d+) u", text))
+    level = sum(float(number) for number in re.findall(r" u ([+-][\d.e-]+)", text))
+    return TransferFunction(above, below, delay, level, DT, discrete).simulate(u).output
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
     model: Model = ALL[name]
@@ -259,6 +280,8 @@ def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
         found = by_polynomials(text, u)[:, None]
     elif isinstance(model, ProcessModel):
         found = by_process(text, u)
+    elif isinstance(model, TransferFunction):
+        found = by_transfer_function(text, u)
     else:
         assert isinstance(model, GreyBox)
         found = by_parameters(text, model, u)

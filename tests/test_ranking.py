@@ -102,6 +102,7 @@ def structures():
     yield emsid.feedback(order=1, maps=1, static=emsid.blocks.DeadZone()), {}
     yield emsid.plants.rigid_motor(), {}
     yield emsid.process_model(), {}
+    yield emsid.transfer_function(poles=1), {}
 
 
 @pytest.fixture(scope="module")

@@ -67,6 +67,9 @@ from .models.linear.process_model import process_model as process_model
 from .models.linear.state_space import StateSpaceModel as StateSpaceModel
 from .models.linear.subspace_fit import state_space as state_space
 from .models.linear.system import LinearSystem as LinearSystem
+from .models.linear.transfer_function import TransferFunction as TransferFunction
+from .models.linear.transfer_function import transfer_function as transfer_function
+from .models.measured_response import frequency_response as frequency_response
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.plants.grey_box import PlantModel as PlantModel
@@ -114,7 +117,6 @@ from .validation.comparison import Comparison as Comparison
 from .validation.comparison import compare as compare
 from .validation.comparison import validate as validate
 from .validation.correlation import ResidualTest as ResidualTest
-from .validation.frequency import frequency_response as frequency_response
 from .validation.reestimation import reestimate as reestimate
 
 __version__: str

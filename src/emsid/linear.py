@@ -10,6 +10,7 @@ from emsid.models.linear.prediction_error import PolynomialStructure, armax, box
 from emsid.models.linear.process_model import ProcessModel, ProcessStructure
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, cva, moesp, state_space
+from emsid.models.linear.transfer_function import TransferFunction, TransferFunctionStructure, transfer_function
 
 __all__ = [
     "PolynomialModel",
@@ -18,9 +19,12 @@ __all__ = [
     "ProcessStructure",
     "StateSpaceModel",
     "StateSpaceStructure",
+    "TransferFunction",
+    "TransferFunctionStructure",
     "armax",
     "box_jenkins",
     "cva",
     "moesp",
     "state_space",
+    "transfer_function",
 ]

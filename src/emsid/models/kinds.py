@@ -10,7 +10,7 @@ from typing import Any
 from emsid.models.blocks.capabilities import OfCascades
 from emsid.models.capabilities import Capabilities, Estimator
 from emsid.models.feedback.capabilities import OfFeedbackModels
-from emsid.models.linear.capabilities import OfPolynomials, OfProcesses, OfStateSpaces
+from emsid.models.linear.capabilities import OfPolynomials, OfProcesses, OfStateSpaces, OfTransferFunctions
 from emsid.models.model import Model
 from emsid.models.plants.capabilities import OfPlants
 from emsid.models.regression.capabilities import OfRegressions
@@ -20,6 +20,7 @@ KINDS: tuple[Capabilities[Any], ...] = (
     OfStateSpaces(),
     OfPolynomials(),
     OfProcesses(),
+    OfTransferFunctions(),
     OfCascades(),
     OfFeedbackModels(),
     OfPlants(),
@@ -28,6 +29,8 @@ MODELS: dict[str, type[Model]] = {kind.kind: kind.model for kind in KINDS}
 """The classes of the models by the names in their files."""
 ESTIMATORS: dict[type, Estimator] = {what: how for kind in KINDS for what, how in kind.estimators.items()}
 """How `emsid.fit` fits what makes a model, by its type; a plant is known by what it has, see `emsid.models.verbs`."""
+OF_RESPONSES = tuple(what for kind in KINDS if kind.takes_responses for what in kind.estimators)
+"""What `emsid.fit` fits to a `FrequencyResponse` too, by its type, besides plants."""
 _BY_CLASS = {kind.model: kind for kind in KINDS}
 _UNKNOWN: Capabilities[Any] = Capabilities()
 

@@ -21,7 +21,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.capabilities import Estimator
 from emsid.models.free_run import as_record
-from emsid.models.kinds import ESTIMATORS, capabilities_of
+from emsid.models.kinds import ESTIMATORS, OF_RESPONSES, capabilities_of
 from emsid.models.model import Model
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant
@@ -34,11 +34,13 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.plant import Motor
-from emsid.record import ChannelNames, Record, concatenate
+from emsid.record import ChannelNames, FrequencyResponse, Record, concatenate
 
 
-def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[Any]:
-    """Estimate the parameters of a model of any kind from one or several records.
+def fit(
+    what: Any, records: Record | FrequencyResponse | Iterable[Record | FrequencyResponse], **options: Any
+) -> Fit[Any]:
+    """Estimate the parameters of a model of any kind from one or several records, or from frequency responses.
 
     ==================================================  ===============================================================
     what                                                options
@@ -49,6 +51,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     `emsid.state_space`                                 ``free_run=True``, ``refine``, ``control``
     `emsid.armax`, `emsid.box_jenkins`                  ``start``, ``control``
     `emsid.process_model`                               ``control``
+    `emsid.transfer_function`                           ``start``, ``control``; also from frequency responses
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``search``, …
@@ -60,6 +63,9 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     A cascade and a plant are always fitted to the free run, by Gauss–Newton steps. A plant is fitted as `identify`
     fits it, with the additions that the data support; with ``free``, exactly those parameters (see `fit_plant`).
 
+    Transfer functions, state spaces and plants are also fitted to a `FrequencyResponse`, weighted with its variance, or
+    to records and responses together; a plant to its response in motion, without dry friction and dead zone.
+
     >>> from emsid.models.regression.narx import Structure
     >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
     >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
@@ -68,7 +74,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     Args:
         what: a structure, a cascade, a plant, a bare `emsid.Motor`, or anything with a method
             ``fit(records, **options)``.
-        records: a record, or several experiments that share one set of parameters.
+        records: a record, or several experiments that share one set of parameters; or frequency responses.
         options: the options of this kind of model, by name.
 
     Returns:
@@ -80,9 +86,9 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
         Stopped: if the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
     """
     estimator, subject = _estimator(what)
-    data = as_records(records)
+    data = as_records(records, _takes_responses(subject))
     found = estimator(subject, data, **_checked(what, estimator, options))
-    first = data if isinstance(data, Record) else data[0] if isinstance(data, Sequence) else None
+    first = data[0] if isinstance(data, Sequence) else None if isinstance(data, _InSI) else data
     return replace(found, channels=ChannelNames.of(first)) if first is not None and isinstance(found, Fit) else found
 
 
@@ -205,13 +211,27 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
     return options
 
 
-def as_records(records: Any) -> Any:
+def _takes_responses(subject: Any) -> bool:
+    return isinstance(subject, OF_RESPONSES) or is_plant(subject)
+
+
+def as_records(records: Any, responses: bool = False) -> Any:
     """The records in SI, checked.
+
+    Args:
+        records: a record, or several.
+        responses: whether frequency responses may be among them.
 
     Raises:
         DataError: for anything else, with advice.
     """
-    if isinstance(records, Record):
+    allowed = (Record, FrequencyResponse) if responses else Record
+    if isinstance(records, FrequencyResponse) and not responses:
+        raise DataError(
+            "a frequency response; emsid.transfer_function, emsid.state_space and plants are fitted to one, this is "
+            "fitted to a record"
+        )
+    if isinstance(records, allowed):
         return records.in_si()
     if isinstance(records, str | os.PathLike):
         raise DataError(f"{str(records)!r} is a path; read it first: emsid.read({str(records)!r}, input=…, output=…)")
@@ -221,7 +241,7 @@ def as_records(records: Any) -> Any:
         )
     if isinstance(records, Sequence):
         for record in records:
-            if not isinstance(record, Record):
+            if not isinstance(record, allowed):
                 raise DataError(f"a {type(record).__name__} among the records; give emsid.Record(input, output, dt=…)")
         if not records:
             raise DataError("no record to fit to; give one, or a list of them")

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from emsid.errors import DataError
+from emsid.record.frequency_response import FrequencyResponse
 from emsid.record.record import Record
 from emsid.units import channel_and_unit, in_unit
 
@@ -34,10 +35,13 @@ class ChannelNames:
         return [in_unit(*channel) for channel in self.outputs]
 
     @classmethod
-    def of(cls, record: Record) -> ChannelNames:
-        """The channels of a record."""
+    def of(cls, record: Record | FrequencyResponse) -> ChannelNames:
+        """The channels of a record, or of a frequency response; of one without a sample time, that of its band."""
+        own = record.dt
+        if isinstance(record, FrequencyResponse):
+            own = own or 0.5 / float(record.frequency[-1])
         return cls(
-            record.dt,
+            own or 0.0,
             tuple(zip(record.input_names, record.input_units, strict=True)),
             tuple(zip(record.output_names, record.output_units, strict=True)),
         )

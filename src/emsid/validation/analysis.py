@@ -25,13 +25,13 @@ from emsid.estimation.fit import Fit
 from emsid.models.bands import Band, with_error
 from emsid.models.kinds import capabilities_of
 from emsid.models.linear.system import LinearSystem
+from emsid.models.measured_response import frequency_response
 from emsid.models.starting import start
 from emsid.models.verbs import as_model, for_model
 from emsid.record import FrequencyResponse, Record
 from emsid.validation.bands import LONGEST, frequency_response_band, step_response_band
 from emsid.validation.comparison import Assessment, as_fit, assess
 from emsid.validation.correlation import NonlinearTest, ResidualTest, residual_tests
-from emsid.validation.frequency import frequency_response
 from emsid.validation.responses import Analysed, BodeCurve, PoleMap, TimeResponse, of_each
 
 Array = NDArray[np.float64]

@@ -80,7 +80,9 @@ def measured(
 
 
 @lru_cache(maxsize=32)
-def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: int = 1) -> tuple[Array, Array, float]:
+def fit_rational(
+    response: FrequencyResponse, nb: int, na: int, oversampling: int = 1, vanishing: int = 0
+) -> tuple[Array, Array, float]:
     """Fit B/A to a frequency response.
 
     The last fits are kept: a search asks for the same one to choose an order, and for each division of its poles.
@@ -89,12 +91,13 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
         response: of one input and one output, with frequencies in cycles per sample.
         nb, na: the number of coefficients of B, and of A without its leading one.
         oversampling: the filter runs at this many times the sampling rate.
+        vanishing: B has this many further factors 1 + z⁻¹, which are not among its coefficients.
 
     Returns:
         (nb,) B, (na,) A without its leading one, and the sum of squared weighted errors, which is about
         2m − nb − na if the orders suffice.
     """
-    problem = _Rational(response, nb, na, oversampling)
+    problem = _Rational(response, nb, na, oversampling, vanishing)
     found = gauss_newton(problem, problem.iterated(), max_iterations=30, covariances=False)
     return read_only(found.estimate[:nb]), read_only(_inside(found.estimate[nb:])), 2 * found.cost
 
@@ -107,6 +110,7 @@ class _Rational:
     nb: int
     na: int
     oversampling: int
+    vanishing: int = 0
 
     @cached_property
     def _value(self) -> ComplexArray:
@@ -120,19 +124,23 @@ class _Rational:
     @cached_property
     def _powers(self) -> ComplexArray:
         z = np.exp(-2j * np.pi * self.response.frequency / self.oversampling)
-        return np.asarray(z[:, None] ** np.arange(max(self.nb, self.na + 1)), dtype=complex)
+        return np.asarray(z[:, None] ** np.arange(max(self.nb, self.na + 1, 2)), dtype=complex)
+
+    @cached_property
+    def _above(self) -> ComplexArray:
+        return np.asarray(self._powers[:, : self.nb] * (1 + self._powers[:, 1:2]) ** self.vanishing)
 
     def residuals(self, theta: Array) -> list[Array]:
         if not is_stable(theta[self.nb :].tolist()):
             raise Infeasible("a pole outside the unit circle")
         powers = self._powers
-        b, a = powers[:, : self.nb] @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
+        b, a = self._above @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
         return [self._parts(b / a - self._value)]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         powers = self._powers
-        b, a = powers[:, : self.nb] @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
-        slope = np.column_stack([powers[:, : self.nb] / a[:, None], -(b / a**2)[:, None] * powers[:, 1 : self.na + 1]])
+        b, a = self._above @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
+        slope = np.column_stack([self._above / a[:, None], -(b / a**2)[:, None] * powers[:, 1 : self.na + 1]])
         return [(self._parts(b / a - self._value), self._parts(slope))]
 
     def iterated(self) -> Array:
@@ -141,12 +149,12 @@ class _Rational:
         a = np.ones(len(value), dtype=complex)
         best, least = np.zeros(self.nb + self.na), np.inf
         for _ in range(ITERATIONS):
-            regression = np.column_stack([powers[:, : self.nb], -value[:, None] * powers[:, 1 : self.na + 1]])
+            regression = np.column_stack([self._above, -value[:, None] * powers[:, 1 : self.na + 1]])
             rows, target = self._parts(regression / a[:, None]), self._parts(value / a)
             theta = least_squares_step(Information.from_rows(rows, target))
             theta[self.nb :] = _inside(theta[self.nb :])
             a = 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
-            cost = float(np.sum(self._parts(powers[:, : self.nb] @ theta[: self.nb] / a - value) ** 2))
+            cost = float(np.sum(self._parts(self._above @ theta[: self.nb] / a - value) ** 2))
             if cost < least:
                 best, least = theta, cost
         return best

@@ -21,6 +21,11 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.stepping import LinearStepper
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.linear.system import LinearSystem
+from emsid.models.linear.transfer_function import (
+    TransferFunction,
+    TransferFunctionStructure,
+    fit_transfer_function,
+)
 from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
@@ -28,7 +33,7 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-L = TypeVar("L", StateSpaceModel, PolynomialModel, ProcessModel)
+L = TypeVar("L", StateSpaceModel, PolynomialModel, ProcessModel, TransferFunction)
 
 
 class OfLinearModels(Capabilities[L]):
@@ -120,14 +125,37 @@ class OfProcesses(OfLinearModels[ProcessModel]):
     estimators: ClassVar = {ProcessStructure: fit_process}
 
     def linear_part(self, model: ProcessModel, at: float) -> LinearSystem:
-        a, b, c, d = model.continuous
-        return LinearSystem(a, b, c, np.full((1, 1), d), None, model.delay, model.name)
+        return model.part
 
     def begun(self, fit: Fit[ProcessModel]) -> dict[str, Any]:
         return {"start": fit.model}
 
     def specification(self, fit: Fit[ProcessModel]) -> tuple[Any, dict[str, Any]]:
         return ProcessStructure.of(fit), {}
+
+
+class OfTransferFunctions(OfLinearModels[TransferFunction]):
+    """Rational functions of s or z with a dead time."""
+
+    kind = "transfer-function"
+    model = TransferFunction
+    estimators: ClassVar = {TransferFunctionStructure: fit_transfer_function}
+    takes_responses = True
+
+    def linear_part(self, model: TransferFunction, at: float) -> LinearSystem:
+        return model.part
+
+    def modes(self, model: TransferFunction) -> Modes:
+        return Modes(list(model.sampled.poles), delay=round(model.sampled.delay / model.dt))
+
+    def characteristics(self, fit: Fit[TransferFunction], record: Record) -> tuple[Characteristic, ...]:
+        return _characteristics(fit, record, fit.model.form, fit.model.sampled.poles)
+
+    def begun(self, fit: Fit[TransferFunction]) -> dict[str, Any]:
+        return {"start": fit.model}
+
+    def specification(self, fit: Fit[TransferFunction]) -> tuple[Any, dict[str, Any]]:
+        return TransferFunctionStructure.of(fit), {}
 
 
 def _poles(model: PolynomialModel) -> NDArray[Any]:

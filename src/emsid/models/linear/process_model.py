@@ -32,11 +32,11 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.problem import Block
 from emsid.estimation.nonlinear.without_samples import Mask, without
-from emsid.models.free_run import continued, from_rest
+from emsid.models.linear.mixed_problem import LinearProblem
 from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.linear.through_state_space import ThroughStateSpace
+from emsid.models.linear.system import LinearSystem
+from emsid.models.linear.through_state_space import ThroughStateSpace, as_form
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -107,54 +107,30 @@ class ProcessModel(ThroughStateSpace):
         """
         return self.form.to_control()
 
+    @property
+    def part(self) -> LinearSystem:
+        """The same without offset, in continuous time."""
+        a, b, c, d = self.continuous
+        return LinearSystem(a, b, c, np.full((1, 1), d), None, self.delay, self.name)
+
+    @cached_property
+    def sampled(self) -> LinearSystem:
+        """`part` at its sample time, for inputs that are held."""
+        return self.part.to_discrete(self.dt)
+
+    @property
+    def level(self) -> float:
+        """`offset`."""
+        return self.offset
+
     @cached_property
     def form(self) -> StateSpaceModel:
         """The same in state space, with past inputs as states."""
-        from scipy.linalg import expm
-
-        a, b, c, d = self.continuous
-        n = len(a)
-        late = self.delay / self.dt
-        whole = int(late)
-        part = late - whole
-
-        def held(h: float) -> tuple[Array, Array]:
-            both = np.zeros((n + 1, n + 1))
-            both[:n, :n], both[:n, n:] = a * h, b * h
-            moved = expm(both)
-            return moved[:n, :n], moved[:n, n:]
-
-        moved, later = held((1 - part) * self.dt)
-        earlier = moved @ held(part * self.dt)[1]
-        kept = whole + (part > 0)
-        size = n + kept
-        am, bm, cm, dm = np.zeros((size, size)), np.zeros((size, 1)), np.zeros((1, size)), np.zeros((1, 1))
-        am[:n, :n] = held(self.dt)[0]
-        cm[0, :n] = c
-        past = [n + k for k in range(kept)]  # u(t − 1), u(t − 2), …
-        if whole:
-            am[:n, past[whole - 1]] = later[:, 0]
-        else:
-            bm[:n] = later
-        if part > 0:
-            am[:n, past[whole]] = earlier[:, 0]
-        acting = whole + (part > 0)  # the input that acts just before a sample, for the direct way
-        if acting:
-            cm[0, past[acting - 1]] = d
-        else:
-            dm[0, 0] = d
-        for k in range(1, kept):
-            am[past[k], past[k - 1]] = 1.0
-        if kept:
-            bm[past[0], 0] = 1.0
-        none = np.zeros((size, 1))
-        return StateSpaceModel(am, bm, cm, dm, none, np.array([self.offset]), self.dt, start=8 * n, name=self.name)
+        return as_form(self.sampled, self.offset, 8 * len(self.time_constants))
 
     def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """(F, 1, 1) the frequency response at frequencies (F,) in Hz; whole samples of its dead time need no states."""
-        f, whole = np.atleast_1d(np.asarray(frequency, dtype=float)), int(self.delay / self.dt)
-        short = replace(self, delay=max(self.delay - whole * self.dt, 0.0)).form.response(f)
-        return np.asarray(short * np.exp(-2j * np.pi * f * whole * self.dt)[:, None, None])
+        return self.sampled.response(frequency)
 
     def parameter_values(self) -> dict[str, float]:
         """gain, T1, T2, …, Tz, delay and offset."""
@@ -263,34 +239,6 @@ def process_model(poles: int = 1, zero: bool = False, delay: bool = True) -> Pro
     return ProcessStructure(poles, zero, delay)
 
 
-class _FreeRunError:
-    """The error of the free run over segments, with derivatives by differences."""
-
-    def __init__(self, like: ProcessModel, names: Sequence[str], segments: Sequence[Record]) -> None:
-        self.like, self.names, self.segments = like, tuple(names), segments
-
-    def model(self, theta: Array) -> ProcessModel:
-        return self.like.with_estimates(self.names, theta)
-
-    def residuals(self, theta: Array) -> list[Array]:
-        model = self.model(theta)
-        out = []
-        for segment in self.segments:
-            begun = from_rest(segment, model.memory)
-            y = continued(model, model.initial(begun, model.memory), begun, model.memory)
-            out.append(y[:, 0] - begun.output[model.memory :, 0])
-        return out
-
-    def linearised(self, theta: Array) -> list[Block]:
-        here, columns = self.residuals(theta), []
-        for k, value in enumerate(theta):
-            step = STEP * max(abs(value), self.like.dt if self.names[k] not in ("gain", "offset") else 1e-3)
-            moved = theta.copy()
-            moved[k] += step
-            columns.append([(residual - r) / step for residual, r in zip(self.residuals(moved), here, strict=True)])
-        return [(r, np.column_stack([column[s] for column in columns])) for s, r in enumerate(here)]
-
-
 def _start(structure: ProcessStructure, segments: Sequence[Record]) -> ProcessModel:
     """The best of a grid of equal time constants and dead times; gain and offset are linear."""
     dt, longest = segments[0].dt, max(map(len, segments))
@@ -351,10 +299,11 @@ def fit_process(
     limits["delay"] = (0.0, min(0.25 * longest, LONGEST * dt))
     limits["Tz"] = (-LARGEST * longest, LARGEST * longest)
     lower, upper = (np.array([limits.get(name, (-np.inf, np.inf))[side] for name in names]) for side in (0, 1))
-    problem = _FreeRunError(begin, names, segments)
     values = begin.parameter_values()
+    sizes = np.array([dt if name[0] in "Td" else 1e-3 for name in names])
+    problem = LinearProblem(begin, names, STEP * np.maximum(np.abs([values[name] for name in names]), sizes), segments)
     theta = np.clip([values[name] for name in names], lower, upper)
     seen = without(problem, left_out)
     how: dict[str, Any] = {"max_iterations": max_iterations, "names": names, "control": control}
     minimum = gauss_newton(seen, theta, lower=lower, upper=upper, **how)
-    return minimum.fit(problem.model(minimum.estimate), names, "gn")
+    return problem.fit(minimum)

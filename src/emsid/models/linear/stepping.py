@@ -6,13 +6,13 @@ form.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.process_model import ProcessModel
 from emsid.models.linear.state_space import StateSpaceModel, run_in_place
 from emsid.models.stepping import Stepper
 
@@ -24,10 +24,10 @@ class LinearStepper(Stepper):
 
     __slots__ = ("_begun", "_form", "_input", "_level", "_matrices", "_output", "_x")
 
-    def __init__(self, model: StateSpaceModel | PolynomialModel | ProcessModel, state: Array) -> None:
+    def __init__(self, model: Any, state: Array) -> None:
         """
         Args:
-            model: what runs.
+            model: a `StateSpaceModel`, or one with such a ``form``.
             state: (n,) where it begins.
         """
         form = model if isinstance(model, StateSpaceModel) else model.form

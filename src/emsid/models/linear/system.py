@@ -4,6 +4,9 @@ Discrete time: x(t + 1) = A x + B u, y = C x + D u. Continuous time: dx/dt = A x
 sample takes one into the other by
 
     exp([A B; 0 0]·dt) = [A_d B_d; 0 I]                  the matrix logarithm goes back.
+
+A dead time of d samples and a part p of one more takes the last inputs as further states: over a sample, the input of
+d + 1 samples ago acts for p of it and that of d samples ago for the rest.
 """
 
 from __future__ import annotations
@@ -23,6 +26,8 @@ Complex = NDArray[np.complex128]
 
 INFINITE = 1e8
 """Generalised eigenvalues that are this many times larger than the matrices are zeros at infinity."""
+WHOLE = 1e-9
+"""A dead time is whole samples to this part of one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,16 +113,51 @@ class LinearSystem:
         return np.asarray((self.c @ inside + self.d) * np.exp(-w * self.delay)[:, None, None])
 
     def to_discrete(self, dt: float) -> LinearSystem:
-        """The system at a sample time in s, for inputs that are held over a sample."""
-        from scipy.linalg import expm
+        """The system at a sample time in s, for inputs that are held over a sample.
 
+        Whole samples of a dead time remain as one; a part of a sample needs a state for every input.
+        """
         if self.dt is not None:
             return self if np.isclose(dt, self.dt, rtol=1e-9, atol=0.0) else self.to_continuous().to_discrete(dt)
+        whole = int(self.delay / dt + WHOLE)
+        part = max(self.delay / dt - whole, 0.0)
+        a, b = self._held(dt)
+        if part <= WHOLE:
+            return replace(self, a=a, b=b, dt=float(dt), delay=whole * dt)
+        rest, later = self._held((1 - part) * dt)
+        earlier, n, inputs = rest @ self._held(part * dt)[1], *self.b.shape
+        return replace(
+            self,
+            a=np.block([[a, earlier], [np.zeros((inputs, n + inputs))]]),
+            b=np.vstack([later, np.eye(inputs)]),
+            c=np.hstack([self.c, self.d]),
+            d=np.zeros_like(self.d),
+            dt=float(dt),
+            delay=whole * dt,
+        )
+
+    def _held(self, time: float) -> tuple[Array, Array]:
+        from scipy.linalg import expm
+
         n, inputs = self.b.shape
         both = np.zeros((n + inputs, n + inputs))
-        both[:n, :n], both[:n, n:] = self.a * dt, self.b * dt
-        moved = expm(both)
-        return replace(self, a=moved[:n, :n], b=moved[:n, n:], dt=float(dt))
+        both[:n, :n], both[:n, n:] = self.a * time, self.b * time
+        with np.errstate(all="ignore"):  # of numbers that overflow, which no model takes
+            moved = expm(both)
+        return moved[:n, :n], moved[:n, n:]
+
+    def with_past_inputs(self) -> LinearSystem:
+        """A system in discrete time with its dead time as states: the inputs of that many samples."""
+        late, (n, inputs) = 0 if self.dt is None else round(self.delay / self.dt), self.b.shape
+        if not late:
+            return self
+        size = n + late * inputs
+        a, b = np.zeros((size, size)), np.zeros((size, inputs))
+        a[:n, :n], a[:n, size - inputs :], b[n : n + inputs] = self.a, self.b, np.eye(inputs)
+        a[n + inputs :, n : size - inputs] = np.eye(size - n - inputs)
+        c = np.hstack([self.c, np.zeros((len(self.c), size - n))])
+        c[:, size - inputs :] += self.d
+        return replace(self, a=a, b=b, c=c, d=np.zeros_like(self.d), delay=0.0)
 
     def to_continuous(self) -> LinearSystem:
         """The system in continuous time that gives the same samples for inputs that are held.

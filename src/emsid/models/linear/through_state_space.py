@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.models.free_run import RunMethods
 from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.system import LinearSystem
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -59,3 +60,18 @@ class ThroughStateSpace(RunMethods, ABC):
     def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""
         return self.form.response(frequency)
+
+
+def as_form(part: LinearSystem, level: float, start: int) -> StateSpaceModel:
+    """A system of one output in discrete time as a model without noise, with its dead time as states.
+
+    Args:
+        part: in discrete time.
+        level: the output at an input of zero.
+        start: samples of a segment that give the initial state.
+    """
+    whole = part.with_past_inputs()
+    none = np.zeros((len(whole.a), 1))
+    return StateSpaceModel(
+        whole.a, whole.b, whole.c, whole.d, none, np.array([level]), whole.dt or 1.0, start=start, name=part.name
+    )

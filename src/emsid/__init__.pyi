@@ -48,8 +48,10 @@ from .identification import identify as identify
 from .io import load as load
 from .io import read as read
 from .io import read_datasheet as read_datasheet
+from .io import read_frequency_response as read_frequency_response
 from .io import read_motor as read_motor
 from .io import save as save
+from .io import write_frequency_response as write_frequency_response
 from .io import write_record as write_record
 from .models.blocks.cascade import Cascade as Cascade
 from .models.blocks.search.estimation import hammerstein as hammerstein
@@ -105,6 +107,7 @@ from .validation.analysis import bode as bode
 from .validation.analysis import forecast as forecast
 from .validation.analysis import impulse as impulse
 from .validation.analysis import linearize as linearize
+from .validation.analysis import modes as modes
 from .validation.analysis import pole_map as pole_map
 from .validation.analysis import poles as poles
 from .validation.analysis import predict as predict

@@ -59,6 +59,19 @@ class Plants:
         arrays = {name: getattr(self, name)[:1] for name in ("mass", "damping", "stiffness", "force")}
         return replace(self, **arrays, shaft=None if self.shaft is None else self.shaft[:1])
 
+    def with_mode(self, resonance: tuple[Array, Array], antiresonance: Array) -> Plants:
+        """The same plants of one mass with a measured mode, as two masses.
+
+        Args:
+            resonance: (k,) frequencies in rad/s and damping ratios; plants take them in turn, the first is nominal.
+            antiresonance: (k,) in rad/s, below those of the resonance.
+        """
+        turn = np.arange(len(self.mass)) % len(antiresonance)
+        frequency, ratio, below = resonance[0][turn], resonance[1][turn], antiresonance[turn]
+        load = self.mass * (1 - (below / frequency) ** 2)
+        reciprocal = 1 / load + 1 / (self.mass - load)
+        return replace(self, shaft=np.column_stack([load, load * below**2, 2 * ratio * frequency / reciprocal]))
+
     @property
     def mode(self) -> tuple[float, float] | None:
         """Frequency in rad/s and damping ratio of the flexible mode of the nominal plant; None for one mass."""

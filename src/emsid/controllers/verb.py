@@ -168,6 +168,7 @@ def control(
     current_max: float | None = None,
     assume: str | Sequence[str] = (),
     seed: int = 1,
+    modes: Any = None,
 ) -> Controller:
     """A cascade of loops for an identified plant of one mass.
 
@@ -191,6 +192,9 @@ def control(
         current_max: the largest current of the VESC in A.
         assume: parameters whose values nobody gave or measured and that may be used, by name or symbol.
         seed: of the points on the region.
+        modes: of a plant of one mass, a measured mode for the notch filter: what `emsid.modes` gives of a fit to a
+            frequency response at the motor, or that fit. Its lowest resonance above an antiresonance is taken, and
+            margins hold over its intervals.
 
     Returns:
         The cascade with its margins; ``bench.table`` compares it with usual rules, and
@@ -252,7 +256,15 @@ def control(
     late = step if delay is None else delay
     drive_delay = float(subject.plant.drive.delay)
     inverses = [estimated, *(inverse_of(each, step) for each in region[1:])]
-    plants = plants_of(region, inverses, cascaded)
+    measured = None if modes is None else measured_mode(modes)
+    if measured is not None and "shaft_stiffness" in subject.parameter_values():
+        raise ModelError(f"{subject.name} has a shaft, whose mode is taken; leave modes out", arguments=("modes",))
+
+    def plants_for(current: bool) -> Plants:
+        found = plants_of(region, inverses, current)
+        return found if measured is None else found.with_mode(*measured)
+
+    plants = plants_for(cascaded)
     inner: Margins | None = None
     kp = ki = 0.0
     if cascaded and electrics is not None:
@@ -295,7 +307,7 @@ def control(
     plain = usual(plants, whole_delay)
     commands_current = plain if unit == "A" else None
     if unit == "V" and constant > 0:
-        commands_current = usual(plants_of(region, inverses, True), late)
+        commands_current = usual(plants_for(True), late)
     tables = firmware(
         plain, unit, commands_current, constant, float(values.get("inductance", 0.0)), pole_pairs, current_max
     )
@@ -305,6 +317,36 @@ def control(
         _nominal(found, plants, whole_delay), found.overshoot, inner, plants,
         len(region) - 1, bench, tables,
     )  # fmt: skip
+
+
+def measured_mode(modes: Any) -> tuple[tuple[Array, Array], Array]:
+    """Resonance (frequencies in rad/s, damping ratios) and antiresonance of a measured mode, and at their intervals.
+
+    Args:
+        modes: a `ModeTable`, or what `emsid.modes` makes one of.
+
+    Raises:
+        ModelError: for modes without a resonance above an antiresonance.
+    """
+    from emsid.validation import analysis
+    from emsid.validation.responses import ModeTable
+
+    table = modes if isinstance(modes, ModeTable) else analysis.modes(modes)
+    above = next((k for k in range(1, len(table)) if table.kind[k - 1 : k + 1] == ("antiresonance", "resonance")), None)
+    if above is None:
+        raise ModelError(
+            f"{table.of} has no resonance above an antiresonance; the notch filter needs the response at the motor, "
+            "from its command to its own speed or position",
+            arguments=("modes",),
+        )
+    columns = table.columns()
+    ends = {name: [columns[name], columns[f"{name}_low"], columns[f"{name}_high"]] for name in ("frequency", "damping")}
+    (f, *f_ends), (ratio, *ratio_ends) = ends["frequency"], ends["damping"]
+    rows = [(f[above], ratio[above], f[above - 1])]
+    if all(np.isfinite(each[above]) for each in (*f_ends, *ratio_ends)):
+        rows += [(one[above], other[above], one[above - 1]) for one in f_ends for other in ratio_ends]
+    found = np.array(rows)
+    return (2 * pi * found[:, 0], np.maximum(found[:, 1], 1e-4)), 2 * pi * found[:, 2]
 
 
 def smoothed(settings: Settings) -> Settings:

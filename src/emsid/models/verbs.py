@@ -32,7 +32,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.response_fit import fit_to_responses
 from emsid.plant import Motor
 from emsid.record import ChannelNames, FrequencyResponse, Record, concatenate
 
@@ -94,7 +94,7 @@ def fit(
 
 def fit_plant(
     plant: Plant,
-    records: Record | Iterable[Record],
+    records: Record | FrequencyResponse | Iterable[Record | FrequencyResponse],
     *,
     search: bool | None = None,
     free: str | Sequence[str] | None = None,
@@ -109,12 +109,12 @@ def fit_plant(
     max_iterations: int = 60,
     threads: int | None = None,
     control: Control = FREE,
-) -> GreyBoxFit:
+) -> Fit[GreyBox]:
     """A plant fitted to the free run: with the additions that the data support, or exactly as given.
 
     Args:
         plant: what to fit.
-        records: a record, or several.
+        records: a record, or several; or frequency responses, see `fit_to_responses`.
         search: whether to try additions, such as a delay, a Stribeck effect or how the sensor samples, as
             `emsid.identify` does; by default where the plant has a drive and none of the arguments says what exactly to
             fit: ``free``, ``bounds``, ``signals``, ``find_start``, ``max_iterations``, ``threads``.
@@ -124,6 +124,12 @@ def fit_plant(
     Raises:
         ModelError, DataError: as `simulation_error` does; for a search of a plant without a drive.
     """
+    whole = (records,) if isinstance(records, Record | FrequencyResponse) else tuple(records)
+    if any(isinstance(each, FrequencyResponse) for each in whole):
+        if datasheet is not None or weighting is not None or hold is not None or per_record or search:
+            raise ModelError(f"{plant.name}: a frequency response is fitted with free, fixed, bounds and signals only")
+        return fit_to_responses(plant, whole, free=free, fixed=fixed, bounds=bounds, signals=signals, control=control)
+    records = tuple(each for each in whole if isinstance(each, Record))
     exact = free is not None or bounds is not None or signals is not None or threads is not None
     exact = exact or not find_start or max_iterations != 60 or any("[" in name for name in fixed or ())
     if search and (exact or not isinstance(plant, DrivenPlant)):
@@ -131,8 +137,7 @@ def fit_plant(
             f"{plant.name}: additions are searched for a plant with a drive, without free, bounds and signals"
         )
     if isinstance(plant, DrivenPlant) and not exact and search is not False:
-        several = (records,) if isinstance(records, Record) else tuple(records)
-        together = several[0] if len(several) == 1 else concatenate(several)
+        together = records[0] if len(records) == 1 else concatenate(records)
         return choose(
             plant, together, fixed=fixed, datasheet=datasheet, weighting=weighting, hold=hold, per_record=per_record,
             control=control,

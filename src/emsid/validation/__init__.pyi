@@ -21,6 +21,7 @@ from .correlation import NonlinearTest as NonlinearTest
 from .reestimation import Reestimation as Reestimation
 from .reestimation import reestimate as reestimate
 from .responses import BodeCurve as BodeCurve
+from .responses import ModeTable as ModeTable
 from .responses import PoleMap as PoleMap
 from .responses import Several as Several
 from .responses import TimeResponse as TimeResponse

@@ -32,13 +32,16 @@ from emsid.record import FrequencyResponse, Record
 from emsid.validation.bands import LONGEST, frequency_response_band, step_response_band
 from emsid.validation.comparison import Assessment, as_fit, assess
 from emsid.validation.correlation import NonlinearTest, ResidualTest, residual_tests
-from emsid.validation.responses import Analysed, BodeCurve, PoleMap, TimeResponse, of_each
+from emsid.validation.responses import Analysed, BodeCurve, ModeTable, PoleMap, TimeResponse, of_each
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NUDGE = 1e-3
 """The move of a measured output that shows how the forecast follows it, in standard deviations of the noise."""
+
+OSCILLATES = 1e-6
+"""A pole with a smaller imaginary part, relative to its size, is a real one with the rounding of a double one."""
 
 
 # --- linear parts ----------------------------------------------------------------------------------------------------
@@ -110,6 +113,43 @@ def pole_map(model: Any, at: float = 0.0) -> PoleMap:
     real, imaginary = with_error(model, parts)[1] if isinstance(model, Fit) else np.full((2, len(here)), np.nan)
     zeros = part.zeros if part.d.shape[0] == part.d.shape[1] else np.zeros(0, dtype=complex)
     return PoleMap(here, zeros, real + 1j * imaginary, part.dt, part.name)
+
+
+@of_each
+def modes(model: Any, at: float = 0.0, level: float = 0.95) -> ModeTable:
+    """Resonances and antiresonances of `linearize`: natural frequency and damping, with intervals where it is a fit.
+
+    Those of a model in discrete time are what its samples say in continuous time, s = ln(z)/dt.
+
+    Args:
+        model: a model, a fit, a plant or a `LinearSystem`; or several in a list.
+        at: the constant input about which it is linearised.
+        level: of the intervals.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    def pairs(moved: Any) -> list[Complex]:
+        part = linearize(moved, at)
+        square = part.d.shape[0] == part.d.shape[1]
+        several = [part.poles, part.zeros if square else np.zeros(0, dtype=complex)]
+        if part.dt is not None:
+            several = [np.log(each[np.abs(each) > 0]) / part.dt for each in several]
+        return [each[each.imag > OSCILLATES * np.abs(each)] for each in several]
+
+    here = pairs(model)
+    order = np.argsort(np.abs(np.concatenate(here)))
+
+    def numbers(moved: Any) -> Array:
+        parts = []
+        for own, there in zip(here, pairs(moved), strict=True):  # fails where their numbers differ
+            s = there[linear_sum_assignment(np.abs(own[:, None] - there))[1]]
+            parts.append(np.stack([np.abs(s) / (2 * np.pi), -s.real / np.abs(s)]))
+        return np.asarray(np.concatenate(parts, axis=1)[:, order])
+
+    value = numbers(model)
+    error = with_error(model, numbers)[1] if isinstance(model, Fit) else np.full_like(value, np.nan)
+    kinds = np.repeat(["resonance", "antiresonance"], [len(each) for each in here])[order]
+    return ModeTable(tuple(kinds.tolist()), value[0], value[1], error[0], error[1], level, linearize(model, at).name)
 
 
 def to_discrete(model: Any, dt: float, at: float = 0.0) -> LinearSystem:

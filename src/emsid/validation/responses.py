@@ -184,3 +184,46 @@ class PoleMap(Analysed):
             "error_real": error.real,
             "error_imaginary": error.imag,
         }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModeTable(Analysed):
+    """Oscillating modes of the linear part of a model: resonances, and antiresonances where it is square.
+
+    Attributes:
+        kind: (k,) ``resonance`` or ``antiresonance``, ascending in frequency.
+        frequency: (k,) in Hz, |s|/2π: what it is without damping.
+        damping: (k,) ratio −Re(s)/|s|; negative where it grows.
+        frequency_error, damping_error: (k,) standard errors; NaN where not known.
+        level: of the intervals of `columns`.
+        of: the name of the model.
+    """
+
+    kind: tuple[str, ...]
+    frequency: Array
+    damping: Array
+    frequency_error: Array
+    damping_error: Array
+    level: float = 0.95
+    of: str = ""
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """``kind``, ``frequency`` and ``damping`` with the ends of their intervals."""
+        found: dict[str, NDArray[Any]] = {"kind": np.array(self.kind, dtype=str)}
+        for name in ("frequency", "damping"):
+            band = Band(np.zeros(len(self)), getattr(self, name), getattr(self, f"{name}_error"), self.level)
+            found |= {name: band.value, f"{name}_low": band.low, f"{name}_high": band.high}
+        return found
+
+    def __str__(self) -> str:
+        def line(kind: str, f: float, f_error: float, ratio: float, ratio_error: float) -> str:
+            half = [f" ± {1.96 * error:.2g}" if np.isfinite(error) else "" for error in (f_error, ratio_error)]
+            return (
+                f"{kind:14} {f:.6g}{half[0]} Hz, damping {100 * ratio:.4g}{half[1] and f' ± {196 * ratio_error:.2g}'} %"
+            )
+
+        rows = zip(self.kind, self.frequency, self.frequency_error, self.damping, self.damping_error, strict=True)
+        return "\n".join(line(*row) for row in rows) or "no oscillating modes"

@@ -254,6 +254,16 @@ def not_identifiable(f: Finding, argument: Spelling) -> str:
     return f"only {only} of {shortened(names)} can be identified; {_advice(f, argument)}"
 
 
+@words("kept-by-response", Severity.WARNING)
+def kept_by_response(f: Finding, argument: Spelling) -> str:
+    """Data: parameters, and the values that were kept with their units."""
+    at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in f.data["kept"])
+    return (
+        f"the frequency response alone does not determine {listed(f.data['parameters'])}; kept at {at}; the estimates "
+        f"hold if these are right: fix what you know ({argument('fixed')}), or measure another output"
+    )
+
+
 @words("weakly-identified", Severity.WARNING)
 def weakly_identified(f: Finding, argument: Spelling) -> str:
     names = f.data["parameters"]

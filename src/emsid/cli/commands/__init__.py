@@ -1,7 +1,20 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
 from emsid.cli.commands import demo, describe, identify, show, compare, validate, simulate  # noqa: I001
-from emsid.cli.commands import orders, study, studio, track, bench, fleet, export, compensate, control, design, motors
+from emsid.cli.commands import (
+    orders,
+    frequency,
+    study,
+    studio,
+    track,
+    bench,
+    fleet,
+    export,
+    compensate,
+    control,
+    design,
+    motors,
+)
 from emsid.cli.commands import parameters, names
 
 __all__ = [
@@ -14,6 +27,7 @@ __all__ = [
     "design",
     "export",
     "fleet",
+    "frequency",
     "identify",
     "motors",
     "names",

@@ -65,6 +65,10 @@ def control(
         list[str], typer.Option(metavar="NAMES", help="Parameters that nobody measured and that may be used.")
     ] = [],  # noqa: B006
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the points of the region.", min=0)] = 1,
+    modes: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL", help="Model of the response at the motor, whose mode the notch takes."),
+    ] = None,
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the gains in C.  [default: that of the model]")
     ] = None,
@@ -83,6 +87,7 @@ def control(
       emsid control emsid-result/rigid-motor.json --out drive --sample 1ms --encoder 2000
       emsid control emsid-result/rigid-motor.json --out drive --bandwidth 20Hz --overshoot 5% --delay 1ms
       emsid control emsid-result/rigid-motor.json --out drive --loop speed --limit 12V --json
+      emsid control emsid-result/rigid-motor.json --out drive --modes response/transfer-function.json
     """
     from emsid.controllers import control as run
     from emsid.controllers.files import write
@@ -99,6 +104,7 @@ def control(
         loaded, dt=dt, bandwidth=bandwidth, overshoot=overshoot, encoder=encoder, delay=delay, loop=loop,
         current=current, current_dt=current_dt, limit=limit, backlash=backlash, pole_pairs=pole_pairs,
         current_max=current_max, assume=names(assume, "--assume"), seed=seed,
+        modes=None if modes is None else load(modes),
     )  # fmt: skip
     page = report_files(control_report(found), formats=())
     written = write(found, out, name=name, force=force, more=page)

@@ -78,20 +78,26 @@ def _linear(fit: "Fit[Any]") -> dict[str, Any] | None:
     """Poles, zeros and gain of the linear part, about an input of zero; None for a model without one."""
     from emsid.errors import EmsidError
     from emsid.findings import finite
-    from emsid.validation.analysis import linearize, pole_map
+    from emsid.validation.analysis import linearize, modes, pole_map
 
     try:
-        part, found = linearize(fit), pole_map(fit)
+        part, found, oscillating = linearize(fit), pole_map(fit), modes(fit)
     except EmsidError:
         return None
     pairs = ([[float(each.real), float(each.imag)] for each in several] for several in (found.poles, found.zeros))
     gain = [[finite(each) for each in row] for row in part.gain.tolist()]
-    return dict(zip(("poles", "zeros"), pairs, strict=True)) | {"gain": gain, "dt": part.dt}
+    columns = {
+        name: [finite(x) if name != "kind" else x for x in each.tolist()]
+        for name, each in oscillating.columns().items()
+    }
+    rest = {"gain": gain, "dt": part.dt, "modes": columns}
+    return dict(zip(("poles", "zeros"), pairs, strict=True)) | rest
 
 
 def _print(fit: "Fit[Any]", linear: dict[str, Any] | None) -> None:
     """Everything about a model, as tables and sentences."""
     from emsid.report.notebook import tables
+    from emsid.validation.analysis import modes
 
     before, table, after = tables(fit)
     say(*before, *filter(None, [_channels(fit)]), *([] if fit.table else [str(fit.model)]))
@@ -103,6 +109,8 @@ def _print(fit: "Fit[Any]", linear: dict[str, Any] | None) -> None:
         say(f"poles {'in 1/s' if linear['dt'] is None else 'in z'}, for small changes: {shown or 'none'}")
         gains = [f"{each:.4g}" if each is not None else "infinite" for row in linear["gain"] for each in row]
         say(f"gain, for small changes: {', '.join(gains)}")
+        if linear["modes"]["kind"]:
+            say(*str(modes(fit)).splitlines())
     say(*(f"- {each}" for each in after))
 
 

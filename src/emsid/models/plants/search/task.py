@@ -74,7 +74,7 @@ class Task:
     @property
     def preference(self) -> tuple[str, ...]:
         """The order in which parameters are kept at their start: those first that are most likely known."""
-        return _preference(self.plant, self.asked, self.sheet)
+        return preference_of(self.plant, self.asked, self.sheet)
 
     def problem(self, plant: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
         """The least-squares problem of some parameters, from a plant and initial states."""
@@ -112,13 +112,13 @@ def prepare(
         check_channels(plant, shown, segment)
     check_motion(segments)
     bounds = as_bounds(plant, bounds)
-    asked = _asked(plant, full_names(plant, free), values, sheet)
+    asked = asked_for(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = all_known({}, sheet)
     given = plant.with_values((known if from_datasheet else {}) | values)
     unknown = [n for n in asked if n not in (*sheet, *bounds)]
     unresolved = given.resolution_limits(unknown, segments[0].dt) | _resolved_rates(unknown, segments, shown)
-    limits = _limits(given, asked, {**unresolved, **bounds}, sheet)
+    limits = limits_of(given, asked, {**unresolved, **bounds}, sheet)
     start = given.with_starts(asked, segments, limits)
     start = start.with_values(
         {name: min(max(start.value(name), low), high) for name, (low, high) in unresolved.items()}
@@ -174,9 +174,20 @@ def all_known(values: Mapping[str, float], sheet: Mapping[str, Given]) -> dict[s
     return {**{name: given.value for name, given in sheet.items() if given.value is not None}, **values}
 
 
-def _asked(
+def asked_for(
     plant: Plant, free: Sequence[str] | None, fixed: Mapping[str, float], sheet: Mapping[str, Given]
 ) -> tuple[str, ...]:
+    """The parameters to estimate.
+
+    Args:
+        plant: that has them.
+        free: by full name; by default those that are usually unknown.
+        fixed: known values.
+        sheet: the datasheet.
+
+    Raises:
+        ModelError: for names that the plant does not have, or that are both free and fixed.
+    """
     for name in (*(free or ()), *fixed, *sheet):
         find_handle(plant, name)
     both = [name for name in free or () if name in fixed]
@@ -202,10 +213,20 @@ def _both_ways(name: str) -> str:
     return name.removesuffix(".forward").removesuffix(".backward")
 
 
-def _limits(
+def limits_of(
     plant: Plant, asked: Sequence[str], bounds: Mapping[str, tuple[float, float]], sheet: Mapping[str, Given]
 ) -> Limits:
-    """The narrowest bounds that hold for every parameter that was asked for."""
+    """The narrowest bounds that hold for every parameter that was asked for.
+
+    Args:
+        plant: that has them.
+        asked: the parameters.
+        bounds: given ones.
+        sheet: the datasheet.
+
+    Raises:
+        ModelError: for bounds that contradict each other.
+    """
     limits: Limits = {}
     for name in bounds:
         find_handle(plant, name)
@@ -250,8 +271,14 @@ def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
             raise ModelError(f"bounds {bounds} of {name} exclude its start {value:g}; widen them or move the start")
 
 
-def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
-    """The order in which parameters are kept at their start: those of a datasheet, then usually known ones."""
+def preference_of(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
+    """The order in which parameters are kept at their start: those of a datasheet, then usually known ones.
+
+    Args:
+        plant: that has them.
+        asked: the parameters.
+        sheet: the datasheet.
+    """
     known = sorted(
         (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
     )

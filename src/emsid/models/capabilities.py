@@ -82,8 +82,8 @@ class Capabilities(Generic[M]):
     """The class of the models."""
     estimators: ClassVar[Mapping[type, Estimator]] = {}
     """What `emsid.fit` takes to make such models, by its type, and how it is fitted."""
-    takes_responses: ClassVar[bool] = False
-    """Whether its estimators also take measured frequency responses, alone or among records."""
+    of_responses: ClassVar[Mapping[type, Estimator]] = {}
+    """The same for measured frequency responses, alone or among records."""
     fitted_by: ClassVar[str] = ""
     """What of a model `emsid.fit` takes, where that is not the model."""
     may_run_away: ClassVar[bool] = True

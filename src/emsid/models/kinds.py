@@ -29,8 +29,8 @@ MODELS: dict[str, type[Model]] = {kind.kind: kind.model for kind in KINDS}
 """The classes of the models by the names in their files."""
 ESTIMATORS: dict[type, Estimator] = {what: how for kind in KINDS for what, how in kind.estimators.items()}
 """How `emsid.fit` fits what makes a model, by its type; a plant is known by what it has, see `emsid.models.verbs`."""
-OF_RESPONSES = tuple(what for kind in KINDS if kind.takes_responses for what in kind.estimators)
-"""What `emsid.fit` fits to a `FrequencyResponse` too, by its type, besides plants."""
+OF_RESPONSES: dict[type, Estimator] = {what: how for kind in KINDS for what, how in kind.of_responses.items()}
+"""How it fits them to measured frequency responses; plants are known by what they have."""
 _BY_CLASS = {kind.model: kind for kind in KINDS}
 _UNKNOWN: Capabilities[Any] = Capabilities()
 

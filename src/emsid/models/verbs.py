@@ -48,7 +48,7 @@ def fit(
     a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``;
                                                         ``free_run=True``, ``instruments=True``, ``start``,
                                                         ``transient``, ``control``
-    `emsid.state_space`                                 ``free_run=True``, ``refine``, ``control``
+    `emsid.state_space`                                 ``free_run=True``, ``refine``, ``control``; and responses
     `emsid.armax`, `emsid.box_jenkins`                  ``start``, ``control``
     `emsid.process_model`                               ``control``
     `emsid.transfer_function`                           ``start``, ``control``; also from frequency responses
@@ -86,7 +86,9 @@ def fit(
         Stopped: if the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
     """
     estimator, subject = _estimator(what)
-    data = as_records(records, _takes_responses(subject))
+    data = as_records(records, type(subject) in OF_RESPONSES or is_plant(subject))
+    if any(isinstance(each, FrequencyResponse) for each in (data if isinstance(data, Sequence) else [data])):
+        estimator = OF_RESPONSES.get(type(subject), estimator)
     found = estimator(subject, data, **_checked(what, estimator, options))
     first = data[0] if isinstance(data, Sequence) else None if isinstance(data, _InSI) else data
     return replace(found, channels=ChannelNames.of(first)) if first is not None and isinstance(found, Fit) else found
@@ -214,10 +216,6 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
             near = did_you_mean(name, known)
             raise ModelError(f"{called} has no option {name!r}; it takes {listed(known)}{near}")
     return options
-
-
-def _takes_responses(subject: Any) -> bool:
-    return isinstance(subject, OF_RESPONSES) or is_plant(subject)
 
 
 def as_records(records: Any, responses: bool = False) -> Any:

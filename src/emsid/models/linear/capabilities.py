@@ -17,6 +17,7 @@ from emsid.models.linear.c_form import c_form
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.process_model import ProcessModel, ProcessStructure, fit_process
+from emsid.models.linear.response_state_space import fit_to_response
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.stepping import LinearStepper
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
@@ -76,6 +77,7 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
     kind = "state-space"
     model = StateSpaceModel
     estimators: ClassVar = {StateSpaceStructure: fit_state_space}
+    of_responses: ClassVar = {StateSpaceStructure: fit_to_response}
 
     def linear_part(self, model: StateSpaceModel, at: float) -> LinearSystem:
         return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
@@ -140,7 +142,7 @@ class OfTransferFunctions(OfLinearModels[TransferFunction]):
     kind = "transfer-function"
     model = TransferFunction
     estimators: ClassVar = {TransferFunctionStructure: fit_transfer_function}
-    takes_responses = True
+    of_responses: ClassVar = {TransferFunctionStructure: fit_transfer_function}
 
     def linear_part(self, model: TransferFunction, at: float) -> LinearSystem:
         return model.part

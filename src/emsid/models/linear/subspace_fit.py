@@ -3,28 +3,25 @@ r"""State-space models estimated by a subspace method, then refined by Gauss–N
 The subspace estimate (see `emsid.estimation.linear.subspace`) needs no start and no search. The refinement minimises
 the prediction error of the innovations form, or with ``free_run`` the error of the free run, where K = 0.
 
-Another basis of the state, T A T⁻¹, T B, C T⁻¹, gives the same model. The search varies only what is orthogonal to the
-directions of a change of basis at its start (data-driven local coordinates, McKelvey, Helmersson & Ribarits 2004), so
-that its parameters are determined. Intervals are given of numbers that depend on no basis: the coefficients of the
-transfer functions ``A(q) yᵢ = Bᵢⱼ(q) uⱼ``, by linear propagation.
+Another basis of the state, T A T⁻¹, T B, C T⁻¹, gives the same model. The search varies the numbers of the modal
+form (`Modal`), so that its parameters are determined. Intervals are given of numbers that depend on no basis: the
+coefficients of the transfer functions ``A(q) yᵢ = Bᵢⱼ(q) uⱼ``, by linear propagation.
 
 References:
-    Ljung, *System Identification*, 2nd ed. (1999), sec. 7.2 and 10.6. McKelvey, Helmersson, Ribarits, *Data driven
-    local coordinates for multivariable linear systems and their application to system identification*, Automatica 40
-    (2004).
+    Ljung, *System Identification*, 2nd ed. (1999), sec. 7.2 and 10.6.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
+from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.linear.subspace import (
     LEAST,
@@ -35,14 +32,14 @@ from emsid.estimation.linear.subspace import (
     input_part,
     moesp,
     noise_gain,
-    response_rows,
 )
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible
-from emsid.estimation.nonlinear.without_samples import Mask, without
-from emsid.models.linear.state_space import StateSpaceModel, run_linear
+from emsid.estimation.nonlinear.problem import Block, Columns, Infeasible, SparseProblem
+from emsid.estimation.nonlinear.without_samples import Mask
+from emsid.models.linear.modal_form import Modal
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -154,14 +151,10 @@ def fit_state_space(
     start = subspace_models(structure, records)
     order = start.order if structure.order is None else structure.order
     model = start.model(order, structure.direct, noise=not free_run)
-    problem = StateSpaceError(model, start, structure.direct, free_run)
-    if refine:
-        begin, out = np.zeros(problem.size), left_out and [each for each in left_out for _ in model.level]
-        found = gauss_newton(
-            without(problem, out), begin, max_iterations=max_iterations, noise=ROUNDING, control=control
-        )
-        return problem.fit(found)
-    return problem.fit(None)
+    problem = StateSpaceError(model, start, structure.direct, free_run, left_out)
+    begin = np.zeros(problem.size)
+    how = {"max_iterations": max_iterations, "noise": ROUNDING, "control": control}
+    return problem.fit(gauss_newton(problem, begin, **how) if refine else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,152 +265,159 @@ def _horizon(segments: Sequence[Signals], order: int) -> int:
     return max(wanted, 2)
 
 
-class StateSpaceError:
-    """Residuals ŷ − y of a state-space model in coordinates around a start, with their exact derivative; see `Problem`.
+class StateSpaceError(SparseProblem):
+    """Residuals ŷ − y of a state-space model in modal form around a start, with their exact derivative.
 
-    β = 0 is the start. The matrices are θ = θ₀ + Qβ, where Q spans what no change of basis reaches.
+    β = 0 is the start, and β the change of the numbers of `Modal` and of the initial states of all segments. What is
+    modal is the free run, or else the predictor, which u and y drive. Residuals and derivatives of all outputs combine
+    the same few signals. `columns` reduces these to a triangular factor and combines its rows, which have the same sums
+    of squares and products.
 
     Args:
         model: the start.
         data: the scaled segments.
         direct: whether D is varied.
         free_run: whether the free run is minimised; K is then zero.
+        left_out: (N,) the samples of every segment that are not fitted.
     """
 
-    def __init__(self, model: StateSpaceModel, data: SubspaceModels, direct: bool, free_run: bool) -> None:
+    def __init__(
+        self,
+        model: StateSpaceModel,
+        data: SubspaceModels,
+        direct: bool,
+        free_run: bool,
+        left_out: Sequence[Mask] | None = None,
+    ) -> None:
         self.data, self.direct, self.free_run = data, direct, free_run
-        self.start = data.in_scale(replace(model, k=0.0 * model.k) if free_run else model)
-        samples = self.start.memory
-        self.first = [self.start.first_state(y[:samples], u[:samples]) for y, u in data.segments]
-        self.theta = self._vector(self.start, self.first)
-        self.basis = self._basis()
-        self.weight = self._weight()
+        self.start = start = data.in_scale(replace(model, k=0.0 * model.k) if free_run else model)
+        out = left_out or [np.zeros(len(y), dtype=bool) for y, _ in data.segments]
+        self.kept = [~each for each in out]
+        self.driving = [
+            np.ascontiguousarray((u if free_run else np.hstack([u, y])).T) for y, u in data.segments
+        ]  # (nv, N)
+        a, b, d = start.predictor
+        inputs, level = len(self.driving[0]), start.level - start.c @ _at_one(a, b[:, start.b.shape[1] :] @ start.level)
+        self.modal = Modal.of(a, b[:, :inputs], start.c, d[:, :inputs], level)
+        m = len(self.modal.centre)
+        self.first = np.zeros((len(data.segments), m, 2))
+        for own, v, (y, _) in zip(self.first, self.driving, data.segments, strict=True):
+            own[:] = self._first_state(v[:, : start.memory], y[: start.memory])
+        self.theta = np.concatenate([np.ravel(each) for each in (*self.modal.varied, self.first)])
+        fixed = list(self.modal.fixed)
+        fixed[-2][:, :] = not direct
+        fixed[-2][:, start.b.shape[1] :] = True
+        alone = np.broadcast_to(np.stack([self.modal.single, np.zeros(m, dtype=bool)], axis=1), self.first.shape)
+        self.free = ~np.concatenate([np.ravel(each) for each in (*fixed, alone)])
+        self.weight = np.eye(1) if len(start.level) == 1 else self._weight()
+
+    def _first_state(self, v: Array, y: Array) -> Array:
+        """(m, 2) the initial state of a segment by least squares on its first samples."""
+        modal = self.modal
+        signals = modal.signals(v)
+        rest = np.zeros((len(modal.centre), 2))
+        left = y.T - modal.c.reshape(len(y.T), -1) @ modal.states(signals, rest).reshape(-1, v.shape[1]) - modal.d @ v
+        by_state = np.stack([modal.derivatives(w, rest, signals, signals[:, :2], v)[1] for w in np.eye(len(left))])
+        rows = by_state.reshape(len(left), -1, v.shape[1]).transpose(0, 2, 1).reshape(-1, rest.size)
+        return np.linalg.lstsq(rows, (left - modal.level[:, None]).ravel(), rcond=LEAST)[0].reshape(rest.shape)
 
     @property
     def size(self) -> int:
         """The number of coordinates β."""
-        return int(self.basis.shape[1])
+        return int(self.free.sum())
 
-    def _vector(self, model: StateSpaceModel, first: Sequence[Array]) -> Array:
-        """θ: the matrices and initial states as one vector."""
-        parts = [model.a, model.b, model.c, model.level]
-        parts += [model.d] * self.direct + [model.k] * (not self.free_run) + list(first)
-        return np.concatenate([np.ravel(part) for part in parts])
+    @property
+    def samples(self) -> int:
+        """The number of residuals."""
+        return len(self.start.level) * sum(int(kept.sum()) for kept in self.kept)
 
-    def model(self, beta: Array) -> tuple[StateSpaceModel, list[Array]]:
-        """The scaled model and the initial states at β."""
-        theta, taken, start = self.theta + self.basis @ beta, 0, self.start
+    def _at(self, beta: Array) -> tuple[Modal, Array]:
+        """The modal form, and the initial states (segments, m, 2), at β."""
+        theta = self.theta.copy()
+        theta[self.free] += beta
+        like = *self.modal.varied, self.first
+        split = np.split(theta, np.cumsum([each.size for each in like[:-1]]))
+        *varied, first = (part.reshape(each.shape) for part, each in zip(split, like, strict=True))
+        return self.modal.with_varied(varied), first
 
-        def take(like: Array) -> Array:
-            nonlocal taken
-            taken += like.size
-            return theta[taken - like.size : taken].reshape(like.shape)
+    def model(self, beta: Array) -> StateSpaceModel:
+        """The scaled model at β."""
+        modal, inputs = self._at(beta)[0], self.start.b.shape[1]
+        a, b, c = modal.matrices()
+        k = np.zeros((len(a), len(c))) if self.free_run else b[:, inputs:]
+        d = modal.d[:, :inputs]
+        level = np.linalg.lstsq(np.eye(len(c)) - c @ _at_one(a, k), modal.level, rcond=None)[0]
+        return replace(self.start, a=a + k @ c, b=b[:, :inputs] + k @ d, c=c, d=d, k=k, level=level)
 
-        a, b, c, level = take(start.a), take(start.b), take(start.c), take(start.level)
-        d = take(start.d) if self.direct else start.d
-        k = start.k if self.free_run else take(start.k)
-        first = [take(each) for each in self.first]
-        return replace(start, a=a, b=b, c=c, d=d, k=k, level=level), first
+    def _runs(self, beta: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """The signals of `Modal`, the states (m, 2, N) and ŷ − y (ny, N) of every segment.
 
-    def _basis(self) -> Array:
-        """Q (θ, β): orthonormal, and orthogonal to the tangents of all changes of basis."""
-        m, n = self.start, self.start.order
-        tangents = []
-        for k in range(n * n):
-            x = np.zeros((n, n))
-            x.flat[k] = 1.0
-            moved = replace(m, a=x @ m.a - m.a @ x, b=x @ m.b, c=-m.c @ x, d=0.0 * m.d, k=x @ m.k, level=0.0 * m.level)
-            tangents.append(self._vector(moved, [x @ each for each in self.first]))
-        left, size, _ = np.linalg.svd(np.array(tangents).T)
-        return left[:, int(np.sum(size > 1e-10 * size[0])) :]
+        Raises:
+            Infeasible: for an unstable run.
+        """
+        modal, first = self._at(beta)
+        if modal.radius > OUTSIDE:
+            raise Infeasible(f"{self.start.name}: the model becomes unstable")
+        for v, x, (y, _) in zip(self.driving, first, self.data.segments, strict=True):
+            signals = modal.signals(v)
+            states = modal.states(signals, x)
+            seen = modal.c.reshape(len(modal.c), -1) @ states.reshape(-1, len(y))
+            yield signals, states, seen + modal.d @ v + modal.level[:, None] - y.T
 
     def _weight(self) -> Array:
-        """(ny, ny) W so that the residuals (ŷ − y) Wᵀ of the start are uncorrelated between outputs; one output: 1."""
-        outputs = len(self.start.level)
-        if outputs == 1:
-            return np.eye(1)
-        errors = np.concatenate([e for e, _ in self._runs(np.zeros(self.size))])
-        covariance = errors.T @ errors / len(errors)
+        """(ny, ny) W so that the residuals W (ŷ − y) of the start are uncorrelated between outputs."""
+        errors = np.concatenate([error for _, _, error in self._runs(np.zeros(self.size))], axis=1)
+        covariance = errors @ errors.T / errors.shape[1]
         if self.free_run:
             covariance = np.diag(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance)
         values = np.maximum(values, LEAST * values[-1])
         return np.asarray((vectors * np.sqrt(values.mean() / values)) @ vectors.T)
 
-    def _runs(self, beta: Array) -> list[tuple[Array, Array]]:
-        """ŷ − y (N, ny) and the states x (N, n) of every segment.
-
-        Raises:
-            Infeasible: for an unstable run.
-        """
-        model, first = self.model(beta)
-        a, b, d = model.predictor
-        if np.abs(np.linalg.eigvals(a)).max() > OUTSIDE:
-            raise Infeasible(f"{model.name}: the model becomes unstable")
-        found = []
-        for (y, u), x in zip(self.data.segments, first, strict=True):
-            both = np.hstack([u, y - model.level])
-            everything, nothing = np.eye(model.order), np.zeros((model.order, both.shape[1]))
-            states = run_linear(a, b, everything, nothing, x, both)[0]
-            found.append((states @ model.c.T + both @ d.T + model.level - y, states))
-        return found
-
     def residuals(self, beta: Array) -> list[Array]:
         """(N,) of every output of every segment."""
-        return [column for error, _ in self._runs(beta) for column in (error @ self.weight.T).T]
+        runs = zip(self._runs(beta), self.kept, strict=True)
+        return [each for (_, _, error), kept in runs for each in self.weight @ error[:, kept]]
+
+    def columns(self, beta: Array) -> Iterator[Columns]:
+        """The rows of the factor for every output of every segment."""
+        for residual, rows in self._linearised(beta, reduced=True):
+            which = np.flatnonzero(rows.any(axis=1))
+            yield Columns(residual, rows, which, which)
 
     def linearised(self, beta: Array) -> list[Block]:
-        """The residuals and their derivatives (N, β)."""
-        model, _ = self.model(beta)
-        blocks = []
-        for number, (error, states) in enumerate(self._runs(beta)):
-            derivatives = np.array(
-                [self._derivative(model, i, number, states, error) for i in range(error.shape[1])]
-            )  # (ny, θ, N)
-            for weights, residual in zip(self.weight, (error @ self.weight.T).T, strict=True):
-                blocks.append((residual, np.tensordot(weights, derivatives, 1).T @ self.basis))
-        return blocks
+        """The residuals (N,) and their derivatives (N, β), of every output of every segment."""
+        return [(residual, rows.T) for residual, rows in self._linearised(beta, reduced=False)]
 
-    def _derivative(self, model: StateSpaceModel, i: int, segment: int, states: Array, error: Array) -> Array:
-        """(θ, N) the derivative of ŷᵢ by the matrices and the initial states."""
-        n, samples = model.order, len(states)
-        a, row, none = model.a - model.k @ model.c, model.c[i], np.zeros(n)
-
-        def driven(signal: Array) -> Array:
-            rows = np.empty((n, samples))
-            response_rows(rows, *map(read_only, (a, row, signal, none)))
-            return rows
-
-        by_state = np.array([driven(x) for x in states.T])  # (n of signal, n driven, N)
-        u = self.data.segments[segment][1]
-        by_input = np.array([driven(s) for s in u.T])
-
-        def read_out(responses: Array, signals: Array) -> Array:
-            """By the rows of C, D or y₀, (ny, signals, N): direct in output i, and through −K."""
-            found: Array = -np.einsum("pr,qpt->rqt", model.k, responses)
-            found[i] += signals
-            return found
-
-        parts = [by_state.transpose(1, 0, 2), by_input.transpose(1, 0, 2), read_out(by_state, states.T)]
-        ones = np.ones(samples)
-        parts.append(read_out(driven(ones)[None], ones[None]))
-        if self.direct:
-            parts.append(read_out(by_input, u.T))
-        if not self.free_run:
-            parts.append(np.array([driven(-e) for e in error.T]).transpose(1, 0, 2))
-        of_start = np.zeros((len(self.first), n, samples))
-        response_rows(of_start[segment], *map(read_only, (a, row, np.zeros(samples), row)))
-        return np.concatenate([part.reshape(-1, samples) for part in (*parts, of_start)])
+    def _linearised(self, beta: Array, reduced: bool) -> Iterator[tuple[Array, Array]]:
+        """Residuals and derivatives (β, N), or the rows of the factor in place of the samples if ``reduced``."""
+        modal, first = self._at(beta)
+        for number, (signals, states, error) in enumerate(self._runs(beta)):
+            v = self.driving[number]
+            parts = [signals, modal.driven(states), np.vstack([v, np.ones(v.shape[1])]), self.weight @ error]
+            rows = np.concatenate([each.reshape(-1, v.shape[1]) for each in parts])[:, self.kept[number]]
+            if reduced:
+                rows = Information.empty(len(rows) - 1).add_columns(rows).factor.T
+            split = np.split(rows, np.cumsum([each.size // v.shape[1] for each in parts[:-1]]))
+            signals, driven, v, errors = (
+                part.reshape(*each.shape[:-1], rows.shape[1]) for part, each in zip(split, parts, strict=True)
+            )
+            for weights, residual in zip(self.weight, errors, strict=True):
+                found, by_first = modal.derivatives(weights, first[number], signals, driven, v)
+                of_start = np.zeros((*self.first.shape, rows.shape[1]))
+                of_start[number] = by_first
+                every = [each.reshape(-1, rows.shape[1]) for each in (*found, of_start)]
+                yield residual, np.concatenate(every)[self.free]
 
     def coefficients(self, beta: Array) -> tuple[tuple[str, ...], Array]:
         """The names and values of the coefficients of the transfer functions, in the units of the record."""
-        model = self.data.in_units(self.model(beta)[0])
+        model = self.data.in_units(self.model(beta))
         return model.coefficients(self.direct, noise=not self.free_run and len(model.level) == 1)
 
     def fit(self, found: Minimum | None) -> Fit[StateSpaceModel]:
         """The fit, from the result of the search, or of the start alone."""
         beta = np.zeros(self.size) if found is None else found.estimate
-        model = self.data.in_units(self.model(beta)[0])
+        model = self.data.in_units(self.model(beta))
         names, values = self.coefficients(beta)
         scale = float(np.mean(self.data.scales[0] ** 2))
         if found is None:
@@ -429,9 +429,16 @@ class StateSpaceError:
         slope = np.array([self.coefficients(beta + s)[1] - self.coefficients(beta - s)[1] for s in step]) / (
             2 * DIFFERENCE
         )
+        freedom = self.samples - found.rank
+        found = replace(found, samples=self.samples, noise_variance=2 * found.cost / freedom if freedom > 0 else np.nan)
         fit = found.judged().fit(model, [str(k) for k in range(self.size)], "gn" if self.free_run else "pem")
         certain = np.isfinite(np.diag(fit.covariance)).all()
         covariance = slope.T @ fit.covariance @ slope if certain else np.diag(np.full(len(names), np.inf))
         return replace(
             fit, names=names, estimate=values, covariance=covariance, noise_variance=scale * fit.noise_variance
         )
+
+
+def _at_one(a: Array, b: Array) -> Array:
+    """(I − A)⁻¹ B, the steady state of a stable system; the smallest one where A has an eigenvalue of one."""
+    return np.asarray(np.linalg.lstsq(np.eye(len(a)) - a, b, rcond=None)[0])

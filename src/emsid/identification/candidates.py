@@ -304,7 +304,7 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
 )
 
 # The models that are fitted by default: they suit any record of one input and one output.
-USUAL = (*REGRESSIONS, "wiener-hammerstein", "feedback")
+USUAL = (*REGRESSIONS, "state-space", "wiener-hammerstein", "feedback")
 
 
 # The models of a quick look: linear ones, and the two regressions that take no search.

@@ -419,6 +419,8 @@ class StateSpace:
 
     summary: str
     uses: ClassVar[tuple[str, ...]] = ("orders",)
+    for_what_is_left: ClassVar[bool] = True
+    several_outputs: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose the order if it is not given, then minimise the error of the free run over the whole record."""

@@ -23,6 +23,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation
+from emsid.estimation.linear.modal_form import Modal
 from emsid.estimation.linear.subspace import (
     LEAST,
     Signals,
@@ -33,14 +34,16 @@ from emsid.estimation.linear.subspace import (
     moesp,
     noise_gain,
 )
+from emsid.estimation.linear.vector_fitting import fitted_poles, most_pairs, without_poles
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Columns, Infeasible, SparseProblem
+from emsid.estimation.nonlinear.problem import Block, Columns, Infeasible, SparseProblem, trial_cost
 from emsid.estimation.nonlinear.without_samples import Mask
-from emsid.models.linear.modal_form import Modal
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.record import Record, check_same_channels
+from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
@@ -61,6 +64,8 @@ ROWS_PER_COLUMN = 4
 """A horizon gives at least this many rows for every column of past and future data."""
 MOST_ORDERS = 10
 """The largest order that is tried where none is given."""
+MOST_PAIRS = 24
+"""The pairs of poles that vector fitting begins with where no order is given."""
 OUTSIDE = 1.0
 """A predictor or free run with an eigenvalue of this size diverges."""
 ROUNDING = 1e-12
@@ -149,10 +154,14 @@ def fit_state_space(
         ModelError: for records too short for the order, or without any output.
     """
     start = subspace_models(structure, records)
-    order = start.order if structure.order is None else structure.order
-    model = start.model(order, structure.direct, noise=not free_run)
-    problem = StateSpaceError(model, start, structure.direct, free_run, left_out)
-    begin = np.zeros(problem.size)
+    model = start.resonant(structure.order, structure.direct) if free_run and refine else None
+    order = structure.order or (start.order if model is None else model.order)
+    begun = [model] * (model is not None)
+    if order <= start.subspace.most:
+        begun.append(start.model(order, structure.direct, noise=not free_run))
+    problems = [StateSpaceError(each, start, structure.direct, free_run, left_out) for each in begun]
+    zero = [np.zeros(each.size) for each in problems]
+    problem, begin = min(zip(problems, zero, strict=True), key=lambda each: trial_cost(*each, SQUARES))
     how = {"max_iterations": max_iterations, "noise": ROUNDING, "control": control}
     return problem.fit(gauss_newton(problem, begin, **how) if refine else None)
 
@@ -192,6 +201,24 @@ class SubspaceModels:
             gain = noise_gain(a, c, part, state, self.segments, self.subspace.horizon)
         scaled = StateSpaceModel(a, part.b, c, part.d, gain, part.level, self.first.dt)
         return self.in_units(scaled)
+
+    def resonant(self, order: int | None, direct: bool) -> StateSpaceModel | None:
+        """The model by `vector_fitting` without noise model, in the units of the record; None for short records.
+
+        Without an order that is given, it is the smallest one that leaves negligibly more than the best.
+        """
+        pairs = min(MOST_PAIRS if order is None else order, most_pairs(self.segments))
+        if not pairs:
+            return None
+        found = list(without_poles(fitted_poles(self.segments, pairs, direct), self.segments, direct))
+        least = min(error for error, _, _ in found)
+        good = [(a, c) for error, a, c in found if (not matters(least, error) if order is None else len(a) == order)]
+        if not good:
+            return None
+        a, c = good[-1]
+        part = input_part(a, c, self.segments, direct)
+        gain = np.zeros((len(a), len(c)))
+        return self.in_units(StateSpaceModel(a, part.b, c, part.d, gain, part.level, self.first.dt))
 
     def in_units(self, model: StateSpaceModel) -> StateSpaceModel:
         """A model of the scaled signals as one of the signals of the record."""

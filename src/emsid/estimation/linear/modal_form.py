@@ -54,13 +54,22 @@ class Modal:
     level: Array
 
     @classmethod
-    def of(cls, a: Array, b: Array, c: Array, d: Array, level: Array) -> Modal:
-        """That of a system in any basis; with more than two poles at one place, of one close to it."""
-        basis, centre, lower, upper, single = modal_basis(a)
+    def of(cls, a: Array, b: Array, c: Array, d: Array, level: Array, *, apart: bool = False) -> Modal:
+        """That of a system in any basis, or of one close to it; every real pole has a block of its own if ``apart``."""
+        basis, centre, lower, upper, single = modal_basis(a, apart)
         m, kept = len(centre), ~np.stack([single, np.zeros_like(single)], axis=1).ravel()
         entry, row = np.zeros((2 * m, b.shape[1])), np.zeros((len(c), 2 * m))
         entry[kept], row[:, kept] = np.linalg.solve(basis, b), c @ basis
-        return cls(centre, lower, upper, single, entry.reshape(m, 2, -1), row.reshape(-1, m, 2), d.astype(float), level)
+        return cls(
+            centre,
+            lower,
+            upper,
+            single,
+            entry.reshape(m, 2, b.shape[1]),
+            row.reshape(len(c), m, 2),
+            d.astype(float),
+            level,
+        )
 
     @property
     def varied(self) -> tuple[Array, ...]:
@@ -104,7 +113,7 @@ class Modal:
             a[k, :, k] = [[self.centre[k], self.upper[k]], [self.lower[k], self.centre[k]]]
         kept = ~np.stack([self.single, np.zeros_like(self.single)], axis=1).ravel()
         whole = a.reshape(2 * m, 2 * m)[np.ix_(kept, kept)]
-        return whole, self.b.reshape(2 * m, -1)[kept], self.c.reshape(len(self.c), -1)[:, kept]
+        return whole, self.b.reshape(2 * m, self.b.shape[2])[kept], self.c.reshape(len(self.c), 2 * m)[:, kept]
 
     def _responses(self, signals: Array, begin: Array) -> Array:
         """(m, s, 2, N) of every block to signals (m, s, N) through the entry e₂, from the states ``begin`` (s, 2)."""
@@ -161,22 +170,23 @@ class Modal:
         return (by_centre, by_lower, both[:, :, :-1], by_c, by_d[:, :-1], by_d[:, -1]), both[:, :, -1]
 
 
-def modal_basis(a: Array) -> tuple[Array, Array, Array, Array, Mask]:
+def modal_basis(a: Array, apart: bool) -> tuple[Array, Array, Array, Array, Mask]:
     """The basis (n, n) in which A has the blocks of `Modal`, their σ, h and g, and which of them have one state."""
     rng, size = np.random.default_rng(0), 0.0
     while True:
-        found = _modal_basis(a + size * max(float(np.abs(a).max()), 1.0) * rng.standard_normal(a.shape))
+        found = _modal_basis(a + size * max(float(np.abs(a).max()), 1.0) * rng.standard_normal(a.shape), apart)
         size = max(10 * size, PERTURBED)
         if size > 1 or np.linalg.cond(found[0]) < WORST:
             return found
 
 
-def _modal_basis(a: Array) -> tuple[Array, Array, Array, Array, Mask]:
+def _modal_basis(a: Array, apart: bool) -> tuple[Array, Array, Array, Array, Mask]:
     """As `modal_basis`, of a matrix without more than two poles at one place."""
     values = np.linalg.eigvals(a).astype(complex)
     complex_ones, real = values[values.imag > 0], np.sort(values[values.imag == 0].real)[::-1]
     pairs = [(z.real, -(z.imag**2)) for z in sorted(complex_ones, key=lambda z: abs(float(np.angle(z))))]
-    pairs += [((p + q) / 2, ((p - q) / 2) ** 2) for p, q in zip(real[::2], real[1::2], strict=False)]
+    paired = 0 if apart else len(real) // 2
+    pairs += [((p + q) / 2, ((p - q) / 2) ** 2) for p, q in real[: 2 * paired].reshape(paired, 2)]
     columns, blocks, identity = [], [], np.eye(len(a))
     for centre, square in pairs:
         off = a - centre * identity
@@ -189,9 +199,9 @@ def _modal_basis(a: Array) -> tuple[Array, Array, Array, Array, Mask]:
         upper = max(sqrt(abs(square)), FLATTEST * sizes[0], 1e-300)
         columns += [plane @ small @ right[0] / upper, plane @ right[0]]
         blocks.append((centre, square / upper, upper, False))
-    if len(real) % 2:
-        columns.append(np.linalg.svd(a - real[-1] * identity)[2][-1])
-        blocks.append((real[-1], 0.0, 1.0, True))
+    for pole in real[2 * paired :]:
+        columns.append(np.linalg.svd(a - pole * identity)[2][-1])
+        blocks.append((pole, 0.0, 1.0, True))
     centre_, lower, upper_, single = (np.array(each) for each in zip(*blocks, strict=True))
     return np.column_stack(columns), centre_, lower, upper_, single.astype(bool)
 

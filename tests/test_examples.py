@@ -98,7 +98,7 @@ def test_how_an_input_goes_on_is_one_of_three(tmp_path):
         replace(example["TANKS"], first=(1.0,))
 
 
-@pytest.mark.parametrize("name", ["hardening_spring", "two_tanks"])
+@pytest.mark.parametrize("name", ["hardening_spring"])
 def test_a_plant_is_about_ten_lines_of_own_code(name):
     """The statements of its two functions, the rows of its table, and the other options."""
     tree = ast.parse(EXAMPLES[name].read_text("utf-8"))

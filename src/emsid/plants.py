@@ -15,6 +15,7 @@ from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.grey_box import GreyBox, PlantModel
 from emsid.models.plants.initial_state import InitialState
 from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.modal_axis import modal_axis
 from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
@@ -29,6 +30,7 @@ from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit,
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import Servo
 from emsid.models.plants.state import PlantState
+from emsid.models.plants.tanks import tanks
 from emsid.models.visited import Needs, RestsOn
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
@@ -92,9 +94,11 @@ __all__ = [
     "joint",
     "likelihood_profile",
     "linear_axis",
+    "modal_axis",
     "motor",
     "register",
     "rigid_motor",
     "scalar",
     "simulation_error",
+    "tanks",
 ]

@@ -58,7 +58,7 @@ IN_FULL = 3
 """Of more models than this, the screen has details of the recommended one only."""
 FIRST = "free-run-error"
 """The finding that follows the recommendation."""
-BEFORE = ("unstable-in-loop", "input-explains-nothing")
+BEFORE = ("unstable-in-loop", "input-explains-nothing", "models-of-one-output")
 """The findings before the recommendation: what models and errors mean depends on them."""
 AS_NAMES = frozenset({"not-identifiable", "weakly-identified", "intervals-include-zero"})
 """Findings whose parameters are on the screen by name."""

@@ -65,8 +65,9 @@ class ModelKind(Protocol):
     """A kind of model that can be fitted to a record.
 
     The structure of one with a true ``searched_anew`` is chosen again from all data where the part held back shows what
-    it lacks. One with a true ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
-    something of what the other models leave.
+    it lacks. One with ``for_what_is_left`` is fitted, where nobody asks for it, only if the inputs still explain
+    something of what the models without it leave; with two, also of what those with one leave. Only those with a true
+    ``several_outputs`` are for records of several.
     """
 
     @property
@@ -102,7 +103,7 @@ class Blocks:
     summary: str
     topology: Topology
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "period", "hold")
-    for_what_is_left: ClassVar[bool] = True
+    for_what_is_left: ClassVar[int] = 2
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
@@ -120,7 +121,7 @@ class Feedback:
     summary: str
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold", "held_back")
     searched_anew: ClassVar[bool] = True
-    for_what_is_left: ClassVar[bool] = True
+    for_what_is_left: ClassVar[int] = 2
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""
@@ -323,6 +324,14 @@ def left_out(record: Record, names: Sequence[str]) -> Finding:
     return Finding("quick-look", record.name, {"without": without})
 
 
+def of_one_output(record: Record) -> list[Finding]:
+    """The finding that the usual models of one output are left out, for a record of several."""
+    count = record.output.shape[1]
+    models = [name for name in USUAL if not getattr(CANDIDATES[name], "several_outputs", False)]
+    data = {"outputs": count, "models": models, "output": record.output_names[0]}
+    return [Finding("models-of-one-output", record.name, data)] if count > 1 else []
+
+
 def usual_for(record: Record, known: Iterable[str] = (), control: Control | None = None) -> tuple[str, ...]:
     """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
 
@@ -337,6 +346,8 @@ def usual_for(record: Record, known: Iterable[str] = (), control: Control | None
 
     The speed of a wheel in m/s is that of a motor where the radius of the wheel is among the ``known`` parameters.
 
+    For several outputs these are the models that have several; `of_one_output` names the others.
+
     A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or `FOR_RECTIFIED` where the input
     has both signs and the output one.
 
@@ -346,10 +357,11 @@ def usual_for(record: Record, known: Iterable[str] = (), control: Control | None
         control: of the fits that decide whether a slow output without a name is a position; None for a list without
             these fits, in which it is a speed.
     """
-    one_each = record.input.shape[1] == record.output.shape[1] == 1
+    if record.output.shape[1] > 1:
+        return tuple(name for name in USUAL if getattr(CANDIDATES[name], "several_outputs", False))
+    one_each = record.input.shape[1] == 1
     position = is_position(record)
-    one_output = record.output.shape[1] == 1  # of a plant, further inputs are refused unless they are a load
-    starts = {name: kind.start for name, kind in PLANTS.items() if one_output and kind.refined and kind.usual}
+    starts = {name: kind.start for name, kind in PLANTS.items() if kind.refined and kind.usual}
     folded = ("wiener",) if one_each and not position and keeps_its_sign(record.output[:, 0]) else ()
     least = FOR_RECTIFIED if folded and may_be_rectified([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)

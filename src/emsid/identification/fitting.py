@@ -1,7 +1,7 @@
 r"""The fits of all requested models to a record: one after the other here, and some of them elsewhere meanwhile.
 
-Where nobody asked for models by name, those with blocks come last, as they take longest, and only if the inputs still
-explain something of what the best of the others leaves (`remainder`).
+Where nobody asked for models by name, a state space of many modes comes after the others, and those with blocks last,
+as they take longest, both only if the inputs still explain something of what the best one so far leaves.
 
 What the inputs and its own past still explain of the error of a free run.
 
@@ -201,9 +201,11 @@ class Searches:
         return replace(self.options, comparing=self.later > 0)
 
     @property
-    def _first(self) -> Sequence[str]:
-        """The models that are fitted before it is asked whether others are needed."""
-        return [name for name in self.names if not (self.by_need and _for_what_is_left(name))]
+    def _rounds(self) -> Iterator[list[str]]:
+        """The models in the order in which it is asked whether the next of them are needed."""
+        rank = {name: self.by_need * _for_what_is_left(name) for name in self.names}
+        for each in sorted(set(rank.values())):
+            yield [name for name in self.names if rank[name] == each]
 
     def order(self, names: Sequence[str]) -> Sequence[str]:
         """Some of the models in the order in which they are taken here; the other place takes the last one first.
@@ -219,13 +221,13 @@ class Searches:
             EmsidError: of the first model, where none can be fitted.
             Stopped: where it is stopped before any is found.
         """
-        found, first = _UnderWay(), self._first
-        rest = [name for name in self.names if name not in first]
-        self._round(first, found, 0)
-        if rest and found.end is None:
-            found.not_needed = self._not_needed(rest, found)
-            if found.not_needed is None:
-                self._round(rest, found, len(first))
+        found, done = _UnderWay(), list[str]()
+        for names in self._rounds:
+            if done and found.end is None:
+                found.not_needed = self._not_needed([name for name in self.names if name not in done], found)
+            if found.end is None and found.not_needed is None:
+                self._round(names, found, len(done))
+                done += names
         if not found.fits:
             self._search_without_limit(found)
         return found.of(self.names)
@@ -293,9 +295,9 @@ class Searches:
         return fit_or_problem(partial(CANDIDATES[name], self.record, self._how, control))
 
 
-def _for_what_is_left(name: str) -> bool:
-    """Whether a kind of model is only fitted where others leave something, unless somebody asks for it."""
-    return getattr(CANDIDATES[name], "for_what_is_left", False)
+def _for_what_is_left(name: str) -> int:
+    """After how many rounds a kind of model is fitted, where something is left, unless somebody asks for it."""
+    return getattr(CANDIDATES[name], "for_what_is_left", 0)
 
 
 def of_one_model(control: Control, name: str) -> Control:

@@ -419,7 +419,7 @@ class StateSpace:
 
     summary: str
     uses: ClassVar[tuple[str, ...]] = ("orders",)
-    for_what_is_left: ClassVar[bool] = True
+    for_what_is_left: ClassVar[int] = 1
     several_outputs: ClassVar[bool] = True
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:

@@ -48,7 +48,15 @@ from emsid.first_look.faults import without_faults
 from emsid.first_look.levels import PART
 from emsid.first_look.responses import answers
 from emsid.first_look.stops import without_stops
-from emsid.identification.candidates import CANDIDATES, Physical, left_out, lift_an_arm, usual_for, with_unit_of_name
+from emsid.identification.candidates import (
+    CANDIDATES,
+    Physical,
+    left_out,
+    lift_an_arm,
+    of_one_output,
+    usual_for,
+    with_unit_of_name,
+)
 from emsid.io.reading import common_step, parsed_file, read, read_columns
 from emsid.models.free_run import RUNAWAY
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
@@ -85,7 +93,7 @@ class Task:
         options: the same with what the data say about a delay, and codes as values of the channel.
         transient: samples that start a free run where a segment begins in motion.
         responses: of the outputs of `records`, as far as a first look shows them.
-        about_delay: what was found about the delay.
+        chosen: what was found about the delay, and about models that were left out.
         pole: of a plant that is unstable without its controller, see `unstable_pole`; else None.
     """
 
@@ -102,7 +110,7 @@ class Task:
     options: Options
     transient: int | None
     responses: tuple[Response | None, ...]
-    about_delay: tuple[Finding, ...]
+    chosen: tuple[Finding, ...]
     pole: float | None = None
 
     @classmethod
@@ -128,6 +136,7 @@ class Task:
         several, others = tuple(map(without_faults, several)), tuple(map(without_faults, others))
         record = _long_enough(as_one(several))
         check_sizes(record)
+        without = [] if names else of_one_output(record)
         names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free), control)
         if lift_an_arm(names):
             several, others = tuple(map(without_stops, several)), tuple(map(without_stops, others))
@@ -144,7 +153,7 @@ class Task:
         _check_records(to_fit, test, [name for name in names if name not in plants], transient)
         train, outside = to_compare(to_fit, names)
         data = several, others, record, to_fit, train, outside, test
-        return cls(*data, names, plants, asked, options, transient, responses, about_delay, pole)
+        return cls(*data, names, plants, asked, options, transient, responses, (*without, *about_delay), pole)
 
     @property
     def is_excerpt(self) -> bool:
@@ -161,7 +170,7 @@ class Task:
             *self.record.findings,
             *self._about_the_unseen_part(),
             *questions(self.records, self.responses),
-            *self.about_delay,
+            *self.chosen,
             *([] if self.pole is None else [self._in_loop(self.pole)]),
             *unused_requests(self.plants, self.names, self.asked, self.record, quick=quick),
             *(each.about(name) for name, plant in self.plants.items() for each in self._assumptions(plant)),

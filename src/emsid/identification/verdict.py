@@ -222,6 +222,11 @@ def is_weak(unseen: Assessment, left_open: Mapping[str, list[Reason]]) -> bool:
     return bool(unseen.row.fit_percent < 100 * (1 - MOST)) and not agree
 
 
+def shows_the_input(unseen: Assessment, fitted: Assessment) -> bool:
+    """Whether a model leaves less than half of the variance by its input, on unseen data."""
+    return bool(unseen.row.fit_percent >= 100 * (1 - MOST)) and not unusable(unseen, fitted)
+
+
 def unusable(unseen: Assessment, fitted: Assessment) -> list[Reason]:
     """Why a model cannot be used at all, from its free run on unseen data.
 

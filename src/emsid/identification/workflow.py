@@ -31,6 +31,7 @@ from emsid.identification.verdict import (
     from_all_data,
     model_verdicts,
     on_all_samples,
+    shows_the_input,
 )
 from emsid.models.model import Model
 from emsid.options import KEYWORDS, Options, takes_options
@@ -123,6 +124,8 @@ def _judged(
 ) -> Identification:
     """The result of the searches, ranked: the models judged, and the recommended one fitted to all data."""
     name = judged.best.model.name
+    if shows_the_input(judged.on_unseen.best, judged.on_record.best):  # the first look missed a response of many modes
+        asked = [each for each in asked if each.code != "no-response"]
     if excerpt and not found.stopped:
         with border(f"fit of {name} to all samples", name):
             judged = on_all_samples(judged, task.to_fit, task.options, control)

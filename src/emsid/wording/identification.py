@@ -116,6 +116,15 @@ def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("models-of-one-output", Severity.WARNING)
+def models_of_one_output(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: outputs, models, output (the first)."""
+    return (
+        f"{f.subject} has {f.data['outputs']} outputs, so models of one output are not fitted: "
+        f"{listed(f.data['models'])}; name one output ({argument('output')}), such as {f.data['output']}, to fit them"
+    )
+
+
 @words("quick-look")
 def quick_look(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: without (the usual models of these data that were not fitted)."""

@@ -26,8 +26,11 @@ TRUTH = {
     "pump.power": 0.9,
     "upper.outflow": 0.06,
     "upper.power": 0.55,
+    "upper.full": 10.0,
     "overflow": 0.6,
     "lower.outflow": 0.055,
+    "lower.power": 0.5,
+    "lower.full": 10.0,
     "level.offset": 0.2,
 }
 NOISE = 0.05

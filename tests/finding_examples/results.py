@@ -52,6 +52,7 @@ EXAMPLES: tuple[Finding, ...] = (
         {"model": "arx", "reason": "an error inside the program (KeyError: 'gain')", "internal": True},
     ),
     *(Finding("models-out-of-time", data={"models": models}) for models in (["wiener"], ["wiener", "feedback"])),
+    Finding("models-of-one-output", "log.csv", {"outputs": 2, "models": ["arx", "feedback"], "output": "speed"}),
     Finding("quick-look", "log.csv", {"without": ["wiener-hammerstein", "rigid-motor"]}),
     *(
         Finding("models-not-needed", "rigid-motor", {"model": "rigid-motor", "models": models})

@@ -83,8 +83,11 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
         return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
 
     def modes(self, model: StateSpaceModel) -> Modes:
-        above = model.coefficients(bool(model.d.any()), noise=False)[1][model.order : -1]
-        return Modes(list(model.poles), {0: (list(model.poles), list(np.roots(above)))})
+        from scipy.linalg import eigvals
+
+        one = np.diag([*np.ones(model.order), 0.0])
+        zeros = eigvals(np.block([[model.a, model.b[:, :1]], [model.c[:1], model.d[:1, :1]]]), one)
+        return Modes(list(model.poles), {0: (list(model.poles), list(zeros[np.isfinite(zeros)]))})
 
     def characteristics(self, fit: Fit[StateSpaceModel], record: Record) -> tuple[Characteristic, ...]:
         return _characteristics(fit, record, fit.model, fit.model.poles)

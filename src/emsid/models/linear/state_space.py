@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
+from emsid.estimation.linear.modal_form import Modal
 from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
@@ -191,22 +192,32 @@ class StateSpaceModel(RunMethods):
         )
 
     def coefficients(self, direct: bool, noise: bool) -> tuple[tuple[str, ...], Array]:
-        """The names and values of the coefficients of A(q) yᵢ = Bᵢⱼ(q) uⱼ + y₀, which depend on no basis of the state.
+        """The names and values of the coefficients of its transfer functions, which depend on no basis of the state.
+
+        Those are sums over its modes, sections of second order (a real pole that is left has the first order), so that
+        the coefficients of many modes are as well determined as the modes: yᵢ = Σⱼ (b₀ᵢⱼ + Σₖ Bₖᵢⱼ(q)/Aₖ(q)) uⱼ + y₀,
+        and the noise of a single output has 1 + Σₖ (Cₖ(q)/Aₖ(q) − 1). With up to two states this is B/A and C/A.
 
         Args:
             direct: whether the input affects the output in the same sample.
             noise: whether C(q) of the noise is among them; it exists for one output.
         """
         n, (outputs, inputs) = self.order, self.d.shape
-        below = np.poly(self.a)
-        values = list(below[1:])
+        form = Modal.of(self.a, np.hstack([self.b, self.k]), self.c, self.d, self.level)
+        kept = (~np.stack([np.zeros_like(form.single), form.single], axis=1)).ravel()
+        below = np.stack([-2 * form.centre, form.centre**2 - form.lower * form.upper], axis=1)
+        below[form.single, 0] = -form.centre[form.single]
+        first = np.einsum("imp,mpj->ijm", form.c, form.b)
+        other = np.stack([form.upper[:, None] * form.b[:, 1], form.lower[:, None] * form.b[:, 0]], axis=1)
+        second = np.einsum("imp,mpj->ijm", form.c, other) - form.centre * first  # of C(A − 2σ)B
+        above = np.stack([first, second], axis=3).reshape(outputs, inputs + outputs, -1)[:, :, kept]
+        values = [below.ravel()[kept]]
         for i in range(outputs):
             for j in range(inputs):
-                above = np.poly(self.a - np.outer(self.b[:, j], self.c[i])) + (self.d[i, j] - 1.0) * below
-                values += list(above[1 - direct :])
+                values += [self.d[i, j : j + 1]] * direct + [above[i, j]]
         if noise:
-            values += list(np.poly(self.a - self.k @ self.c)[1:])
-        return coefficient_names(n, outputs, inputs, direct, noise), np.asarray(np.real([*values, *self.level]))
+            values.append(values[0] + above[0, inputs])
+        return coefficient_names(n, outputs, inputs, direct, noise), np.concatenate([*values, self.level])
 
     def parameter_values(self) -> dict[str, float]:
         """The value of every coefficient by name, see `coefficients`."""
@@ -237,22 +248,20 @@ class StateSpaceModel(RunMethods):
         below, above, of_noise, level = np.split(
             np.asarray(values, dtype=float), np.cumsum([n, (n + direct) * inputs * outputs, n * noise])
         )
-        below, rows = np.append(1.0, below), above.reshape(outputs, inputs, n + direct)
-        forms = [observer_form(below, [each if direct else np.append(0.0, each) for each in row]) for row in rows]
-        gain = np.zeros((n * outputs, outputs))
-        if noise:
-            gain = observer_form(below, [np.append(1.0, of_noise)])[1]
-        zero = np.zeros((outputs, n, outputs, n))
-        a, c = zero.copy(), np.zeros((outputs, outputs, n))
-        for i, (form, _) in enumerate(forms):
-            a[i, :, i], c[i, i, 0] = form, 1.0
+        rows = above.reshape(outputs, inputs, n + direct)
+        a, one = np.zeros((n, n)), np.zeros(n)
+        for k in range(0, n, 2):  # the observer form of every section
+            a[k : k + 2, k], one[k] = -below[k : k + 2], 1.0
+            a[k : k + 1, k + 1 : k + 2] = 1.0
+        whole, places = np.zeros((outputs, n, outputs, n)), np.arange(outputs)
+        whole[places, :, places] = a
         return replace(
             self,
-            a=a.reshape(n * outputs, n * outputs),
-            b=np.vstack([columns for _, columns in forms]),
-            c=c.reshape(outputs, n * outputs),
+            a=whole.reshape(n * outputs, n * outputs),
+            b=rows[:, :, direct:].transpose(0, 2, 1).reshape(n * outputs, inputs),
+            c=np.kron(np.eye(outputs), one),
             d=rows[:, :, 0] if direct else np.zeros_like(self.d),
-            k=gain,
+            k=(of_noise - below)[:, None] if noise else np.zeros((n * outputs, outputs)),
             level=level,
         )
 
@@ -353,11 +362,12 @@ def as_state_space(system: Any) -> Any:
 
 def coefficient_names(order: int, outputs: int, inputs: int, direct: bool, noise: bool) -> tuple[str, ...]:
     """The names of `StateSpaceModel.coefficients`."""
-    names = [f"a{k + 1}" for k in range(order)]
+    slots = [(f"mode{k // 2 + 1}." if order > 2 else "", k % 2 + 1) for k in range(order)]
+    names = [f"{mode}a{k}" for mode, k in slots]
     for i, j in product(range(1, outputs + 1), range(1, inputs + 1)):
         label = "b" if outputs == inputs == 1 else f"b{j}_" if outputs == 1 else f"b{i}{j}_"
-        names += [f"{label}{k}" for k in range(1 - direct, order + 1)]
-    names += [f"c{k + 1}" for k in range(order)] * noise
+        names += [f"{label}0"] * direct + [f"{mode}{label}{k}" for mode, k in slots]
+    names += [f"{mode}c{k}" for mode, k in slots] * noise
     names += ["y0" if outputs == 1 else f"y0_{i + 1}" for i in range(outputs)]
     return tuple(names)
 

@@ -5,7 +5,7 @@ the prediction error of the innovations form, or with ``free_run`` the error of 
 
 Another basis of the state, T A T⁻¹, T B, C T⁻¹, gives the same model. The search varies the numbers of the modal
 form (`Modal`), so that its parameters are determined. Intervals are given of numbers that depend on no basis: the
-coefficients of the transfer functions ``A(q) yᵢ = Bᵢⱼ(q) uⱼ``, by linear propagation.
+coefficients of the transfer functions as sums over modes, by linear propagation.
 
 References:
     Ljung, *System Identification*, 2nd ed. (1999), sec. 7.2 and 10.6.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, exp, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,8 @@ MOST_ORDERS = 10
 """The largest order that is tried where none is given."""
 MOST_PAIRS = 24
 """The pairs of poles that vector fitting begins with where no order is given."""
+SHORT = 8
+"""The samples that give the initial state of a free run are at most this part of the shortest segment."""
 OUTSIDE = 1.0
 """A predictor or free run with an eigenvalue of this size diverges."""
 ROUNDING = 1e-12
@@ -445,6 +448,10 @@ class StateSpaceError(SparseProblem):
         """The fit, from the result of the search, or of the start alone."""
         beta = np.zeros(self.size) if found is None else found.estimate
         model = self.data.in_units(self.model(beta))
+        if self.free_run:  # what is left of a wrong initial state lasts as long as the slowest mode
+            size, most = self._at(beta)[0].radius, min(len(y) for y, _ in self.data.segments) // SHORT
+            lasting = most if size**most > exp(-1) else ceil(-1 / log(max(size, 1e-3)))
+            model = replace(model, start=max(model.start, lasting))
         names, values = self.coefficients(beta)
         scale = float(np.mean(self.data.scales[0] ** 2))
         if found is None:

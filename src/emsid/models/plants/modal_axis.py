@@ -43,7 +43,7 @@ def _speed(x: Array, p: Array) -> float:
 
 
 @njit(nogil=True)
-def derivative(x: Array, u: Array, p: Array) -> Array:
+def axis_change(x: Array, u: Array, p: Array) -> Array:
     """Change of position and speed of the rigid body, then of qₖ and dqₖ/dt."""
     speed, found = _speed(x, p), np.empty(len(x))
     acceleration = (u[0] - p[1] * speed - p[2] * np.tanh(speed / p[3]) - p[4]) / p[0]
@@ -120,7 +120,7 @@ def modal_axis(
     steps = max(1, ceil(2 * pi * max(frequencies) * dt / TURN))
     out = speed_output if measured is Signal.SPEED else position_output
     return OwnPlant(
-        derivative,
+        axis_change,
         out,
         tuple(rows),
         tuple(values),

@@ -30,7 +30,7 @@ def spilt(level: float, full: float, rise: float) -> float:
 
 
 @njit(nogil=True)
-def derivative(x: Array, u: Array, p: Array) -> Array:
+def tank_change(x: Array, u: Array, p: Array) -> Array:
     """Change of the upper and the lower level."""
     inflow = p[0] * max(u[0] - p[1], 0.0) ** p[2]
     falls, leaves = p[3] * max(x[0], 0.0) ** p[4], p[7] * max(x[1], 0.0) ** p[8]
@@ -40,7 +40,7 @@ def derivative(x: Array, u: Array, p: Array) -> Array:
 
 
 @njit(nogil=True)
-def output(x: Array, u: Array, p: Array) -> Array:
+def lower_level(x: Array, u: Array, p: Array) -> Array:
     """The lower level as measured."""
     return np.array([min(x[1], p[9]) + p[10]])
 
@@ -72,8 +72,8 @@ def tanks(full: float = 10.0) -> OwnPlant:
     )
     positive = ("pump", "upper.outflow", "lower.outflow", "upper.full", "lower.full")
     return OwnPlant(
-        derivative,
-        output,
+        tank_change,
+        lower_level,
         table=rows,
         values=(0.05, 0.0, 1.0, 0.05, 0.5, full, 0.5, 0.05, 0.5, full, 0.0),
         states=2,

@@ -38,7 +38,7 @@ def flexible(outputs: int = 1, seed: int = 0) -> StateSpaceModel:
 def record_of(model: StateSpaceModel, samples: int, noise: float = 0.02, seed: int = 0) -> Record:
     """A record of a model with white noise of its outputs, a share of their deviation."""
     rng = np.random.default_rng(seed)
-    u = np.repeat(rng.choice([-1.0, 1.0], samples // 2 + 1), 2)[:samples, None]
+    u = np.repeat(rng.uniform(-1.0, 1.0, samples // 2 + 1), 2)[:samples, None]
     y = model.run(np.zeros(model.order), u)[0]
     y = y + noise * y.std(axis=0) * rng.standard_normal(y.shape)
     names = tuple(f"speed {k + 1}" for k in range(y.shape[1]))

@@ -21,6 +21,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,11 +152,16 @@ def without_poles(a: Array, segments: Sequence[Signals], direct: bool) -> Iterat
 
 def _some(form: Modal, kept: Sequence[int]) -> Modal:
     """Some blocks of a form without inputs and outputs."""
-    empty = np.zeros((len(kept), 2, 0))
-    return Modal(
-        *(each[kept] for each in (form.centre, form.lower, form.upper, form.single)), empty, empty.transpose(2, 0, 1),
-        form.d, form.level,
-    )  # fmt: skip
+    empty, places = np.zeros((len(kept), 2, 0)), list(kept)
+    return replace(
+        form,
+        centre=form.centre[places],
+        lower=form.lower[places],
+        upper=form.upper[places],
+        single=form.single[places],
+        b=empty,
+        c=empty.transpose(2, 0, 1),
+    )
 
 
 def _seen(form: Modal, kept: Sequence[int], rows: Array) -> Array:

@@ -259,7 +259,7 @@ class StateSpaceModel(RunMethods):
             self,
             a=whole.reshape(n * outputs, n * outputs),
             b=rows[:, :, direct:].transpose(0, 2, 1).reshape(n * outputs, inputs),
-            c=np.kron(np.eye(outputs), one),
+            c=np.asarray(np.kron(np.eye(outputs), one), dtype=float),
             d=rows[:, :, 0] if direct else np.zeros_like(self.d),
             k=(of_noise - below)[:, None] if noise else np.zeros((n * outputs, outputs)),
             level=level,

@@ -157,16 +157,18 @@ def fit_state_space(
         ModelError: for records too short for the order, or without any output.
     """
     start = subspace_models(structure, records)
-    model = start.resonant(structure.order, structure.direct) if free_run and refine else None
-    order = structure.order or (start.order if model is None else model.order)
-    begun = [model] * (model is not None)
+    asked = structure.order or (None if free_run else start.order)
+    vectors = start.resonant(asked, structure.direct) if refine else None
+    order = asked or (start.order if vectors is None else vectors.order)
+    begun = [] if vectors is None else [vectors]
     if order <= start.subspace.most:
         begun.append(start.model(order, structure.direct, noise=not free_run))
     problems = [StateSpaceError(each, start, structure.direct, free_run, left_out) for each in begun]
-    zero = [np.zeros(each.size) for each in problems]
-    problem, begin = min(zip(problems, zero, strict=True), key=lambda each: trial_cost(*each, SQUARES))
-    how = {"max_iterations": max_iterations, "noise": ROUNDING, "control": control}
-    return problem.fit(gauss_newton(problem, begin, **how) if refine else None)
+    problem = min(problems, key=lambda each: trial_cost(each, np.zeros(each.size), SQUARES))
+    if not refine:
+        return problem.fit(None)
+    begin = np.zeros(problem.size)
+    return problem.fit(gauss_newton(problem, begin, max_iterations=max_iterations, noise=ROUNDING, control=control))
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +351,9 @@ class StateSpaceError(SparseProblem):
         left = y.T - modal.c.reshape(len(y.T), -1) @ modal.states(signals, rest).reshape(-1, v.shape[1]) - modal.d @ v
         by_state = np.stack([modal.derivatives(w, rest, signals, signals[:, :2], v)[1] for w in np.eye(len(left))])
         rows = by_state.reshape(len(left), -1, v.shape[1]).transpose(0, 2, 1).reshape(-1, rest.size)
-        return np.linalg.lstsq(rows, (left - modal.level[:, None]).ravel(), rcond=LEAST)[0].reshape(rest.shape)
+        return np.asarray(
+            np.linalg.lstsq(rows, (left - modal.level[:, None]).ravel(), rcond=LEAST)[0].reshape(rest.shape)
+        )
 
     @property
     def size(self) -> int:
@@ -376,7 +380,7 @@ class StateSpaceError(SparseProblem):
         a, b, c = modal.matrices()
         k = np.zeros((len(a), len(c))) if self.free_run else b[:, inputs:]
         d = modal.d[:, :inputs]
-        level = np.linalg.lstsq(np.eye(len(c)) - c @ _at_one(a, k), modal.level, rcond=None)[0]
+        level = np.asarray(np.linalg.lstsq(np.eye(len(c)) - c @ _at_one(a, k), modal.level, rcond=None)[0])
         return replace(self.start, a=a + k @ c, b=b[:, :inputs] + k @ d, c=c, d=d, k=k, level=level)
 
     def _runs(self, beta: Array) -> Iterator[tuple[Array, Array, Array]]:

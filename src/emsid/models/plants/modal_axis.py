@@ -36,10 +36,10 @@ BODY = 5
 @njit(nogil=True)
 def _speed(x: Array, p: Array) -> float:
     """The speed of the motor side."""
-    speed = x[1]
+    speed = float(x[1])
     for k in range((len(p) - BODY) // 3):
         speed += p[BODY + 3 * k + 2] * x[3 + 2 * k]
-    return speed
+    return float(speed)
 
 
 @njit(nogil=True)

@@ -295,7 +295,7 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
         **REGRESSIONS,
         "armax": Armax("linear, with moving-average noise through the same poles"),
         "box-jenkins": BoxJenkins("linear, with a noise model of its own", OUTPUT_ERROR),
-        "state-space": StateSpace("linear, several outputs, by a subspace method and the free run"),
+        "state-space": StateSpace("linear, of many modes or several outputs, fitted to the free run"),
         "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
         "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
         "wiener": Blocks("linear filter, static map", WIENER),
@@ -304,7 +304,8 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
     }
 )
 
-# The models that are fitted by default: they suit any record of one input and one output.
+# The models that are fitted by default: they suit any record of one input and one output. A state space of high order
+# joins where the others leave something that the inputs explain, as resonances do.
 USUAL = (*REGRESSIONS, "state-space", "wiener-hammerstein", "feedback")
 
 

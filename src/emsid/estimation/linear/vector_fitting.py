@@ -60,7 +60,7 @@ def spread(pairs: int, longest: float) -> Array:
 def most_pairs(segments: Sequence[Signals]) -> int:
     """The number of pairs of poles for which there are `PER_COLUMN` samples for each unknown."""
     unknowns = 2 * (segments[0][1].shape[1] + 2)
-    return min(sum(len(y) for y, _ in segments), SAMPLES) // (PER_COLUMN * unknowns)
+    return int(min(sum(len(y) for y, _ in segments), SAMPLES) // (PER_COLUMN * unknowns))
 
 
 def _form(a: Array, apart: bool = False) -> Modal:

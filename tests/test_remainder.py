@@ -15,7 +15,7 @@ from emsid.identification.candidates import usual_for
 from emsid.identification.fitting import explained_share, leaves_nothing
 from emsid.models.model import Run
 
-DT, LAST = 0.01, ("wiener-hammerstein", "feedback")
+DT, LAST = 0.01, ("state-space", "wiener-hammerstein", "feedback")
 
 
 def lagging(seed: int = 0, samples: int = 1200, bend: float = 0.0, noise: float = 0.02) -> emsid.Record:

@@ -5,6 +5,7 @@
 ('resistance', 'motor_constant', 'rotor_inertia')
 """
 
+from emsid.models.plants.brushless import Brushless, Harmonic
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
@@ -23,7 +24,7 @@ from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.constructors import joint, linear_axis, motor, rigid_motor
+from emsid.models.plants.search.constructors import brushless, joint, linear_axis, motor, rigid_motor
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
@@ -41,6 +42,7 @@ __all__ = [
     "Acting",
     "ActingEach",
     "Bridge",
+    "Brushless",
     "Channels",
     "Cogging",
     "Combination",
@@ -58,6 +60,7 @@ __all__ = [
     "GreyBox",
     "GreyBoxFit",
     "Handle",
+    "Harmonic",
     "Hold",
     "InitialState",
     "LawParameter",
@@ -85,6 +88,7 @@ __all__ = [
     "Sizes",
     "StaticCharacteristic",
     "Status",
+    "brushless",
     "by_direction",
     "choose",
     "datasheet",

@@ -216,19 +216,11 @@ def with_effect(plant: Plant, signals: Sequence[Signal]) -> list[str]:
     return found
 
 
-_BY_UNIT = {
-    "rad/s": Signal.SPEED, "m/s": Signal.SPEED, "rpm": Signal.SPEED, "deg/s": Signal.SPEED,
-    "rad": Signal.POSITION, "m": Signal.POSITION, "deg": Signal.POSITION,
-    "A": Signal.CURRENT,
-}  # fmt: skip
-
-
 def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
     """The signals of the outputs of a record: as given, else by units; without a unit, the default of the plant."""
-    default = Signal.SPEED if plant.channels is None else plant.channels.default_signal
-    by_unit = (_BY_UNIT.get(unit, default) for unit in record.output_units)
     named = (record.signals.get(name, "").removeprefix("load ") for name in record.output_names)
-    return tuple(Signal(name) if name else signal for name, signal in zip(named, by_unit, strict=True))
+    channels = zip(named, record.output_names, record.output_units, strict=True)
+    return tuple(Signal(given) if given else plant.signal_of(name, unit) for given, name, unit in channels)
 
 
 _NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
@@ -303,7 +295,7 @@ def _has_bridge(channels: Channels, record: Record) -> bool:
 
 def _check_command(plant: Plant, channels: Channels, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
-    if record.input.shape[1] > 1 + bool(channels.codes) + bool(channels.load):
+    if record.input.shape[1] > channels.inputs + bool(channels.codes) + bool(channels.load):
         codes = " and the one with its codes" if channels.codes else ", or say which values of a second are codes"
         load = plant.load_unit if isinstance(plant, DrivenPlant) and not channels.load else ""
         raise DataError(

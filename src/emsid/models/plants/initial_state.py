@@ -77,7 +77,7 @@ Found = TypeVar("Found", bound=Fitted)
 
 def starts_from_samples(plant: Plant, signals: Sequence[Signal]) -> bool:
     """Whether the start of a free run can be taken from the first samples: where a position is all that is measured."""
-    return plant.channels is not None and tuple(signals) == (Signal.POSITION,)
+    return plant.driven is not None and tuple(signals) == (Signal.POSITION,)
 
 
 def begun(

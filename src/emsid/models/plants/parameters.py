@@ -34,6 +34,8 @@ class Signal(Enum):
     POSITION = "position"
     CURRENT = "current"
     ROTOR_SPEED = "rotor speed"
+    D_CURRENT = "d-axis current"
+    Q_CURRENT = "q-axis current"
 
 
 class Handle(NamedTuple):

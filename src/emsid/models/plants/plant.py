@@ -29,6 +29,11 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
+_BY_UNIT = {
+    "rad/s": Signal.SPEED, "m/s": Signal.SPEED, "rpm": Signal.SPEED, "deg/s": Signal.SPEED,
+    "rad": Signal.POSITION, "m": Signal.POSITION, "deg": Signal.POSITION,
+    "A": Signal.CURRENT,
+}  # fmt: skip
 BEGINNING = 20
 """Samples that give the initial state if one sample is not enough."""
 
@@ -64,6 +69,7 @@ class Channels(NamedTuple):
         load: the unit of a load that is the last input; empty without one.
         bridge: whether the source can short it or leave it open.
         zero_when_open: the quantity that is zero when it is left open: ``torque``.
+        inputs: how many inputs it takes, without codes and load.
     """
 
     units: Mapping[Signal, str]
@@ -75,6 +81,7 @@ class Channels(NamedTuple):
     bridge: bool = False
     zero_when_open: str = "torque"
     load: str = ""
+    inputs: int = 1
 
 
 class StaticCharacteristic(NamedTuple):
@@ -258,6 +265,14 @@ class Plant(ABC):
         if laws:
             raise ModelError(f"{self.name} has no friction law {', '.join(laws)}")
         return self
+
+    def signal_of(self, name: str, unit: str) -> Signal:
+        """The signal of an output, from its unit; here not from its name."""
+        return _BY_UNIT.get(unit, Signal.SPEED if self.channels is None else self.channels.default_signal)
+
+    def suggested(self, segments: Sequence[Record], signals: Sequence[Signal]) -> Sequence[Plant]:
+        """The plant with other values to begin a search with, as some records show them; none."""
+        return ()
 
     @property
     def absent(self) -> tuple[str, ...]:

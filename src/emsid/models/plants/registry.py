@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from emsid.errors import ModelError
+from emsid.models.plants.brushless import Brushless
 from emsid.models.plants.by_record import from_data
 from emsid.models.plants.gravity import Gravity
 from emsid.models.plants.linear_axis import LinearAxis
@@ -105,6 +106,12 @@ register(
     DrivenMotor(replace(_BARE, inductance=0.0).rigid(), gravity=Gravity(), steps=JOINT_STEPS),
     start=DrivenMotor(_ONE_MASS, gravity=Gravity(0.1), steps=JOINT_STEPS),
     summary="a joint of a robot: gear, arm with gravity, friction; N·m and kg·m² with intervals",
+    usual=False,
+)
+register(
+    Brushless(),
+    summary="a brushless motor: resistance, inductances, flux and inertia with intervals",
+    refined=False,
     usual=False,
 )
 

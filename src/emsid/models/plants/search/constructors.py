@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from emsid.models.plants.brushless import Brushless
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.choice import STARTS
@@ -47,3 +50,17 @@ def linear_axis() -> LinearAxis:
     plant = STARTS["linear-axis"]
     assert isinstance(plant, LinearAxis)
     return plant
+
+
+def brushless(**options: Any) -> Brushless:
+    """A brushless motor with its inverter, from voltages on d- and q-axis to currents, speed and angle.
+
+    Its values are a start for `emsid.fit`; a regression on the records replaces those that are estimated.
+
+    Args:
+        options: of `Brushless`: values of parameters, and what its inverter does.
+
+    Raises:
+        ModelError: for a value outside its bounds.
+    """
+    return Brushless(**options)

@@ -148,11 +148,17 @@ def starts_of(task: Task) -> list[Plant]:
         its excess would be part of the Coulomb level.
     """
     if not isinstance(task.given, DrivenPlant):
-        return [task.plant]
+        others = [_within(each, task) for each in task.given.suggested(task.segments, task.signals)]
+        return sorted([task.plant, *others], key=lambda plant: cost_of(task.problem(plant, task.asked)))
     starts: list[tuple[float, Plant]] = []
     for each in task.given.knee_starts(_with_stribeck_rate(task), task.asked, task.limits):
         starts += _suggested(each, task)
     return [plant for _, plant in sorted(starts, key=lambda start: start[0])]
+
+
+def _within(plant: Plant, task: Task) -> Plant:
+    """The start of a task with the values of a plant that are asked for, within their limits."""
+    return task.plant.with_values({name: float(np.clip(plant.value(name), *task.limits[name])) for name in task.asked})
 
 
 def _with_stribeck_rate(task: Task) -> Plant:

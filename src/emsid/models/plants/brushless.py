@@ -1,0 +1,761 @@
+r"""A brushless motor with its inverter, in the frame of its rotor.
+
+    L_d·di_d/dt = v_d − R_s·i_d + ω_e·L_q·i_q,      L_q·di_q/dt = v_q − R_s·i_q − ω_e·(L_d·i_d + ψ),      ω_e = p·ω,
+    J·dω/dt = T·(1 + T_r(θ)) − B·ω − T_f(ω) − T_c(θ) − (T_a + m·g·l)·sin(θ − θ₀) − T_d,
+    T = 3/2·p·(ψ + (L_d − L_q)·i_d)·i_q.
+
+Voltages and currents have the amplitudes of the phases; a drive that logs power-invariant ones is converted when it is
+read (`emsid.io.park`). T_c is cogging and T_r the ripple of the torque by current, both sums of cosines and sines of
+whole multiples n of the angle.
+
+Between two samples a step consists of half a step of the currents at constant speed, a step of the motion under
+constant currents, and half a step of the currents (Strang). Each part is exact: the currents by the exponential of a
+matrix of two by two, the motion by `one_mass.move` with sticking. What is left is of second order in the step.
+
+The inverter: a voltage acts after the delay, so that a controller that computes for one period and holds its voltage for
+the next one is one and a half periods late on average. An inverter holds the voltage in the frame of the stator, where
+the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by which the
+controller advances that angle. Dead time takes U_t·i/√(i² + i_t²) from every phase, which is a constant drop against the
+current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
+
+The resistance follows the temperature of the winding, R = R_s·(1 + α·Δϑ). Δϑ is logged (an input), or the state of one
+thermal mass that begins at zero, so that R_s is the resistance at the start: dΔϑ/dt = h·P − k·Δϑ with the copper loss
+P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
+
+References:
+    Strang, SIAM J. Numer. Anal. 5 (1968), on the splitting. Krishnan, *Permanent Magnet Synchronous and Brushless DC
+    Motor Drives* (2010), ch. 3, on the equations. Jeong, Park, IEEE Trans. Ind. Electron. 38 (1991), on dead time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import ceil, inf
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.arguments import did_you_mean
+from emsid.compiled import njit
+from emsid.errors import DataError, EmsidError, ModelError, listed
+from emsid.models.plants.drive import Hold
+from emsid.models.plants.gravity import Gravity, gravity_handles
+from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
+from emsid.models.plants.parameters import TINY, Handle, Signal, law_handles, scalar
+from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, plausible
+from emsid.models.plants.state import NO_LOAD, NO_ROWS, PlantState
+from emsid.plant.friction import Friction, FrictionLaw, find_law, law_name
+from emsid.plant.parameter import Measure, Parameter
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+COPPER = 0.00393
+"""Temperature coefficient of copper in 1/K, at 20 °C (IEC 60028)."""
+REFERENCE = 20.0
+"""Temperature in °C at which R_s holds where the temperature of the winding is logged."""
+LONGEST_STEP = 1e-4
+"""Longest step in s: halving it changes estimates by a tenth of their standard error (tests/test_brushless.py)."""
+INPUTS = {
+    "dq": ("v_d", "v_q"),
+    "q": ("v_q",),
+    "duty": ("duty", "bus"),
+}
+"""The inputs by name. A duty of one is the largest amplitude of space-vector modulation, bus/√3, on the q-axis."""
+TEMPERATURE = "temperature"
+
+_kernel = njit(nogil=True, error_model="numpy")
+_NO_LOAD = NO_LOAD
+_CODES = {Signal.POSITION: 0, Signal.SPEED: 1, Signal.D_CURRENT: 2, Signal.Q_CURRENT: 3}
+_SPEED, _ANGLE, _D, _Q, _RISE, _READING, _BEGUN = range(7)
+"""The state: speed in rad/s, angle in rad, currents in A, rise of temperature in K, reading of the speed, and whether a
+sample has been simulated."""
+_ROWS: tuple[tuple[str, str, str, str, Measure, float], ...] = (
+    ("resistance", "R_s", "ohm", "resistance of a phase", Measure.OTHER, TINY),
+    ("inductance_d", "L_d", "H", "inductance on the d-axis", Measure.OTHER, TINY),
+    ("inductance_q", "L_q", "H", "inductance on the q-axis", Measure.OTHER, TINY),
+    ("flux", "ψ", "Wb", "flux linkage of the magnets, amplitude of a phase", Measure.OTHER, 0.0),
+    ("pole_pairs", "p", "1", "pole pairs", Measure.OTHER, 1.0),
+    ("inertia", "J", "kg*m^2", "inertia of rotor and load", Measure.OTHER, TINY),
+    ("viscous_friction", "B", "N*m*s/rad", "viscous friction", Measure.DAMPING, 0.0),
+    ("quadratic_viscous", "B_q", "N*m*s^2/rad^2", "quadratic viscous friction", Measure.QUADRATIC, 0.0),
+    ("load_torque", "T_d", "N*m", "constant load torque", Measure.FORCE, -inf),
+    ("delay", "t_d", "s", "time until a voltage acts, without the half period for which it is held", Measure.TIME, 0.0),
+    ("advance", "t_a", "s", "time by which the controller advances the angle of its voltage", Measure.TIME, 0.0),
+    ("dead_time_voltage", "U_t", "V", "voltage that a phase loses to dead time", Measure.COMMAND, 0.0),
+    ("dead_time_current", "i_t", "A", "current at which it loses 71 % of it", Measure.OTHER, 0.0),
+    ("sensor_lag", "t_s", "s", "time constant of the filter of the speed", Measure.TIME, 0.0),
+    ("heating", "h", "K/J", "rise of temperature per copper loss", Measure.OTHER, 0.0),
+    ("cooling", "k", "1/s", "rate at which the winding cools", Measure.OTHER, 0.0),
+    ("temperature_coefficient", "α", "1/K", "temperature coefficient of the resistance", Measure.OTHER, 0.0),
+)  # fmt: skip
+
+
+class Harmonic(NamedTuple):
+    """One harmonic of a torque over the angle.
+
+    Attributes:
+        number: n, periods per turn.
+        cosine, sine: amplitudes in N·m, or of the ripple by current as parts of the torque.
+    """
+
+    number: int
+    cosine: float = 0.0
+    sine: float = 0.0
+
+
+@dataclass(frozen=True)
+class Brushless(Plant):
+    """A brushless motor, from voltages in the frame of its rotor to currents, speed and angle.
+
+    Args:
+        resistance, inductance_d, inductance_q, flux: of a phase, in Ω, H and Wb.
+        pole_pairs: p.
+        inertia, viscous_friction, quadratic_viscous, load_torque: of the motion, in SI units.
+        friction: dry friction.
+        gravity: of an arm on the motor.
+        cogging: harmonics of a torque over the angle.
+        torque_ripple: harmonics of the torque by current, as parts of it.
+        delay, advance: in s, see the module.
+        dead_time_voltage, dead_time_current: in V and A.
+        sensor_lag: in s.
+        heating, cooling, temperature_coefficient: in K/J, 1/s and 1/K.
+        inputs: ``dq``, ``q`` (v_d is zero) or ``duty`` (of the q-axis, and the bus voltage).
+        warmed: whether the temperature of the winding in °C is a further input.
+        held_in: ``rotor`` or ``stator``: the frame in which a voltage is constant.
+        between: how voltages go on between samples: held, or straight to the next.
+        steps: per sample, at least; none is longer than `LONGEST_STEP`.
+
+    Raises:
+        ModelError: for a value outside its bounds, or unknown inputs or frames.
+    """
+
+    resistance: float = 0.1
+    inductance_d: float = 1e-4
+    inductance_q: float = 1e-4
+    flux: float = 0.005
+    pole_pairs: float = 7.0
+    inertia: float = 1e-4
+    viscous_friction: float = 0.0
+    quadratic_viscous: float = 0.0
+    load_torque: float = 0.0
+    friction: FrictionLaw = Friction()  # noqa: RUF009  (frozen)
+    gravity: Gravity = Gravity()  # noqa: RUF009  (frozen)
+    cogging: tuple[Harmonic, ...] = ()
+    torque_ripple: tuple[Harmonic, ...] = ()
+    delay: float = 0.0
+    advance: float = 0.0
+    dead_time_voltage: float = 0.0
+    dead_time_current: float = 0.0
+    sensor_lag: float = 0.0
+    heating: float = 0.0
+    cooling: float = 0.0
+    temperature_coefficient: float = COPPER
+    inputs: str = "dq"
+    warmed: bool = False
+    held_in: str = "rotor"
+    between: Hold = Hold.ZERO
+    steps: int = 1
+
+    def __post_init__(self) -> None:
+        for what, value, known in (("inputs", self.inputs, list(INPUTS)), ("held_in", self.held_in, [*_FRAMES])):
+            if value not in known:
+                raise ModelError(f"brushless: {what} is {value!r}; give {listed(known)}{did_you_mean(value, known)}")
+        for name, symbol, _, _, _, lower in _ROWS:
+            value = getattr(self, name)
+            if not lower <= value < inf:
+                raise ModelError(f"brushless with {name} ({symbol}) {value}; it must be at least {lower:g} and finite")
+
+    name = "brushless"
+    states = 7
+    body = "motor"
+    friction_name = "friction"
+    load_name = "load_torque"
+
+    @property
+    def handles(self) -> Mapping[str, Handle]:
+        """The rows of the table, friction, gravity and harmonics."""
+        harmonics = tuple(tuple(each.number for each in some) for some in (self.cogging, self.torque_ripple))
+        return _handles(type(self.friction), *harmonics)
+
+    @property
+    def default_free(self) -> tuple[str, ...]:
+        """Electrical constants, inertia, friction, what has an effect besides, and all harmonics."""
+        level = f"friction.{self.friction.parameters[0].name}"
+        usual = ("resistance", "inductance_d", "inductance_q", "flux", "inertia", "viscous_friction", level)
+        more = tuple(name for name in ("dead_time_voltage", "heating", "cooling", "gravity.torque") if self.value(name))
+        return (*usual, *more, *(name for name in self.handles if name.startswith(("cogging.", "torque_ripple."))))
+
+    @property
+    def channels(self) -> Channels:
+        """Currents, speed and angle, for voltages."""
+        units = {Signal.SPEED: "rad/s", Signal.POSITION: "rad", Signal.D_CURRENT: "A", Signal.Q_CURRENT: "A"}
+        commands = ("1",) if self.inputs == "duty" else ("V",)
+        return Channels(units, Signal.SPEED, commands, "volts", "voltage", inputs=len(self.roles))
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The names of its inputs, in order."""
+        return (*INPUTS[self.inputs], *[TEMPERATURE] * self.warmed)
+
+    def signal_of(self, name: str, unit: str) -> Signal:
+        """A current with a d before any q in its name is that of the d-axis."""
+        if unit != "A":
+            return super().signal_of(name, unit)
+        letters = [each for each in name.lower().replace("_", "") if each in "dq"]
+        return Signal.D_CURRENT if letters[:1] == ["d"] else Signal.Q_CURRENT
+
+    @property
+    def frictions(self) -> Mapping[str, FrictionLaw]:
+        """Its dry friction."""
+        return {"friction": self.friction}
+
+    def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
+        """The motor with another friction law."""
+        return replace(self, **dict(laws))  # type: ignore[arg-type]
+
+    @property
+    def hold(self) -> Hold:
+        """How voltages go on between samples."""
+        return self.between
+
+    def with_hold(self, hold: Hold) -> Self:
+        """The motor with this hold of its voltages."""
+        return replace(self, between=hold)
+
+    def for_command(self, record: Record) -> Self:
+        """The motor with the inputs that a record has, by their number and units.
+
+        Raises:
+            DataError: for inputs that are none of `INPUTS`.
+        """
+        units = list(record.input_units)
+        warmed = units[-1] in ("degC", "°C", "K") and len(units) > 1
+        volts = tuple(unit in ("V", "") for unit in units[: len(units) - warmed])
+        found = {(True, True): "dq", (True,): "q", (False, True): "duty"}.get(volts)
+        if found is None or (found == "duty" and units[0] not in ("1", "")):
+            raise DataError(
+                f"{record.name}: inputs in {listed(units)}; a brushless motor takes v_d and v_q in V, v_q alone, or duty "
+                "and bus voltage, and after them a temperature in degC",
+                arguments=("units",),
+            )
+        return replace(self, inputs=found, warmed=warmed)
+
+    def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
+        """What acts only beside something that is absent; constants that nobody questions."""
+        found = ["pole_pairs", "gravity.acceleration", "gravity.period"]
+        found += [] if self.heating else ["cooling", *([] if self.warmed else ["temperature_coefficient"])]
+        found += [] if self.held_in == "stator" else ["advance"]
+        found += [] if self.dead_time_voltage else ["dead_time_current"]
+        return (*found, *([] if Signal.SPEED in signals else ["sensor_lag"]))
+
+    def plausible(self, measure: Measure, sizes: Sizes) -> float:
+        """From the torque of a rotor that the largest voltage holds at rest."""
+        return plausible(measure, 1.5 * self.pole_pairs * self.flux * sizes.command / self.resistance, sizes)
+
+    def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
+        """Inductances whose time constant is below the sample time divided by e: their current has settled by then."""
+        return {
+            name: (0.02 * dt * self.resistance, inf) for name in ("inductance_d", "inductance_q") if name in asked
+        }
+
+    def start(
+        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
+    ) -> PlantState:
+        """The state before the first sample: speed, angle, currents, rise of temperature, and the voltages before it.
+
+        Raises:
+            ModelError: for a signal that it does not have.
+        """
+        missing = [signal.value for signal in signals if signal not in _CODES]
+        if missing:
+            raise ModelError(f"brushless has no {missing[0]} to compare with; it has {listed([s.value for s in _CODES])}")
+        late = min(self.delay / dt, samples or inf)
+        age = np.arange(max(ceil(late - 1e-9), 1) + (self.between is Hold.FIRST), 0, -1.0)
+        motion = np.zeros(7)
+        motion[:5] = state[:5]
+        motion[_READING] = motion[_SPEED]
+        v_d, v_q = state[5:]
+        angles = self.pole_pairs * (motion[_ANGLE] + (self.advance - age * dt) * motion[_SPEED])
+        rows = np.column_stack([np.full(len(age), v_d), np.full(len(age), v_q), angles])
+        return PlantState(dt, motion, rows, NO_ROWS)
+
+    def _voltages(self, command: Array) -> tuple[float, float]:
+        at = dict(zip(self.roles, command.tolist(), strict=False))
+        q = at["duty"] * at["bus"] / np.sqrt(3.0) if self.inputs == "duty" else at["v_q"]
+        return at.get("v_d", 0.0), float(q)
+
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for inputs (N, nu), and the state after them."""
+        sampler = self._between(state, signals)
+        outputs = np.empty((len(inputs), len(signals)))
+        sampler.run(np.ascontiguousarray(inputs), outputs)
+        return outputs, sampler.state
+
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
+        """See `Plant.sampler`."""
+        return self._between(state, signals)
+
+    def _between(self, state: PlantState, signals: Sequence[Signal]) -> BrushlessSampler:
+        dt, straight = state.dt, self.between is Hold.FIRST
+        late, kept = self.delay / dt, len(state.commands) - straight
+        waves = np.array(
+            [*self.gravity.wave(1.0), *((1.0 * n, c, s) for n, c, s in self.cogging)]
+        ).reshape(-1, 3)
+        friction = Sliding.of(
+            self.friction, (self.viscous_friction,) * 2, self.quadratic_viscous, waves, self.load_torque
+        )  # fmt: skip
+        columns = [self.roles.index(name) if name in self.roles else -1 for name in _COLUMNS]
+        machine = Machine(
+            self.resistance, self.inductance_d, self.inductance_q, self.flux, self.pole_pairs,
+            self.inertia + self.gravity.inertia, self.load_torque, self.advance, self.dead_time_voltage,
+            self.dead_time_current, 1.0 - np.exp(-dt / self.sensor_lag) if self.sensor_lag else 1.0, self.heating,
+            self.cooling, self.temperature_coefficient, dt, 0.0 if straight else min(late - (kept - 1), 1.0),
+            len(state.commands) - late if straight else 0.0, late * dt,
+            np.array([(1.0 * n, c, s) for n, c, s in self.torque_ripple]).reshape(-1, 3),
+            np.array(columns, dtype=np.int64), np.array([_CODES[each] for each in signals], dtype=np.int64),
+            max(self.steps, ceil(dt / LONGEST_STEP - 1e-9)), straight, self.held_in == "stator",
+            Signal.POSITION in signals,
+        )  # fmt: skip
+        return BrushlessSampler(machine, type(self.friction).level, friction, state)
+
+    def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
+        """The first samples; a speed that is not measured is zero, or the slope of the angle."""
+        state = np.zeros(self.states)
+        state[5:] = self._voltages(segment.input[0])
+        for k, signal in enumerate(signals):
+            state[_STATE_OF[signal]] = segment.output[0, k]
+        if Signal.SPEED not in signals and Signal.POSITION in signals and len(segment) > 2:
+            angle = segment.output[:20, signals.index(Signal.POSITION)]
+            state[_SPEED] = np.polyfit(np.arange(len(angle)) * segment.dt, angle, 1)[0]
+        return state
+
+    def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
+        """Those that are measured, the speed of a measured angle, and voltages before the start that still act."""
+        found = {_STATE_OF[signal] for signal in signals} | ({_SPEED} if Signal.POSITION in signals else set())
+        return (*sorted(found), *((5, 6) if self.delay > 0 and found & {_D, _Q} else ()))
+
+    def suggested(self, segments: Sequence[Record], signals: Sequence[Signal]) -> list[Self]:
+        """With the constants from regressions on the equations, integrated over windows of some samples."""
+        try:
+            electrical = self._by_voltages(segments, signals)
+            found = replace(self, **electrical)
+            return [replace(found, **found._by_torque(segments, signals))]
+        except (EmsidError, np.linalg.LinAlgError):
+            return []
+
+    def _by_voltages(self, segments: Sequence[Record], signals: Sequence[Signal]) -> dict[str, float]:
+        """Resistance, inductances, flux and dead-time voltage from measured currents."""
+        if not {Signal.D_CURRENT, Signal.Q_CURRENT} <= {*signals}:
+            return {}
+        rows, values = [], []
+        for segment in segments:
+            d, q, speed = (_measured(signals, segment, each) for each in _MEASURED)
+            late = round((self.delay + 0.5 * segment.dt * (self.between is Hold.ZERO)) / segment.dt)
+            v = np.array([self._voltages(u) for u in segment.input])
+            v = np.concatenate([np.repeat(v[:1], late, axis=0), v])[: len(v)]
+            along = np.column_stack([d, q]) / np.maximum(np.hypot(d, q), 1e-9)[:, None] * 4 / np.pi
+            dt, e, none = segment.dt, self.pole_pairs * speed, np.zeros(len(d))
+            dd, dq = np.gradient(d, dt), np.gradient(q, dt)
+            for lines, target in (
+                ((d, dd, -e * q, none, along[:, 0]), v[:, 0]),
+                ((q, e * d, dq, e, along[:, 1]), v[:, 1]),
+            ):
+                rows.append(_windowed(np.column_stack(lines), 8))
+                values.append(_windowed(target[:, None], 8)[:, 0])
+        names = ("resistance", "inductance_d", "inductance_q", "flux", "dead_time_voltage")
+        return _positive(names, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
+
+    def _by_torque(self, segments: Sequence[Record], signals: Sequence[Signal]) -> dict[str, Any]:
+        """Inertia and friction from measured currents and speed."""
+        if Signal.Q_CURRENT not in signals or not {Signal.SPEED, Signal.POSITION} & {*signals}:
+            return {}
+        rows, values = [], []
+        for segment in segments:
+            d, q, speed = (_measured(signals, segment, each) for each in _MEASURED)
+            torque = 1.5 * self.pole_pairs * (self.flux + (self.inductance_d - self.inductance_q) * d) * q
+            slope = np.gradient(speed, segment.dt)
+            lines = np.column_stack([slope, speed, np.sign(speed), np.ones(len(speed)), torque])
+            rows.append(_windowed(lines, max(len(speed) // 100, 2))[:, :4])
+            values.append(_windowed(lines, max(len(speed) // 100, 2))[:, 4])
+        inertia, viscous, level, _ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
+        found: dict[str, Any] = _positive(("inertia", "viscous_friction"), (inertia, viscous))
+        return found | ({"friction": self.friction.sliding_at(float(level))} if level > 0 else {})
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Torque constant, time constants, and the motor constant."""
+        torque = 1.5 * self.pole_pairs * self.flux
+        return (
+            Quantity("torque constant", "3/2·p·ψ", "N*m/A", torque),
+            Quantity("electrical time constant", "L_q/R_s", "s", self.inductance_q / self.resistance),
+            Quantity(
+                "mechanical time constant", "R_s·J/(3/2·p²·ψ²)", "s",
+                self.resistance * self.inertia / max(torque * self.pole_pairs * self.flux, TINY),
+            ),
+            Quantity("motor constant", "√(3/2)·p·ψ/√R_s", "N*m/W^0.5", torque / np.sqrt(1.5 * self.resistance)),
+        )  # fmt: skip
+
+    def equations(self) -> str:
+        """Those of currents and motion."""
+        return (
+            "L_d·di_d/dt = v_d − R_s·i_d + p·ω·L_q·i_q\n"
+            "L_q·di_q/dt = v_q − R_s·i_q − p·ω·(L_d·i_d + ψ)\n"
+            "J·dω/dt = 3/2·p·(ψ + (L_d − L_q)·i_d)·i_q − B·ω − T_f(ω) − T_d"
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """Parameters, and what is not usual of the rest."""
+        data, plain = super().to_data(), Brushless()
+        rest = {name: getattr(self, name) for name in ("inputs", "warmed", "held_in", "steps")}
+        rest |= {"between": self.between.value} if self.between is not plain.between else {}
+        rest |= {name: [each.number for each in getattr(self, name)] for name in ("cogging", "torque_ripple")}
+        rest |= {} if law_name(self.friction) == law_name(plain.friction) else {"friction": law_name(self.friction)}
+        return data | {name: value for name, value in rest.items() if value != getattr(plain, name) and value != []}
+
+    def with_data(self, data: Mapping[str, Any]) -> Self:
+        """The motor described by `to_data`."""
+        rest = {name: data[name] for name in ("inputs", "warmed", "held_in", "steps") if name in data}
+        if "between" in data:
+            rest["between"] = Hold(data["between"])
+        for name in ("cogging", "torque_ripple"):
+            rest[name] = tuple(Harmonic(int(number)) for number in data.get(name, ()))
+        if "friction" in data:
+            rest["friction"] = find_law(data["friction"])()
+        return replace(self, **rest).with_values(data["parameters"])
+
+
+_FRAMES = ("rotor", "stator")
+_COLUMNS = ("v_d", "v_q", "duty", "bus", TEMPERATURE)
+_MEASURED = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
+_STATE_OF = {Signal.SPEED: _SPEED, Signal.POSITION: _ANGLE, Signal.D_CURRENT: _D, Signal.Q_CURRENT: _Q}
+
+
+@cache
+def _handles(law: type[FrictionLaw], cogging: tuple[int, ...], ripple: tuple[int, ...]) -> Mapping[str, Handle]:
+    found: dict[str, Handle] = {}
+    for name, symbol, unit, description, measure, lower in _ROWS:
+        found |= scalar((name,), Parameter(name, symbol, unit, description), measure, lower)
+    found |= law_handles(("friction",), "friction", law) | gravity_handles()
+    for part, letters, unit, of, measure, numbers in (
+        ("cogging", "ab", "N*m", "the cogging", Measure.FORCE, cogging),
+        ("torque_ripple", "cs", "1", "the torque by current, as a part of it", Measure.FACTOR, ripple),
+    ):
+        for k, number in enumerate(numbers):
+            for field, (wave, letter) in enumerate(zip(("cosine", "sine"), letters, strict=True), 1):
+                name = f"{part}.{number}.{wave}"
+                parameter = Parameter(name, f"{letter}_{number}", unit, f"{wave} of {of}, {number} periods per turn")
+                found |= scalar((part, k, field), parameter, measure, -inf)
+    return found
+
+
+def _measured(signals: Sequence[Signal], segment: Record, signal: Signal) -> Array:
+    """(N,) an output; a speed that is not measured is the slope of the angle, or zero."""
+    if signal in signals:
+        return np.asarray(segment.output[:, signals.index(signal)])
+    if signal is Signal.SPEED and Signal.POSITION in signals:
+        return np.gradient(segment.output[:, signals.index(Signal.POSITION)], segment.dt)
+    return np.zeros(len(segment))
+
+
+def _windowed(lines: Array, samples: int) -> Array:
+    """The means over windows of so many samples, times the root of their number."""
+    whole = len(lines) // samples * samples
+    return np.asarray(lines[:whole].reshape(-1, samples, lines.shape[1]).mean(axis=1) * np.sqrt(samples))
+
+
+def _positive(names: Sequence[str], values: Sequence[float] | Array) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True) if TINY < value < inf}
+
+
+class Machine(NamedTuple):
+    """A brushless motor as numbers; see `Brushless` for the parameters.
+
+    Attributes:
+        settles: the part of a change of speed that its filter follows in a sample.
+        dt, late, at: sample time; the part of it during which the row before still acts; the row that acts at the
+            sample of a straight voltage.
+        wait: the delay in s.
+        ripple: (n, 3) periods per turn, cosine and sine of the ripple by current.
+        columns: of v_d, v_q, duty, bus voltage and temperature among the inputs; −1 for none.
+        signals: (ny,) what is read.
+        steps: per sample.
+        straight, stator: see `Brushless`.
+        placed: whether the angle is known.
+    """
+
+    resistance: float
+    inductance_d: float
+    inductance_q: float
+    flux: float
+    pairs: float
+    inertia: float
+    load: float
+    advance: float
+    dead: float
+    width: float
+    settles: float
+    heating: float
+    cooling: float
+    warming: float
+    dt: float
+    late: float
+    at: float
+    wait: float
+    ripple: Array
+    columns: Integers
+    signals: Integers
+    steps: int
+    straight: bool
+    stator: bool
+    placed: bool
+
+
+class BrushlessSampler:
+    """A brushless motor between two samples."""
+
+    __slots__ = ("_friction", "_law", "_machine", "_motion", "_rows", "_work")
+
+    def __init__(self, machine: Machine, law: Callable[..., Any], friction: Sliding, state: PlantState) -> None:
+        """
+        Args:
+            machine: the motor as numbers.
+            law: the friction law.
+            friction: its parameters.
+            state: where it begins.
+        """
+        self._machine, self._law, self._friction = machine, law, friction
+        self._rows = np.concatenate([state.commands[:1], state.commands])
+        self._motion, self._work = state.motion.copy(), np.empty((6, 2))
+
+    def advance(self, u: Array, y: Array) -> None:
+        """Write the outputs (ny,) for inputs (nu,), and change the state."""
+        kernel = compiled_with_law(self._law, brushless_sample)
+        kernel(self._machine, self._friction, self._rows, self._motion, self._work, u, y)
+
+    def run(self, inputs: Array, outputs: Array) -> None:
+        """Fill outputs (N, ny) for inputs (N, nu), and change the state."""
+        kernel = compiled_with_law(self._law, _samples)
+        kernel(self._machine, self._friction, self._rows, self._motion, self._work, inputs, outputs)
+
+    def written(
+        self, single: bool
+    ) -> tuple[Any, tuple[Any, ...], tuple[int, ...], tuple[tuple[str, NDArray[Any]], ...]]:
+        """See `emsid.models.plants.sampling.OneMassSampler.written`."""
+        named = ("rows", self._rows.copy()), ("motion", self._motion.copy())
+        kernel = compiled_with_law(self._law, brushless_sample)
+        return kernel, (self._machine, self._friction), (*self._work.shape,), named
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        return PlantState(self._machine.dt, self._motion.copy(), self._rows[1:].copy(), NO_ROWS)
+
+
+@_kernel
+def _samples(m: Machine, friction: Sliding, rows: Array, motion: Array, work: Array, inputs: Array, out: Array) -> None:
+    """`brushless_sample` for every row of inputs and outputs."""
+    for k in range(len(inputs)):
+        brushless_sample(m, friction, rows, motion, work, inputs[k], out[k])
+
+
+@_kernel
+def brushless_sample(
+    m: Machine, friction: Sliding, rows: Array, motion: Array, work: Array, u: Array, y: Array
+) -> None:
+    """Write the outputs (ny,) of a sample for inputs (nu,), and change its state.
+
+    Args:
+        m: the motor.
+        friction: as for `move`.
+        rows: (w + 1, 3) voltages, and the electrical angles at which the controller gave them, the oldest first.
+        motion: (7,) the state.
+        work: (6, 2) work array.
+        u, y: inputs and outputs.
+    """
+    c, last = m.columns, len(rows) - 1
+    for k in range(last):
+        rows[k, 0], rows[k, 1], rows[k, 2] = rows[k + 1, 0], rows[k + 1, 1], rows[k + 1, 2]
+    rows[last, 0] = u[c[0]] if c[0] >= 0 else 0.0
+    rows[last, 1] = u[c[1]] if c[1] >= 0 else u[c[2]] * u[c[3]] / np.sqrt(3.0)
+    rows[last, 2] = m.pairs * (motion[_ANGLE] + m.advance * motion[_SPEED])
+    if c[4] >= 0:
+        motion[_RISE] = u[c[4]] - _REFERENCE
+    if m.straight and motion[_BEGUN] > 0.0:
+        for piece in range(m.steps):
+            at = min(max(m.at - 1.0 + (piece + 0.5) / m.steps, 0.0), 1.0 * last)
+            below = int(np.floor(at))
+            after, part = min(below + 1, last), at - below
+            v_d = (1.0 - part) * rows[below, 0] + part * rows[after, 0]
+            v_q = (1.0 - part) * rows[below, 1] + part * rows[after, 1]
+            _step(m, friction, v_d, v_q, 0.0, m.dt / m.steps, work, motion)
+    for k in range(len(m.signals)):
+        what = m.signals[k]
+        if what == _AT_ANGLE:
+            y[k] = motion[_ANGLE]
+        elif what == _AT_SPEED:
+            y[k] = motion[_READING] if m.settles < 1.0 else motion[_SPEED]
+        else:
+            y[k] = motion[_D] if what == _AT_D else motion[_Q]
+    before = motion[_SPEED]
+    if not m.straight:
+        for part in range(2):
+            whole = m.late * m.dt if part == 0 else (1.0 - m.late) * m.dt
+            if whole > 0.0:
+                pieces = int(np.ceil(whole / m.dt * m.steps - 1e-9))
+                for _ in range(pieces):
+                    _step(m, friction, rows[part, 0], rows[part, 1], rows[part, 2], whole / pieces, work, motion)
+    motion[_READING] += m.settles * (0.5 * (before + motion[_SPEED]) - motion[_READING])
+    if c[4] < 0:
+        warm = m.resistance * (1.0 + m.warming * motion[_RISE])
+        rate = m.heating * 1.5 * warm * (motion[_D] ** 2 + motion[_Q] ** 2) - m.cooling * motion[_RISE]
+        motion[_RISE] += m.dt * rate / (1.0 + 0.5 * m.dt * m.cooling)
+    motion[_BEGUN] = 1.0
+
+
+_REFERENCE = REFERENCE
+_AT_ANGLE, _AT_SPEED, _AT_D, _AT_Q = range(4)
+_ALONG = 4.0 / np.pi
+
+
+@_kernel
+def _step(
+    m: Machine, friction: Sliding, v_d: float, v_q: float, angle: float, h: float, work: Array, motion: Array
+) -> None:
+    """Move the motor by h: half the step of the currents, the motion, and the other half.
+
+    Args:
+        m, friction, work, motion: as for `brushless_sample`.
+        v_d, v_q: the voltages in V.
+        angle: the electrical angle at which they were given, where an inverter holds them.
+        h: in s.
+    """
+    for half in range(2):
+        speed = m.pairs * motion[_SPEED]
+        turn = 0.25 * h * speed
+        place = m.pairs * motion[_ANGLE] + (turn if half == 0 else -turn)
+        u_d, u_q = v_d, v_q
+        if m.stator:
+            back = (m.wait - m.advance) * speed if m.straight else place - angle
+            whole = 1.0 - turn * turn / 6.0
+            c, s = whole * np.cos(back), whole * np.sin(back)
+            u_d, u_q = c * v_d + s * v_q, c * v_q - s * v_d
+        motion[_D], motion[_Q] = _currents(m, motion, speed, u_d, u_q, 0.5 * h, place, turn, work)
+        if half == 0:
+            torque = 1.5 * m.pairs * (m.flux + (m.inductance_d - m.inductance_q) * motion[_D]) * motion[_Q]
+            middle = motion[_ANGLE] + 0.5 * h * motion[_SPEED]
+            more = 1.0
+            for k in range(len(m.ripple)):
+                phase = m.ripple[k, 0] * middle
+                more += m.ripple[k, 1] * np.cos(phase) + m.ripple[k, 2] * np.sin(phase)
+            for k in range(2):
+                work[0, k], work[1, k] = torque * more - m.load, 0.0
+            move(m.inertia, friction, work[0], work[1], _NO_LOAD, h, 0.0, 1, 0.0, motion, work[2], work[3], work[4])
+            motion[_SPEED], motion[_ANGLE] = work[2, 1], work[3, 1]
+
+
+@_kernel
+def _currents(
+    m: Machine, motion: Array, speed: float, v_d: float, v_q: float, h: float, place: float, turn: float, work: Array
+) -> tuple[float, float]:
+    """The currents after a time h at constant speed and voltages: i∞ + e^{Ah}·(i − i∞), less what dead time takes.
+
+    Args:
+        m, motion, work: as for `brushless_sample`; rows 4 and 5 of ``work`` hold the share of the voltage in each phase.
+        speed: ω_e in rad/s.
+        v_d, v_q: in V.
+        h: in s.
+        place, turn: the electrical angle in the middle, and half of the way.
+    """
+    r = m.resistance * (1.0 + m.warming * motion[_RISE])
+    a, b = -r / m.inductance_d, speed * m.inductance_q / m.inductance_d
+    c, d = -speed * m.inductance_d / m.inductance_q, -r / m.inductance_q
+    of = a * d - b * c
+    mean, square = 0.5 * (a + d), 0.25 * (a - d) ** 2 + b * c
+    size, grown = square * h * h, np.exp(mean * h)
+    if abs(size) < 1e-6:
+        even, odd = grown * (1.0 + 0.5 * size), grown * h * (1.0 + size / 6.0)
+    else:
+        root = np.sqrt(abs(square))
+        if square < 0.0:
+            even, odd = grown * np.cos(root * h), grown * np.sin(root * h) / root
+        else:
+            slow, fast = np.exp((mean + root) * h), np.exp((mean - root) * h)
+            even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+    e_dd, e_dq, e_qd, e_qq = even + odd * (a - mean), odd * b, odd * c, even + odd * (d - mean)
+    p_d, p_q, s_d, s_q = -d / of, c / of, b / of, -a / of  # where the currents end, by the slopes that voltages give
+    by_dd, by_qd = (p_d - e_dd * p_d - e_dq * p_q) / m.inductance_d, (p_q - e_qd * p_d - e_qq * p_q) / m.inductance_d
+    by_dq, by_qq = (s_d - e_dd * s_d - e_dq * s_q) / m.inductance_q, (s_q - e_qd * s_d - e_qq * s_q) / m.inductance_q
+    i_d, i_q, e_q = motion[_D], motion[_Q], v_q - speed * m.flux
+    j_d, j_q = (
+        e_dd * i_d + e_dq * i_q + by_dd * v_d + by_dq * e_q,
+        e_qd * i_d + e_qq * i_q + by_qd * v_d + by_qq * e_q,
+    )
+    if m.dead <= 0.0:
+        return j_d, j_q
+    if not m.placed:
+        x, y = i_d + j_d, i_q + j_q
+        whole = np.sqrt(x * x + y * y) + 1e-30
+        x, y = _ALONG * m.dead * x / whole, _ALONG * m.dead * y / whole
+        way_d, way_q, length = by_dd * x + by_dq * y, by_qd * x + by_qq * y, _ALONG * m.dead
+        most, i, j = (way_d * x + way_q * y) / length, (i_d * x + i_q * y) / length, (j_d * x + j_q * y) / length
+        side = _side(i, j, most, m.width)
+        return j_d - way_d * side, j_q - way_q * side
+    cosine, sine, c, s = np.cos(place), np.sin(place), np.cos(turn), np.sin(turn)
+    begin_c, begin_s, end_c, end_s = cosine * c + sine * s, sine * c - cosine * s, cosine * c - sine * s, sine * c + cosine * s
+    for k in range(3):
+        work[4 + k // 2, k % 2] = 0.0
+    for n in range(6):  # phases have an effect on each other
+        k = n % 3
+        c, s, side = _PHASES[k, 0], _PHASES[k, 1], work[4 + k // 2, k % 2]
+        x, y = m.dead * (cosine * c + sine * s) / 1.5, m.dead * (cosine * s - sine * c) / 1.5
+        way_d, way_q = by_dd * x + by_dq * y, by_qd * x + by_qq * y
+        j_d, j_q = j_d + way_d * side, j_q + way_q * side
+        c_end, s_end = end_c * c + end_s * s, end_s * c - end_c * s
+        i = i_d * (begin_c * c + begin_s * s) - i_q * (begin_s * c - begin_c * s)
+        side = _side(i, j_d * c_end - j_q * s_end, way_d * c_end - way_q * s_end, m.width)
+        j_d, j_q = j_d - way_d * side, j_q - way_q * side
+        work[4 + k // 2, k % 2] = side
+    return j_d, j_q
+
+
+_PHASES = np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)], [-0.5, -np.sqrt(0.75)]])
+"""Cosine and sine of the places of the phases."""
+
+
+@_kernel
+def _side(i: float, free: float, most: float, width: float) -> float:
+    """The mean of i/√(i² + w²) over a straight way from i to j, where j is ``free`` less this mean times ``most``.
+
+    The mean is (i + j)/(√(i² + w²) + √(j² + w²)). It is found with j, so that a current stays at zero where the voltage
+    is less than what dead time takes.
+    """
+    if width <= 0.0:
+        way = 1.0 if i >= 0.0 else -1.0
+        i, free = way * i, way * free
+        if free >= most:
+            return way
+        total = i + free + most
+        j = 0.5 * (total - np.sqrt(total * total - 4.0 * i * (free - most)))
+        return way * max(min((free - j) / most, 1.0), -1.0)
+    square, low, high = width * width, free - most, free + most
+    a = np.sqrt(i * i + square)
+    j, side = free - most * i / a, 0.0
+    for _ in range(40):
+        b = np.sqrt(j * j + square)
+        side = (i + j) / (a + b)
+        over = j - free + most * side
+        if over > 0.0:
+            high = j
+        else:
+            low = j
+        better = j - over / (1.0 + most * (a + b - (i + j) * j / b) / (a + b) ** 2)
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        if abs(better - j) <= 1e-7 * most:
+            break
+        j = better
+    return side

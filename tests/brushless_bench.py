@@ -68,7 +68,7 @@ def _slope(m, flux_a, flux_b, angle, speed, warmer, va, vb, side):  # type: igno
 
 @numba.njit(cache=True)
 def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # type: ignore[no-untyped-def]
-    """(N, 9) v_d, v_q, i_d, i_q, speed, angle, warmer, reading of i_d and of i_q at every period."""
+    """(N, 9) v_d, v_q, i_d, i_q, speed, measured angle, warmer, reading of i_d and of i_q at every period."""
     n = len(d_wanted)
     out = np.empty((n, 9))
     flux_a, flux_b, angle, speed, warmer = m.flux, 0.0, 0.0, 0.0, 0.0
@@ -79,7 +79,9 @@ def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # ty
         c, s = np.cos(electrical), np.sin(electrical)
         i_d = (c * flux_a + s * flux_b - m.flux) / m.inductance_d
         i_q = (c * flux_b - s * flux_a) / m.inductance_q
-        seen_d, seen_q = i_d + noise[k, 0], i_q + noise[k, 1]
+        off = m.pairs * noise[k, 2]  # of the angle that the controller reads
+        seen_d = np.cos(off) * i_d + np.sin(off) * i_q + noise[k, 0]
+        seen_q = np.cos(off) * i_q - np.sin(off) * i_d + noise[k, 1]
         wanted = q_wanted[k]
         if not np.isnan(speed_wanted[k]):
             wanted = min(max(0.08 * (speed_wanted[k] - speed), -m.limit), m.limit)
@@ -88,8 +90,8 @@ def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # ty
         electrical_speed = m.pairs * speed
         v_d = m.proportional * error_d + m.integral * sum_d + added[k, 0]
         v_q = m.proportional * error_q + m.integral * sum_q + added[k, 1]
-        out[k] = v_d, v_q, i_d, i_q, speed, angle, warmer, seen_d, seen_q
-        turned = electrical + m.advance * m.period * electrical_speed
+        out[k] = v_d, v_q, i_d, i_q, speed, angle + noise[k, 2], warmer, seen_d, seen_q
+        turned = electrical + off + m.advance * m.period * electrical_speed
         next_a = np.cos(turned) * v_d - np.sin(turned) * v_q
         next_b = np.sin(turned) * v_d + np.cos(turned) * v_q
         for _ in range(FINE):
@@ -127,16 +129,16 @@ class Log(NamedTuple):
     period: float
     before: Array
 
-    def record(self, outputs: str = "i_d i_q speed angle", every: int = 1, name: str = "drive") -> emsid.Record:
-        """Voltages to some of the outputs, of every sample or fewer."""
+    def record(self, outputs: str = "i_d i_q speed", every: int = 1, name: str = "drive") -> emsid.Record:
+        """Voltages and angle to some of the outputs, of every sample or fewer."""
         units = {"i_d": "A", "i_q": "A", "speed": "rad/s", "angle": "rad"}
         chosen = outputs.split()
         return emsid.Record(
-            np.column_stack([self.v_d, self.v_q])[::every],
+            np.column_stack([self.v_d, self.v_q, self.angle])[::every],
             np.column_stack([getattr(self, each) for each in chosen])[::every],
             dt=self.period * every,
-            input_names=("v_d", "v_q"),
-            input_units=("V", "V"),
+            input_names=("v_d", "v_q", "angle"),
+            input_units=("V", "V", "rad"),
             output_names=tuple(chosen),
             output_units=tuple(units[each] for each in chosen),
             name=name,
@@ -151,14 +153,13 @@ def logged(drive: Drive, d: Array, q: Array, speed: Array, seed: int, added: flo
     rng = np.random.default_rng(seed)
     d, q, speed = (np.concatenate([np.repeat(each[:1], BEFORE), each]) for each in (d, q, speed))
     n = len(d)
-    noise = NOISE["current"] * rng.standard_normal((n, 2))
+    noise = rng.standard_normal((n, 3)) * [NOISE["current"], NOISE["current"], NOISE["angle"]]
     more = added * rng.choice([-1.0, 1.0], (n, 2))
     whole = _simulated(drive, d, q, speed, more, noise, locked)
     found = whole[BEFORE:]
     n = len(found)
     speeds = found[:, 4] + NOISE["speed"] * rng.standard_normal(n)
-    angles = found[:, 5] + NOISE["angle"] * rng.standard_normal(n)
-    return Log(found[:, 0], found[:, 1], found[:, 7], found[:, 8], speeds, angles, found[:, 6], drive.period, whole[BEFORE - 1, :2])
+    return Log(found[:, 0], found[:, 1], found[:, 7], found[:, 8], speeds, found[:, 5], found[:, 6], drive.period, whole[BEFORE - 1, :2])
 
 
 def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0) -> Log:

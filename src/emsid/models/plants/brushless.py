@@ -58,15 +58,16 @@ COPPER = 0.00393
 """Temperature coefficient of copper in 1/K, at 20 °C (IEC 60028)."""
 REFERENCE = 20.0
 """Temperature in °C at which R_s holds where the temperature of the winding is logged."""
-LONGEST_STEP = 1e-4
-"""Longest step in s: halving it changes estimates by a tenth of their standard error (tests/test_brushless.py)."""
+LONGEST_STEP = 5e-5
+"""Longest step in s: halving it changes estimates by a quarter of their standard error at most, on records of a second at
+10 kHz (measured on eight of `tests/brushless_bench.py`)."""
 INPUTS = {
     "dq": ("v_d", "v_q"),
     "q": ("v_q",),
     "duty": ("duty", "bus"),
 }
 """The inputs by name. A duty of one is the largest amplitude of space-vector modulation, bus/√3, on the q-axis."""
-TEMPERATURE = "temperature"
+ANGLE, TEMPERATURE = "angle", "temperature"
 
 _kernel = njit(nogil=True, error_model="numpy")
 _NO_LOAD = NO_LOAD
@@ -125,7 +126,9 @@ class Brushless(Plant):
         sensor_lag: in s.
         heating, cooling, temperature_coefficient: in K/J, 1/s and 1/K.
         inputs: ``dq``, ``q`` (v_d is zero) or ``duty`` (of the q-axis, and the bus voltage).
-        warmed: whether the temperature of the winding in °C is a further input.
+        placed: whether the measured angle in rad is a further input. Cogging, dead time and the frame of the inverter
+            are then where it says, and errors of the motion do not add up in it.
+        warmed: whether the temperature of the winding in °C is a further input, behind it.
         held_in: ``rotor`` or ``stator``: the frame in which a voltage is constant.
         between: how voltages go on between samples: held, or straight to the next.
         steps: per sample, at least; none is longer than `LONGEST_STEP`.
@@ -156,6 +159,7 @@ class Brushless(Plant):
     cooling: float = 0.0
     temperature_coefficient: float = COPPER
     inputs: str = "dq"
+    placed: bool = False
     warmed: bool = False
     held_in: str = "rotor"
     between: Hold = Hold.ZERO
@@ -200,7 +204,7 @@ class Brushless(Plant):
     @property
     def roles(self) -> tuple[str, ...]:
         """The names of its inputs, in order."""
-        return (*INPUTS[self.inputs], *[TEMPERATURE] * self.warmed)
+        return (*INPUTS[self.inputs], *[ANGLE] * self.placed, *[TEMPERATURE] * self.warmed)
 
     def signal_of(self, name: str, unit: str) -> Signal:
         """A current with a d before any q in its name is that of the d-axis."""
@@ -234,16 +238,17 @@ class Brushless(Plant):
             DataError: for inputs that are none of `INPUTS`.
         """
         units = list(record.input_units)
-        warmed = units[-1] in ("degC", "°C", "K") and len(units) > 1
-        volts = tuple(unit in ("V", "") for unit in units[: len(units) - warmed])
+        warmed = units[-1] in ("degC", "°C") and len(units) > 1
+        placed = units[-1 - warmed] == "rad" and len(units) > 1 + warmed
+        volts = tuple(unit in ("V", "") for unit in units[: len(units) - warmed - placed])
         found = {(True, True): "dq", (True,): "q", (False, True): "duty"}.get(volts)
         if found is None or (found == "duty" and units[0] not in ("1", "")):
             raise DataError(
                 f"{record.name}: inputs in {listed(units)}; a brushless motor takes v_d and v_q in V, v_q alone, or duty "
-                "and bus voltage, and after them a temperature in degC",
+                "and bus voltage, and after them an angle in rad and a temperature in degC",
                 arguments=("units",),
             )
-        return replace(self, inputs=found, warmed=warmed)
+        return replace(self, inputs=found, placed=placed, warmed=warmed)
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """What acts only beside something that is absent; constants that nobody questions."""
@@ -319,7 +324,7 @@ class Brushless(Plant):
             np.array([(1.0 * n, c, s) for n, c, s in self.torque_ripple]).reshape(-1, 3),
             np.array(columns, dtype=np.int64), np.array([_CODES[each] for each in signals], dtype=np.int64),
             max(self.steps, ceil(dt / LONGEST_STEP - 1e-9)), straight, self.held_in == "stator",
-            Signal.POSITION in signals,
+            Signal.POSITION in signals or self.placed,
         )  # fmt: skip
         return BrushlessSampler(machine, type(self.friction).level, friction, state)
 
@@ -410,7 +415,7 @@ class Brushless(Plant):
     def to_data(self) -> dict[str, Any]:
         """Parameters, and what is not usual of the rest."""
         data, plain = super().to_data(), Brushless()
-        rest = {name: getattr(self, name) for name in ("inputs", "warmed", "held_in", "steps")}
+        rest = {name: getattr(self, name) for name in _PLAIN}
         rest |= {"between": self.between.value} if self.between is not plain.between else {}
         rest |= {name: [each.number for each in getattr(self, name)] for name in ("cogging", "torque_ripple")}
         rest |= {} if law_name(self.friction) == law_name(plain.friction) else {"friction": law_name(self.friction)}
@@ -418,7 +423,7 @@ class Brushless(Plant):
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
         """The motor described by `to_data`."""
-        rest = {name: data[name] for name in ("inputs", "warmed", "held_in", "steps") if name in data}
+        rest = {name: data[name] for name in _PLAIN if name in data}
         if "between" in data:
             rest["between"] = Hold(data["between"])
         for name in ("cogging", "torque_ripple"):
@@ -428,8 +433,9 @@ class Brushless(Plant):
         return replace(self, **rest).with_values(data["parameters"])
 
 
+_PLAIN = ("inputs", "placed", "warmed", "held_in", "steps")
 _FRAMES = ("rotor", "stator")
-_COLUMNS = ("v_d", "v_q", "duty", "bus", TEMPERATURE)
+_COLUMNS = ("v_d", "v_q", "duty", "bus", ANGLE, TEMPERATURE)
 _MEASURED = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
 _STATE_OF = {Signal.SPEED: _SPEED, Signal.POSITION: _ANGLE, Signal.D_CURRENT: _D, Signal.Q_CURRENT: _Q}
 
@@ -480,7 +486,7 @@ class Machine(NamedTuple):
             sample of a straight voltage.
         wait: the delay in s.
         ripple: (n, 3) periods per turn, cosine and sine of the ripple by current.
-        columns: of v_d, v_q, duty, bus voltage and temperature among the inputs; −1 for none.
+        columns: of v_d, v_q, duty, bus voltage, angle and temperature among the inputs; −1 for none.
         signals: (ny,) what is read.
         steps: per sample.
         straight, stator: see `Brushless`.
@@ -581,9 +587,8 @@ def brushless_sample(
         rows[k, 0], rows[k, 1], rows[k, 2] = rows[k + 1, 0], rows[k + 1, 1], rows[k + 1, 2]
     rows[last, 0] = u[c[0]] if c[0] >= 0 else 0.0
     rows[last, 1] = u[c[1]] if c[1] >= 0 else u[c[2]] * u[c[3]] / np.sqrt(3.0)
-    rows[last, 2] = m.pairs * (motion[_ANGLE] + m.advance * motion[_SPEED])
-    if c[4] >= 0:
-        motion[_RISE] = u[c[4]] - _REFERENCE
+    if c[5] >= 0:
+        motion[_RISE] = u[c[5]] - _REFERENCE
     if m.straight and motion[_BEGUN] > 0.0:
         for piece in range(m.steps):
             at = min(max(m.at - 1.0 + (piece + 0.5) / m.steps, 0.0), 1.0 * last)
@@ -592,6 +597,9 @@ def brushless_sample(
             v_d = (1.0 - part) * rows[below, 0] + part * rows[after, 0]
             v_q = (1.0 - part) * rows[below, 1] + part * rows[after, 1]
             _step(m, friction, v_d, v_q, 0.0, m.dt / m.steps, work, motion)
+    if c[4] >= 0:
+        motion[_ANGLE] = u[c[4]]
+    rows[last, 2] = m.pairs * (motion[_ANGLE] + m.advance * motion[_SPEED])
     for k in range(len(m.signals)):
         what = m.signals[k]
         if what == _AT_ANGLE:
@@ -609,7 +617,7 @@ def brushless_sample(
                 for _ in range(pieces):
                     _step(m, friction, rows[part, 0], rows[part, 1], rows[part, 2], whole / pieces, work, motion)
     motion[_READING] += m.settles * (0.5 * (before + motion[_SPEED]) - motion[_READING])
-    if c[4] < 0:
+    if c[5] < 0:
         warm = m.resistance * (1.0 + m.warming * motion[_RISE])
         rate = m.heating * 1.5 * warm * (motion[_D] ** 2 + motion[_Q] ** 2) - m.cooling * motion[_RISE]
         motion[_RISE] += m.dt * rate / (1.0 + 0.5 * m.dt * m.cooling)

@@ -1,9 +1,9 @@
-"""A brushless drive that shares no code with emsid: flux linkages in the stator, an inverter with dead time, a controller.
+"""A brushless drive that shares no code with emsid: flux linkages of the stator, inverter with dead time, controller.
 
-The state is the flux linkage in the frame of the stator, the angle, the speed and the temperature of the winding; all are
-integrated together by the classical Runge–Kutta method, ``FINE`` steps in every period of the controller. The controller
-reads currents and angle at the start of a period; its voltages act over the next period, at the angle of the reading plus
-``advance`` periods, and every phase loses ``dead`` volts in the direction of its current.
+The state is the flux linkage in the frame of the stator, the angle, the speed and the temperature of the winding. All
+are integrated together by the classical Runge–Kutta method, ``FINE`` steps in every period of the controller. The
+controller reads currents and angle at the start of a period. Its voltages act over the next period, at the angle of the
+reading plus ``advance`` periods, and every phase loses ``dead`` volts in the direction of its current.
 """
 
 from __future__ import annotations
@@ -159,7 +159,8 @@ def logged(drive: Drive, d: Array, q: Array, speed: Array, seed: int, added: flo
     found = whole[BEFORE:]
     n = len(found)
     speeds = found[:, 4] + NOISE["speed"] * rng.standard_normal(n)
-    return Log(found[:, 0], found[:, 1], found[:, 7], found[:, 8], speeds, found[:, 5], found[:, 6], drive.period, whole[BEFORE - 1, :2])
+    v_d, v_q, angle, warmer, i_d, i_q = found[:, [0, 1, 5, 6, 7, 8]].T
+    return Log(v_d, v_q, i_d, i_q, speeds, angle, warmer, drive.period, whole[BEFORE - 1, :2])
 
 
 def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0) -> Log:

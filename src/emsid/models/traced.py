@@ -81,7 +81,8 @@ def put(thing: Any, path: Sequence[str | int], value: Any) -> Any:
         return value
     step, rest = path[0], path[1:]
     if isinstance(thing, tuple):
-        return tuple(put(each, rest, value) if k == step else each for k, each in enumerate(thing))
+        found = tuple(put(each, rest, value) if k == step else each for k, each in enumerate(thing))
+        return type(thing)(*found) if hasattr(thing, "_fields") else found
     made = object.__new__(type(thing))
     for field in fields(thing):
         each = getattr(thing, field.name)

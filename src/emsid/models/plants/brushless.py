@@ -59,8 +59,8 @@ COPPER = 0.00393
 REFERENCE = 20.0
 """Temperature in °C at which R_s holds where the temperature of the winding is logged."""
 LONGEST_STEP = 5e-5
-"""Longest step in s: halving it changes estimates by a quarter of their standard error at most, on records of a second at
-10 kHz (measured on eight of `tests/brushless_bench.py`)."""
+"""Longest step in s: with half of it, estimates from a second at 10 kHz change by half of their standard error at most
+(eight records of `tests/brushless_bench.py`)."""
 INPUTS = {
     "dq": ("v_d", "v_q"),
     "q": ("v_q",),
@@ -244,8 +244,8 @@ class Brushless(Plant):
         found = {(True, True): "dq", (True,): "q", (False, True): "duty"}.get(volts)
         if found is None or (found == "duty" and units[0] not in ("1", "")):
             raise DataError(
-                f"{record.name}: inputs in {listed(units)}; a brushless motor takes v_d and v_q in V, v_q alone, or duty "
-                "and bus voltage, and after them an angle in rad and a temperature in degC",
+                f"{record.name}: inputs in {listed(units)}; a brushless motor takes v_d and v_q in V, v_q alone, or "
+                "duty and bus voltage, and after them an angle in rad and a temperature in degC",
                 arguments=("units",),
             )
         return replace(self, inputs=found, placed=placed, warmed=warmed)
@@ -262,12 +262,6 @@ class Brushless(Plant):
         """From the torque of a rotor that the largest voltage holds at rest."""
         return plausible(measure, 1.5 * self.pole_pairs * self.flux * sizes.command / self.resistance, sizes)
 
-    def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
-        """Inductances whose time constant is below the sample time divided by e: their current has settled by then."""
-        return {
-            name: (0.02 * dt * self.resistance, inf) for name in ("inductance_d", "inductance_q") if name in asked
-        }
-
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
@@ -278,7 +272,9 @@ class Brushless(Plant):
         """
         missing = [signal.value for signal in signals if signal not in _CODES]
         if missing:
-            raise ModelError(f"brushless has no {missing[0]} to compare with; it has {listed([s.value for s in _CODES])}")
+            raise ModelError(
+                f"brushless has no {missing[0]} to compare with; it has {listed([s.value for s in _CODES])}"
+            )
         late = min(self.delay / dt, samples or inf)
         age = np.arange(max(ceil(late - 1e-9), 1) + (self.between is Hold.FIRST), 0, -1.0)
         motion = np.zeros(7)
@@ -308,9 +304,7 @@ class Brushless(Plant):
     def _between(self, state: PlantState, signals: Sequence[Signal]) -> BrushlessSampler:
         dt, straight = state.dt, self.between is Hold.FIRST
         late, kept = self.delay / dt, len(state.commands) - straight
-        waves = np.array(
-            [*self.gravity.wave(1.0), *((1.0 * n, c, s) for n, c, s in self.cogging)]
-        ).reshape(-1, 3)
+        waves = np.array([*self.gravity.wave(1.0), *((1.0 * n, c, s) for n, c, s in self.cogging)]).reshape(-1, 3)
         friction = Sliding.of(
             self.friction, (self.viscous_friction,) * 2, self.quadratic_viscous, waves, self.load_torque
         )  # fmt: skip
@@ -347,9 +341,8 @@ class Brushless(Plant):
     def suggested(self, segments: Sequence[Record], signals: Sequence[Signal]) -> list[Self]:
         """With the constants from regressions on the equations, integrated over windows of some samples."""
         try:
-            electrical = self._by_voltages(segments, signals)
-            found = replace(self, **electrical)
-            return [replace(found, **found._by_torque(segments, signals))]
+            found = self.with_values(self._by_voltages(segments, signals))
+            return [found.with_values(found._by_torque(segments, signals))]
         except (EmsidError, np.linalg.LinAlgError):
             return []
 
@@ -375,7 +368,7 @@ class Brushless(Plant):
         names = ("resistance", "inductance_d", "inductance_q", "flux", "dead_time_voltage")
         return _positive(names, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
 
-    def _by_torque(self, segments: Sequence[Record], signals: Sequence[Signal]) -> dict[str, Any]:
+    def _by_torque(self, segments: Sequence[Record], signals: Sequence[Signal]) -> dict[str, float]:
         """Inertia and friction from measured currents and speed."""
         if Signal.Q_CURRENT not in signals or not {Signal.SPEED, Signal.POSITION} & {*signals}:
             return {}
@@ -388,8 +381,8 @@ class Brushless(Plant):
             rows.append(_windowed(lines, max(len(speed) // 100, 2))[:, :4])
             values.append(_windowed(lines, max(len(speed) // 100, 2))[:, 4])
         inertia, viscous, level, _ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
-        found: dict[str, Any] = _positive(("inertia", "viscous_friction"), (inertia, viscous))
-        return found | ({"friction": self.friction.sliding_at(float(level))} if level > 0 else {})
+        names = ("inertia", "viscous_friction", f"friction.{self.friction.parameters[0].name}")
+        return _positive(names, (inertia, viscous, level))
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Torque constant, time constants, and the motor constant."""
@@ -463,7 +456,7 @@ def _measured(signals: Sequence[Signal], segment: Record, signal: Signal) -> Arr
     if signal in signals:
         return np.asarray(segment.output[:, signals.index(signal)])
     if signal is Signal.SPEED and Signal.POSITION in signals:
-        return np.gradient(segment.output[:, signals.index(Signal.POSITION)], segment.dt)
+        return np.asarray(np.gradient(segment.output[:, signals.index(Signal.POSITION)], segment.dt))
     return np.zeros(len(segment))
 
 
@@ -672,7 +665,7 @@ def _currents(
     """The currents after a time h at constant speed and voltages: i∞ + e^{Ah}·(i − i∞), less what dead time takes.
 
     Args:
-        m, motion, work: as for `brushless_sample`; rows 4 and 5 of ``work`` hold the share of the voltage in each phase.
+        m, motion, work: as for `brushless_sample`; rows 4 and 5 of ``work`` hold the shares in the phases.
         speed: ω_e in rad/s.
         v_d, v_q: in V.
         h: in s.
@@ -713,7 +706,8 @@ def _currents(
         side = _side(i, j, most, m.width)
         return j_d - way_d * side, j_q - way_q * side
     cosine, sine, c, s = np.cos(place), np.sin(place), np.cos(turn), np.sin(turn)
-    begin_c, begin_s, end_c, end_s = cosine * c + sine * s, sine * c - cosine * s, cosine * c - sine * s, sine * c + cosine * s
+    begin_c, begin_s = cosine * c + sine * s, sine * c - cosine * s
+    end_c, end_s = cosine * c - sine * s, sine * c + cosine * s
     for k in range(3):
         work[4 + k // 2, k % 2] = 0.0
     for n in range(6):  # phases have an effect on each other
@@ -748,7 +742,7 @@ def _side(i: float, free: float, most: float, width: float) -> float:
             return way
         total = i + free + most
         j = 0.5 * (total - np.sqrt(total * total - 4.0 * i * (free - most)))
-        return way * max(min((free - j) / most, 1.0), -1.0)
+        return float(way * max(min((free - j) / most, 1.0), -1.0))
     square, low, high = width * width, free - most, free + most
     a = np.sqrt(i * i + square)
     j, side = free - most * i / a, 0.0
@@ -766,4 +760,4 @@ def _side(i: float, free: float, most: float, width: float) -> float:
         if abs(better - j) <= 1e-7 * most:
             break
         j = better
-    return side
+    return float(side)

@@ -99,14 +99,18 @@ def with_numbers(thing: Any, numbers: Mapping[Path, float]) -> Any:
 def _made_anew(thing: Any, changed: Mapping[str | int, Any], numbers: Mapping[Path, float]) -> Any:
     """A part with what is ``changed`` in it, by step: the path of a number, or the same of a part of the part."""
     if isinstance(thing, tuple):
-        return tuple(numbers[changed[k]] if k in changed else kept for k, kept in enumerate(thing))
+        made = [_replaced(kept, changed[k], numbers) if k in changed else kept for k, kept in enumerate(thing)]
+        return type(thing)(*made) if hasattr(thing, "_fields") else tuple(made)
     if thing is None:
         thing = DeadZoneLaw(0.0, 0.0)
     values = {name: getattr(thing, name) for name in _field_names(type(thing))}  # type: ignore[arg-type]
     for step, below in changed.items():
-        is_number = isinstance(below, tuple)
-        values[step] = numbers[below] if is_number else _made_anew(values[step], below, numbers)  # type: ignore[index]
+        values[step] = _replaced(values[step], below, numbers)  # type: ignore[index]
     return type(thing)(**values)
+
+
+def _replaced(part: Any, below: Any, numbers: Mapping[Path, float]) -> Any:
+    return numbers[below] if isinstance(below, tuple) else _made_anew(part, below, numbers)
 
 
 @lru_cache(maxsize=1024)

@@ -148,25 +148,34 @@ class Log(NamedTuple):
 NOISE = {"current": 0.05, "speed": 0.5, "angle": 3e-4}
 
 
-def logged(drive: Drive, d: Array, q: Array, speed: Array, seed: int, added: float = 0.5, locked: bool = False) -> Log:
+def logged(
+    drive: Drive,
+    d: Array,
+    q: Array,
+    speed: Array,
+    seed: int,
+    added: float = 0.5,
+    locked: bool = False,
+    noisy: bool = True,
+) -> Log:
     """The log of a drive that follows currents (N,), or a speed (N,) where that is not NaN."""
     rng = np.random.default_rng(seed)
     d, q, speed = (np.concatenate([np.repeat(each[:1], BEFORE), each]) for each in (d, q, speed))
     n = len(d)
-    noise = rng.standard_normal((n, 3)) * [NOISE["current"], NOISE["current"], NOISE["angle"]]
+    noise = noisy * rng.standard_normal((n, 3)) * [NOISE["current"], NOISE["current"], NOISE["angle"]]
     more = added * rng.choice([-1.0, 1.0], (n, 2))
     whole = _simulated(drive, d, q, speed, more, noise, locked)
     found = whole[BEFORE:]
     n = len(found)
-    speeds = found[:, 4] + NOISE["speed"] * rng.standard_normal(n)
+    speeds = found[:, 4] + noisy * NOISE["speed"] * rng.standard_normal(n)
     v_d, v_q, angle, warmer, i_d, i_q = found[:, [0, 1, 5, 6, 7, 8]].T
     return Log(v_d, v_q, i_d, i_q, speeds, angle, warmer, drive.period, whole[BEFORE - 1, :2])
 
 
-def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0) -> Log:
+def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0, noisy: bool = True) -> Log:
     """A log with random steps of the speed and of the d-current."""
     rng = np.random.default_rng(1000 + seed)
     n, hold = round(seconds / drive.period), round(0.04 / drive.period)
     speed = np.repeat(rng.uniform(-top, top, n // hold + 1), hold)[:n]
     d = np.repeat(rng.uniform(-5, 5, 2 * n // hold + 2), hold // 2)[:n]
-    return logged(drive, d, np.zeros(n), speed, seed)
+    return logged(drive, d, np.zeros(n), speed, seed, noisy=noisy)

@@ -70,7 +70,7 @@ TABLE: dict[str, dict[str, float]] = {
     "servo at once": ROBOT,
 }
 ROBOTS = {"mujoco", "isaac-lab", "mjlab"}
-JOINT = {"python-control", "csv", *ROBOTS, "wpilib", "odrive", "vesc", "simplefoc"}
+JOINT = {"python-control", "csv", *ROBOTS, "wpilib", "odrive", "vesc", "moteus", "simplefoc"}
 WRITTEN = {
     "regression": {"python-control"},
     **{kind: {"csv"} for kind in ("cascade", "static map", "feedback")},

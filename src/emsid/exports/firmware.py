@@ -1,4 +1,4 @@
-r"""Constants for firmware: WPILib, ODrive, VESC and SimpleFOC, from resistance, torque constant, inertia and friction.
+r"""Constants for firmware: WPILib, ODrive, VESC, moteus and SimpleFOC, from what a motor has.
 
 All values are those on the side of the motor, also of a joint behind a gear.
 
@@ -20,7 +20,21 @@ q-axis    of a phase                       torque per ampere of the q current
 With p pole pairs, the flux linkage is λ = K_phase/p = K_line/(√3·p), and the torque per ampere of the q current is
 1.5·p·λ. With KV in rpm per volt between two phases, λ = 5.513/(p·KV) and torque_constant = 8.27/KV.
 
-A current loop with the gains L·β and R·β, of a phase, cancels the pole R/L and has the bandwidth β.
+A current loop with the gains L·β and R·β, of a phase, cancels the pole R/L and has the bandwidth β. A brushless motor
+has an inductance of each axis. Its flux linkage is that of a phase; so nothing has to be said about its winding.
+
+How the firmware computes with them, in its public source:
+
+=========  =============================================================================================
+ODrive     ``p_gain = current_control_bandwidth * phase_inductance``, ``i_gain = R/L * p_gain``, in rad/s
+           (``Firmware/MotorControl/motor.cpp``, ``Motor::update_current_controller_gains``)
+VESC       ``kp = l * bw``, ``ki = r * bw``; L_d and L_q are ``foc_motor_l`` less and plus half of
+           ``foc_motor_ld_lq_diff`` (``conf_general_calc_apply_foc_cc_kp_ki_gain``, ``foc_precalc_values``)
+moteus     ``kp = w_3db * inductance``, ``ki = w_3db * resistance``; torque constant 3/2/√3·60/(2π)/``Kv``
+           (``moteus_tool.py``, ``calculate_bandwidth``; ``fw/bldc_servo.cc``); ``poles`` counts both poles
+SimpleFOC  ``P = axis_inductance * 2π * bandwidth``, ``I = phase_resistance * 2π * bandwidth``; the voltage of
+           a phase is ω/(``KV_rating``·√3)·60/(2π) (``FOCMotor::tuneCurrentController``, ``estimateBEMF``)
+=========  =============================================================================================
 """
 
 from __future__ import annotations
@@ -31,12 +45,17 @@ from math import inf, nan, pi, sqrt
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
-from emsid.exports.mechanics import CARRIED, WINDING, Mechanics, mechanics
+from emsid.exports.mechanics import CARRIED, WINDING, Mechanics, left_out, mechanics
+from emsid.models.plants.brushless import Brushless as Plant
 
 WINDINGS = ("phase", "line", "q-axis")
 RPM = 60 / (2 * pi)
 BANDWIDTH = 1000.0
 """Of a current loop in rad/s where none is given: the default of ODrive and of VESC."""
+
+
+_OF_AXES = ("inductance_d", "inductance_q", "flux", "pole_pairs", "inertia", "delay", "advance", "dead_time_current")
+"""Parameters of a brushless plant that need no note: carried, constants of the test, or without an effect alone."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +64,17 @@ class Brushless:
 
     Attributes:
         resistance: of a phase in Ω.
-        inductance: of a phase in H; None where it is not known.
+        inductance: of a phase in H, the mean of both axes; None where it is not known.
         flux: λ in Wb.
         pole_pairs: p.
+        difference: L_q − L_d in H.
     """
 
     resistance: float
     inductance: float | None
     flux: float
     pole_pairs: int
+    difference: float = 0.0
 
     @property
     def torque_constant(self) -> float:
@@ -64,6 +85,12 @@ class Brushless:
     def kv(self) -> float:
         """rpm per volt between two phases (peak), 60/(2π·√3·p·λ)."""
         return RPM / (sqrt(3) * self.pole_pairs * self.flux)
+
+    def gains(self, bandwidth: float) -> tuple[float, float, float]:
+        """Those of the current loop: proportional of the d- and the q-axis in V/A, and integral in V/(A·s)."""
+        mean = self.inductance or 0.0
+        d, q = mean - 0.5 * self.difference, mean + 0.5 * self.difference
+        return bandwidth * d, bandwidth * q, bandwidth * self.resistance
 
 
 def brushless(found: Mechanics, inductance: float | None, winding: str, pole_pairs: int) -> Brushless:
@@ -103,7 +130,22 @@ def _motor(export: Export, carried: Collection[str]) -> Mechanics:
 
 def _brushless(export: Export) -> tuple[Brushless, float, list[str]]:
     """The motor, the bandwidth of its current loop in rad/s, and what is not carried."""
-    found, given = _motor(export, WINDING), export.options
+    given = export.options
+    try:
+        bandwidth = float(str(given.get("bandwidth", BANDWIDTH)))
+    except ValueError:
+        bandwidth = nan
+    if not 0 < bandwidth < inf:
+        raise ModelError(
+            f"bandwidth {given['bandwidth']!r}; give that of the current loop in rad/s", arguments=("option",)
+        )
+    plant = getattr(export.model, "plant", None)
+    if isinstance(plant, Plant):
+        both = plant.inductance_d, plant.inductance_q
+        motor = Brushless(plant.resistance, 0.5 * sum(both), plant.flux, round(plant.pole_pairs), both[1] - both[0])
+        left = left_out(plant, (*WINDING, *CARRIED, *_OF_AXES))
+        return motor, bandwidth, [*left]
+    found = _motor(export, WINDING)
     if "winding" not in given or "pole_pairs" not in given:
         raise ModelError(
             "a brushless motor has several resistances and constants: give winding (phase, line or q-axis) and "
@@ -114,14 +156,6 @@ def _brushless(export: Export) -> tuple[Brushless, float, list[str]]:
         pairs = int(str(given["pole_pairs"]))
     except ValueError:
         raise ModelError(f"pole_pairs {given['pole_pairs']!r}; give a whole number", arguments=("option",)) from None
-    try:
-        bandwidth = float(str(given.get("bandwidth", BANDWIDTH)))
-    except ValueError:
-        bandwidth = nan
-    if not 0 < bandwidth < inf:
-        raise ModelError(
-            f"bandwidth {given['bandwidth']!r}; give that of the current loop in rad/s", arguments=("option",)
-        )
     inductance = float(export.model.plant.value("inductance"))  # type: ignore[attr-defined]
     known = inductance > 0  # without one, the current follows the voltage at once
     motor = brushless(found, inductance if known else None, str(given["winding"]), pairs)
@@ -178,7 +212,7 @@ def odrive(export: Export) -> tuple[Files, list[str]]:
         f"{motor}.pole_pairs = {found.pole_pairs}",
     ]
     if found.inductance is not None:
-        gains = f"p gain {bandwidth * found.inductance:.6g} V/A, i gain {bandwidth * found.resistance:.6g} V/(A*s)"
+        gains = f"p gain {bandwidth * found.inductance:.6g} V/A, i gain {found.gains(bandwidth)[2]:.6g} V/(A*s)"
         lines.append(f"{motor}.phase_inductance = {found.inductance!r}  # H")
         lines.append(f"{motor}.current_control_bandwidth = {bandwidth!r}  # rad/s: {gains}")
     return {f"{export.name}_odrive.py": "\n".join(lines) + "\n"}, notes
@@ -198,7 +232,8 @@ def vesc(export: Export) -> tuple[Files, list[str]]:
         f"foc_motor_flux_linkage: {found.flux!r}  # {flux}",
     ]
     if found.inductance is not None:
-        lines.append(f"foc_motor_l: {found.inductance!r}  # H")
+        lines.append(f"foc_motor_l: {found.inductance!r}  # H, the mean of both axes")
+        lines.append(f"foc_motor_ld_lq_diff: {found.difference!r}  # H, L_q - L_d")
         lines.append(f"foc_current_kp: {bandwidth * found.inductance!r}  # V/A, bandwidth {bandwidth:g} rad/s")
         lines.append(f"foc_current_ki: {bandwidth * found.resistance!r}  # V/(A*s)")
     return {f"{export.name}_vesc.yaml": "\n".join(lines) + "\n"}, notes
@@ -212,6 +247,7 @@ def simplefoc(export: Export) -> tuple[Files, list[str]]:
     """
     found, bandwidth, notes = _brushless(export)
     given = f"{found.pole_pairs}, {found.resistance:.6g}, {found.kv:.6g}"
+    d, q, integral = found.gains(bandwidth)
     if found.inductance is None:
         given, what, text = f"{given}, NOT_SET", "KV in rpm/V", ""
     else:
@@ -219,9 +255,28 @@ def simplefoc(export: Export) -> tuple[Files, list[str]]:
         text = f"""
 // The current loop with a bandwidth of {bandwidth:g} rad/s, in V/A and V/(A*s); call it before motor.init().
 static inline void tune_current_loop() {{
-  motor.PID_current_q.P = motor.PID_current_d.P = {bandwidth * found.inductance:.6g};
-  motor.PID_current_q.I = motor.PID_current_d.I = {bandwidth * found.resistance:.6g};
+  motor.PID_current_q.P = {q:.6g};
+  motor.PID_current_d.P = {d:.6g};
+  motor.PID_current_q.I = motor.PID_current_d.I = {integral:.6g};
 }}
 """
     head = f"// Made by emsid, on the side of the motor. Pole pairs, phase resistance in ohm, {what}.\n"
     return {f"{export.name}_simplefoc.h": f"{head}BLDCMotor motor = BLDCMotor({given});\n{text}"}, notes
+
+
+def moteus(export: Export) -> tuple[Files, list[str]]:
+    """The motor of a moteus, as lines of its configuration, for ``moteus_tool --write-config``.
+
+    Raises:
+        ModelError: as `odrive`.
+    """
+    found, bandwidth, notes = _brushless(export)
+    lines = [
+        f"conf set motor.poles {2 * found.pole_pairs}",
+        f"conf set motor.resistance_ohm {found.resistance!r}",
+        f"conf set motor.Kv {found.kv!r}",
+    ]
+    if found.inductance is not None:
+        lines.append(f"conf set servo.pid_dq.kp {bandwidth * found.inductance!r}")
+        lines.append(f"conf set servo.pid_dq.ki {found.gains(bandwidth)[2]!r}")
+    return {f"{export.name}_moteus.cfg": "\n".join(lines) + "\n"}, notes

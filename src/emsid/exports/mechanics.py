@@ -105,7 +105,7 @@ def mechanics(export: Export, carried: Collection[str] = CARRIED, *, of_motor: b
             ratio * constant,
             value("voltage_dead_zone.half_width"),
             value("drive.gain"),
-            _left_out(plant, (*carried, *["sensor.ratio"] * (gravity is not None))),
+            left_out(plant, (*carried, *["sensor.ratio"] * (gravity is not None))),
             0.0 if gravity is None else gravity.whole * ratio / turns,
             0.0 if gravity is None else tau * gravity.angle / gravity.period,
             0.0 if servo is None else servo.proportional,
@@ -116,7 +116,7 @@ def mechanics(export: Export, carried: Collection[str] = CARRIED, *, of_motor: b
         half = 0.5 * (value("viscous_friction.forward") + value("viscous_friction.backward"))
         gain, zone = value("drive.gain"), value("dead_zone.half_width")
         return Mechanics(
-            False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, gain, _left_out(plant, carried)
+            False, value("mass"), half, levels("friction"), gain, 0.0, 0.0, 0.0, zone, gain, left_out(plant, carried)
         )
     raise ModelError(
         f"{export.model.name} has no inertia and friction to export; identify rigid-motor or linear-axis, or export it "
@@ -124,7 +124,7 @@ def mechanics(export: Export, carried: Collection[str] = CARRIED, *, of_motor: b
     )
 
 
-def _left_out(plant: Any, carried: Collection[str]) -> tuple[str, ...]:
+def left_out(plant: Any, carried: Collection[str]) -> tuple[str, ...]:
     """Sentences on the parameters with an effect that are not carried."""
     found = []
     for name, handle in plant.handles.items():

@@ -7,7 +7,7 @@ from emsid.errors import ModelError
 from emsid.exports.arduino import arduino
 from emsid.exports.c99 import c99
 from emsid.exports.control import control
-from emsid.exports.firmware import odrive, simplefoc, vesc, wpilib
+from emsid.exports.firmware import moteus, odrive, simplefoc, vesc, wpilib
 from emsid.exports.fixed_point import fixed_point
 from emsid.exports.fmu import fmu
 from emsid.exports.formats import Format
@@ -34,6 +34,7 @@ FORMATS: dict[str, Format] = {
     "wpilib": Format("kS, kG, kV and kA for WPILib", wpilib),
     "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS, True),
     "vesc": Format("the motor of a VESC", vesc, BRUSHLESS, True),
+    "moteus": Format("the motor of a moteus", moteus, BRUSHLESS, True),
     "simplefoc": Format("the motor of SimpleFOC", simplefoc, BRUSHLESS, True),
 }
 

@@ -4,23 +4,23 @@ r"""A brushless motor with its inverter, in the frame of its rotor.
     J·dω/dt = T·(1 + T_r(θ)) − B·ω − T_f(ω) − T_c(θ) − (T_a + m·g·l)·sin(θ − θ₀) − T_d,
     T = 3/2·p·(ψ + (L_d − L_q)·i_d)·i_q.
 
-Voltages and currents have the amplitudes of the phases; a drive that logs power-invariant ones is converted when it is
-read (`emsid.io.park`). T_c is cogging and T_r the ripple of the torque by current, both sums of cosines and sines of
-whole multiples n of the angle.
+Voltages and currents have the amplitudes of the phases; a drive that logs power-invariant ones is converted when it
+is read (`emsid.io.park`). T_c is cogging and T_r the ripple of the torque by current, both sums of cosines and sines
+of whole multiples n of the angle.
 
 Between two samples a step consists of half a step of the currents at constant speed, a step of the motion under
 constant currents, and half a step of the currents (Strang). Each part is exact: the currents by the exponential of a
 matrix of two by two, the motion by `one_mass.move` with sticking. What is left is of second order in the step.
 
-The inverter: a voltage acts after the delay, so that a controller that computes for one period and holds its voltage for
-the next one is one and a half periods late on average. An inverter holds the voltage in the frame of the stator, where
-the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by which the
-controller advances that angle. Dead time takes U_t·i/√(i² + i_t²) from every phase, which is a constant drop against the
-current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
+The inverter: a voltage acts after the delay, so that a controller that computes for one period and holds its voltage
+for the next one is one and a half periods late on average. An inverter holds the voltage in the frame of the stator,
+where the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by
+which the controller advances that angle. Dead time takes U_t·i/√(i² + i_t²) from every phase, a constant drop against
+the current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
 
-The resistance follows the temperature of the winding, R = R_s·(1 + α·Δϑ). Δϑ is logged (an input), or the state of one
-thermal mass that begins at zero, so that R_s is the resistance at the start: dΔϑ/dt = h·P − k·Δϑ with the copper loss
-P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
+The resistance follows the temperature of the winding, R = R_s·(1 + α·Δϑ). Δϑ is logged (an input), or the state of
+one thermal mass that begins at zero, so that R_s is the resistance at the start: dΔϑ/dt = h·P − k·Δϑ with the copper
+loss P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
 
 References:
     Strang, SIAM J. Numer. Anal. 5 (1968), on the splitting. Krishnan, *Permanent Magnet Synchronous and Brushless DC

@@ -1,0 +1,161 @@
+"""Brushless motors, against a drive that is simulated in the frame of its stator."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import emsid
+from brushless_bench import Drive, Log, driven
+from emsid.errors import DataError, ModelError
+from emsid.plants import Brushless, Harmonic, Hold, Signal
+from model_examples import DT
+from test_export_c import in_c
+
+DRIVE = Drive()
+SIGNALS = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
+COUNTED = {
+    "resistance": DRIVE.resistance,
+    "inductance_d": DRIVE.inductance_d,
+    "inductance_q": DRIVE.inductance_q,
+    "flux": DRIVE.flux,
+    "inertia": DRIVE.inertia,
+    "friction.coulomb": DRIVE.coulomb,
+}
+
+
+def plant_of(drive: Drive) -> Brushless:
+    """The same drive as a plant."""
+    return emsid.plants.brushless(
+        resistance=drive.resistance,
+        inductance_d=drive.inductance_d,
+        inductance_q=drive.inductance_q,
+        flux=drive.flux,
+        pole_pairs=drive.pairs,
+        inertia=drive.inertia,
+        viscous_friction=drive.viscous,
+        friction=emsid.Friction(drive.coulomb),
+        cogging=(Harmonic(*drive.cogging),) if drive.cogging[0] else (),
+        torque_ripple=(Harmonic(*drive.ripple),) if drive.ripple[0] else (),
+        delay=drive.period,
+        advance=drive.advance * drive.period,
+        dead_time_voltage=drive.dead,
+        held_in="stator",
+        heating=1 / drive.capacity,
+        cooling=drive.conductance / drive.capacity,
+    )
+
+
+def simulated(plant: Brushless, log: Log, record: emsid.Record) -> np.ndarray:
+    """The free run of a plant with the true voltages before the log."""
+    plant = plant.for_command(record)
+    first = plant.first_state(SIGNALS, record)
+    first[5:] = log.before
+    return plant.simulate(record.input, record.dt, first, SIGNALS)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        DRIVE,
+        DRIVE._replace(advance=0.0),
+        DRIVE._replace(cogging=(42.0, 4e-3, -3e-3), ripple=(42.0, 0.02, 0.04)),
+        DRIVE._replace(capacity=2.0, conductance=0.5),
+    ],
+    ids=["dead time", "angle not advanced", "ripple", "warming"],
+)
+def test_a_plant_follows_a_drive_that_is_simulated_in_the_stator(drive: Drive) -> None:
+    log = driven(drive, 3, 0.2, noisy=False)
+    record = log.record()
+    error = (simulated(replace(plant_of(drive), steps=8), log, record) - record.output).std(axis=0)
+    assert np.all(error < [5e-3, 5e-3, 0.02]), error  # of 12 A and 100 rad/s
+    other = plant_of(drive._replace(dead=0.0, cogging=(0.0, 0.0, 0.0), capacity=1e9))
+    assert np.any((simulated(other, log, record) - record.output).std(axis=0) > [0.1, 0.1, 0.3])
+
+
+def test_halving_the_step_of_a_drive_without_dead_time_quarters_the_error() -> None:
+    drive = DRIVE._replace(dead=0.0)
+    log = driven(drive, 3, 0.1, noisy=False)
+    record = log.record()
+    runs = [simulated(replace(plant_of(drive), steps=steps), log, record)[:, 0] for steps in (2, 4, 8)]
+    assert np.std(runs[0] - runs[1]) > 3 * np.std(runs[1] - runs[2]) > 0
+
+
+def test_a_fit_finds_the_constants_of_a_drive() -> None:
+    plant = replace(emsid.plants.brushless(delay=1e-4, advance=1.5e-4, held_in="stator"), dead_time_voltage=0.05)
+    fit = emsid.fit(plant, driven(DRIVE, 1, 0.4).record())
+    for name, truth in COUNTED.items():
+        assert abs(fit[name].value - truth) < 4 * fit[name].standard_error
+        assert fit[name].standard_error < 0.02 * truth
+    assert fit["dead_time_voltage"].value == pytest.approx(DRIVE.dead, rel=0.03)
+
+
+def test_blocks_samples_files_and_c_give_the_numbers_of_one_run(tmp_path: Path) -> None:
+    drive = DRIVE._replace(cogging=(42.0, 0.0, -3e-3), ripple=(42.0, 0.02, 0.04), capacity=2.0, conductance=0.5)
+    record = driven(drive, 0, 0.02).record()
+    model = emsid.plants.GreyBox(replace(plant_of(drive), delay=1.5e-4).for_command(record), SIGNALS)
+    assert emsid.plants.GreyBox.from_data(model.to_data()).plant == model.plant
+    whole, _ = model.run(model.at_rest(0.0, DT), record.input)
+    head, state = model.run(model.at_rest(0.0, DT), record.input[:77])
+    assert np.array_equal(np.concatenate([head, model.run(state, record.input[77:])[0]]), whole)
+    if shutil.which("gcc"):
+        assert np.max(np.abs(in_c(model, record.input, tmp_path) - whole)) < 1e-9
+
+
+def test_inputs_are_read_by_their_number_and_units() -> None:
+    n = 400
+    rng = np.random.default_rng(0)
+    v, angle, warm = np.repeat(rng.normal(0, 1, n // 20), 20), np.zeros(n), np.full(n, 60.0)
+    outputs = {"output_names": ("iq",), "output_units": ("A",)}
+
+    def motor(units: tuple[str, ...], *columns: np.ndarray) -> Brushless:
+        record = emsid.Record(np.column_stack(columns), v, dt=1e-4, input_units=units, **outputs)
+        return emsid.plants.brushless().for_command(record)
+
+    assert motor(("V",), v).roles == ("v_q",)
+    assert motor(("V", "V", "rad"), v, v, angle).roles == ("v_d", "v_q", "angle")
+    assert motor(("V", "V", "degC"), v, v, warm).roles == ("v_d", "v_q", "temperature")
+    with pytest.raises(DataError, match="takes v_d and v_q"):
+        motor(("A", "V"), v, v)
+    duty = motor(("1", "V"), v / 24, np.full(n, 24.0))
+    by_duty = duty.simulate(np.column_stack([v / 24, np.full(n, 24.0)]), 1e-4, np.zeros(7), (Signal.Q_CURRENT,))
+    by_volts = motor(("V",), v).simulate(v[:, None] / np.sqrt(3), 1e-4, np.zeros(7), (Signal.Q_CURRENT,))
+    assert by_duty == pytest.approx(by_volts)
+    hot = motor(("V", "degC"), v, warm).simulate(np.column_stack([v, warm]), 1e-4, np.zeros(7), (Signal.Q_CURRENT,))
+    cold = replace(motor(("V",), v), resistance=0.1 * (1 + 0.00393 * 40))
+    assert hot == pytest.approx(cold.simulate(v[:, None], 1e-4, np.zeros(7), (Signal.Q_CURRENT,)))
+
+
+def test_currents_are_told_apart_by_their_names() -> None:
+    plant = emsid.plants.brushless()
+    named = {name: plant.signal_of(name, "A") for name in ("i_d", "Iq_measured", "foc.Id", "d_A", "current")}
+    assert [*named.values()] == [
+        Signal.D_CURRENT,
+        Signal.Q_CURRENT,
+        Signal.D_CURRENT,
+        Signal.D_CURRENT,
+        Signal.Q_CURRENT,
+    ]
+
+
+def test_a_straight_voltage_is_between_its_samples() -> None:
+    plant = replace(emsid.plants.brushless(), between=Hold.FIRST)
+    t = 1e-4 * np.arange(300)
+    exact = replace(plant, steps=200).simulate(np.sin(300 * t)[:, None] * [1, 0], 1e-4, np.zeros(7), SIGNALS)
+    found = plant.simulate(np.sin(300 * t)[:, None] * [1, 0], 1e-4, np.zeros(7), SIGNALS)
+    fine = np.arange(0, t[-1], 1e-6)
+    held = replace(plant, between=Hold.ZERO).simulate(
+        np.sin(300 * (fine + 5e-7))[:, None] * [1, 0], 1e-6, np.zeros(7), SIGNALS
+    )
+    assert found[:, 0] == pytest.approx(exact[:, 0], abs=1e-3)
+    assert exact[:290, 0] == pytest.approx(held[::100, 0][:290], abs=2e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"resistance": 0.0}, {"inputs": "abc"}, {"held_in": "air"}, {"flux": np.nan}])
+def test_values_without_meaning_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ModelError):
+        emsid.plants.brushless(**wrong)

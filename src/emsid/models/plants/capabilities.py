@@ -60,6 +60,9 @@ class OfPlants(Capabilities[GreyBox]):
     def stepper(self, model: GreyBox, state: Any, inputs: int) -> Stepper:
         return PlantStepper.of(model, state, inputs)
 
+    def inputs(self, model: GreyBox) -> int:
+        return 1 if model.plant.channels is None else model.plant.channels.inputs
+
     def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper, single=single, parameters=parameters)
 

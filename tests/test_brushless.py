@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 import emsid
-from brushless_bench import Drive, Log, driven
+from brushless_bench import Drive, Log, driven, logged
 from emsid.errors import DataError, ModelError
+from emsid.exports.firmware import Brushless as Constants
 from emsid.plants import Brushless, Harmonic, Hold, Signal
 from model_examples import DT
 from test_export_c import in_c
@@ -81,7 +83,7 @@ def test_halving_the_step_of_a_drive_without_dead_time_quarters_the_error() -> N
     drive = DRIVE._replace(dead=0.0)
     log = driven(drive, 3, 0.1, noisy=False)
     record = log.record()
-    runs = [simulated(replace(plant_of(drive), steps=steps), log, record)[:, 0] for steps in (2, 4, 8)]
+    runs = [simulated(replace(plant_of(drive), steps=steps), log, record)[:, 0] for steps in (4, 8, 16)]
     assert np.std(runs[0] - runs[1]) > 3 * np.std(runs[1] - runs[2]) > 0
 
 
@@ -159,3 +161,83 @@ def test_a_straight_voltage_is_between_its_samples() -> None:
 def test_values_without_meaning_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ModelError):
         emsid.plants.brushless(**wrong)
+
+
+def phases(log: Log, offset: float = 0.0, sign: float = 1.0) -> emsid.Record:
+    """Phase currents and the angle of the shaft as a drive logs them that does not know its axes."""
+    at = DRIVE.pairs * log.angle[:, None] - 2 * np.pi / 3 * np.arange(3)
+    abc = log.i_d[:, None] * np.cos(at) - log.i_q[:, None] * np.sin(at)
+    return emsid.Record(
+        np.column_stack([log.v_d, log.v_q]),
+        np.column_stack([abc, np.mod(sign * log.angle + offset, 2 * np.pi), log.speed]),
+        dt=log.period,
+        input_names=("v_d", "v_q"),
+        input_units=("V", "V"),
+        output_names=("ia", "ib", "ic", "theta", "speed"),
+        output_units=("A", "A", "A", "rad", "rad/s"),
+        name="phases",
+    )
+
+
+def test_phases_become_axes_in_the_convention_that_is_said_and_another_one_is_noticed() -> None:
+    n = 2000
+    log = logged(DRIVE, np.zeros(n), np.zeros(n), np.full(n, 150.0), 0, added=0.0)
+    record = phases(log)
+    found = emsid.plants.park(record, {"i": ("ia", "ib", "ic")}, "theta", 7)
+    assert found.output_names == ("i_d", "i_q", "theta", "speed")
+    assert found.output[:, :2] == pytest.approx(np.column_stack([log.i_d, log.i_q]), abs=1e-9)
+    assert np.ptp(found.output[:, 2] - log.angle) < 1e-9  # unwrapped
+    two = emsid.plants.park(record, {"i": ("ia", "ib")}, "theta", 7, power_invariant=True)
+    assert two.output_names == ("i_d", "i_q", "ic", "theta", "speed")
+    assert two.output[:, :2] == pytest.approx(np.sqrt(1.5) * found.output[:, :2], abs=1e-9)
+    turned = emsid.plants.park(phases(log, offset=0.1), {"i": ("ia", "ib", "ic")}, "theta", 7, offset=0.7)
+    assert turned.output[:, :2] == pytest.approx(found.output[:, :2], abs=1e-9)
+    for wrong, how in ((phases(log), {"electrical": True}), (phases(log, sign=-1.0), {})):
+        with pytest.raises(DataError, match="counts backward" if not how else "one that is mechanical"):
+            emsid.plants.park(wrong, {"i": ("ia", "ib", "ic")}, "theta", 7, **how)
+    with pytest.raises(DataError, match="no channel 'ix'"):
+        emsid.plants.park(record, {"i": ("ia", "ix")}, "theta", 7)
+
+
+def constants(text: str) -> dict[str, float]:
+    """The numbers of an export, by the word before them."""
+    return {name: float(value) for name, value in re.findall(r"([\w.]+)(?:: | = | )(-?\d[\d.e-]*)", text)}
+
+
+def test_firmware_has_the_constants_in_its_own_conventions(tmp_path: Path) -> None:
+    model = emsid.plants.GreyBox(plant_of(DRIVE), SIGNALS)
+    written: dict[str, dict[str, float]] = {}
+    for firmware in ("odrive", "vesc", "moteus", "simplefoc"):
+        emsid.export(model, firmware, tmp_path / firmware, name="m", dt=1e-4, bandwidth=600)
+        (file,) = (each for each in (tmp_path / firmware).iterdir() if each.name.startswith("m_"))
+        written[firmware] = constants(file.read_text())
+    mean, torque = 0.5 * (DRIVE.inductance_d + DRIVE.inductance_q), 1.5 * DRIVE.pairs * DRIVE.flux
+    odrive = {name.rpartition(".")[2]: value for name, value in written["odrive"].items()}
+    assert odrive["torque_constant"] == pytest.approx(torque)
+    assert odrive["phase_inductance"] == pytest.approx(mean)
+    vesc = written["vesc"]
+    assert (vesc["foc_motor_r"], vesc["foc_motor_flux_linkage"]) == (DRIVE.resistance, DRIVE.flux)
+    assert vesc["foc_motor_l"] - 0.5 * vesc["foc_motor_ld_lq_diff"] == pytest.approx(DRIVE.inductance_d)
+    moteus = written["moteus"]
+    assert moteus["motor.poles"] == 14
+    assert 1.5 / np.sqrt(3) * 60 / (2 * np.pi) / moteus["motor.Kv"] == pytest.approx(torque)  # as in fw/bldc_servo.cc
+    assert moteus["servo.pid_dq.ki"] == pytest.approx(600 * DRIVE.resistance)
+    assert written["simplefoc"]["motor.PID_current_q.P"] == pytest.approx(600 * DRIVE.inductance_q)
+
+
+@pytest.mark.parametrize("bandwidth", [500.0, 1000.0])
+def test_the_gains_of_the_current_loop_have_the_bandwidth_that_was_asked_for(bandwidth: float) -> None:
+    """A step of the d-current reaches 63 % after 1/β, beside the delay of the inverter."""
+    found = gains_of(bandwidth)
+    drive = DRIVE._replace(dead=0.0, proportional=found[0], integral=found[2], period=2.5e-5, advance=1.5)
+    n = 400
+    d = np.where(np.arange(n) < 100, 0.0, 3.0)
+    log = logged(drive, d, np.zeros(n), np.full(n, np.nan), 0, added=0.0, locked=True, noisy=False)
+    reached = np.interp(3.0 * (1 - np.exp(-1)), log.i_d[100:], np.arange(n - 100)) * drive.period
+    assert 1 / (reached - 1.5 * drive.period) == pytest.approx(bandwidth, rel=0.1)
+
+
+def gains_of(bandwidth: float) -> tuple[float, float, float]:
+    mean = 0.5 * (DRIVE.inductance_d + DRIVE.inductance_q)
+    difference = DRIVE.inductance_q - DRIVE.inductance_d
+    return Constants(DRIVE.resistance, mean, DRIVE.flux, 7, difference).gains(bandwidth)

@@ -21,6 +21,7 @@ from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
+from emsid.models.plants.park import park
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
@@ -100,6 +101,7 @@ __all__ = [
     "linear_axis",
     "modal_axis",
     "motor",
+    "park",
     "register",
     "rigid_motor",
     "scalar",

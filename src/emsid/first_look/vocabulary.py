@@ -1,4 +1,4 @@
-"""Names of columns in the logs of drives, one a line: the name, the quantity, and what the numbers must be like.
+"""Names of columns in the logs of drives, one a line: name, quantity, what the numbers must be like, and their unit.
 
 A name is compared without its unit, its digits at the end and the groups before its last dot or slash, in small letters
 and with `_` for blanks. Names whose words say the same (`emsid.first_look.names`) are not listed. An entry counts only
@@ -40,12 +40,28 @@ d_axis_current          other      any
 d_axis_voltage          other      any
 tacho_meters            position   any
 tacho_abs_meters        other      any
+vq                      voltage    any      VESC: of the q-axis, as in avg_vq and foc.vq
+avg_vq                  voltage    any
+vd                      other      any
+avg_vd                  other      any
+erpm                    speed      any      electrical: pole pairs times that of the shaft
 input_vel               reference  any      ODrive
+vel_estimate            speed      varied   rev/s
+pos_estimate            position   varied   rev
+v_current_control_integral_q voltage any
+v_current_control_integral_d other any
 input_pos               reference  any
 torque_setpoint         torque     any
 iq_setpoint             current    any
 vbus_voltage            other      any
 ibus                    other      any
+electrical_theta        other      any      moteus
+voltage.q               voltage    any      SimpleFOC
+voltage.d               other      any
+current.d               other      any
+voltage_d               other      any
+current_d               other      any
+electrical_angle        other      any
 goal_pwm                duty       any      Dynamixel
 goal_current            current    any
 present_load            other      any
@@ -60,7 +76,10 @@ action                  input      any      LeRobot
 observation.state       output     any
 state                   output     varied
 """
-"""Name, quantity, what its numbers must be like, and where the lines of a device begin."""
+"""Name, quantity, what its numbers must be like, their unit where the device has one, and where its lines begin.
+
+Units: ODrive, https://docs.odriverobotics.com (turns and turns/s); VESC, ERPM.
+"""
 _CHECKS: dict[str, Callable[[Array], bool]] = {
     "any": lambda values: True,
     "whole": lambda values: bool(np.all(values == np.rint(values))),
@@ -68,11 +87,15 @@ _CHECKS: dict[str, Callable[[Array], bool]] = {
 }
 
 
-def _entries() -> dict[str, tuple[ColumnQuantity, Callable[[Array], bool]]]:
-    rows = (line.split()[:3] for line in _NAMES.splitlines() if line.strip())
-    return {name: (ColumnQuantity[quantity.upper()], _CHECKS[check]) for name, quantity, check in rows}
+def _entries() -> dict[str, tuple[ColumnQuantity, Callable[[Array], bool], str]]:
+    rows = (line.split() for line in _NAMES.splitlines() if line.strip())
+    return {
+        name: (ColumnQuantity[quantity.upper()], _CHECKS[check], next((each for each in more if each in _UNITS), ""))
+        for name, quantity, check, *more in rows
+    }
 
 
+_UNITS = ("rev", "rev/s")
 ENTRIES = _entries()
 
 
@@ -96,7 +119,7 @@ def meaning_of(name: str, unit: str, values: Array) -> Meaning:
     bare = re.sub(r"_?\d+$", "", bare)
     entry = next((ENTRIES[each] for each in (bare, re.split(r"[./]", bare)[-1]) if each in ENTRIES), None)
     if entry is not None and entry[1](known):
-        return replace(said, quantity=entry[0], confidence=CONFIDENCE)
+        return replace(said, quantity=entry[0], unit=said.unit or entry[2], confidence=CONFIDENCE)
     if said.quantity is ColumnQuantity.TIME and said.unit == "us" and _are_pulses(known):
         return Meaning(ColumnQuantity.DUTY, "", CONFIDENCE, said.number)
     return said

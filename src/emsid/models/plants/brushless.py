@@ -58,9 +58,9 @@ COPPER = 0.00393
 """Temperature coefficient of copper in 1/K, at 20 °C (IEC 60028)."""
 REFERENCE = 20.0
 """Temperature in °C at which R_s holds where the temperature of the winding is logged."""
-LONGEST_STEP = 5e-5
-"""Longest step in s: with half of it, estimates from a second at 10 kHz change by half of their standard error at most
-(eight records of `tests/brushless_bench.py`)."""
+LONGEST_STEP = 2.5e-5
+"""Longest step in s. With twice as long ones, L_q from a second at 10 kHz is 0.6 standard errors too large (the mean
+of eight records of `tests/brushless_bench.py`); the error falls with the square of the step."""
 FOLLOWING = 2e-3
 """Time constant in s with which the angle follows a measured one: noise of the measured angle must not become noise of
 the torque, which adds up in the speed. Without it, 14 of 18 intervals of the Coulomb friction had the truth."""
@@ -322,7 +322,9 @@ class Brushless(Plant):
         machine = Machine(
             self.resistance, self.inductance_d, self.inductance_q, self.flux, self.pole_pairs,
             self.inertia + self.gravity.inertia, self.load_torque, self.advance, self.dead_time_voltage,
-            self.dead_time_current, 1.0 - np.exp(-dt / self.sensor_lag) if self.sensor_lag else 1.0, 1.0 - np.exp(-dt / FOLLOWING), self.heating,
+            self.dead_time_current, 1.0 - np.exp(-dt / self.sensor_lag) if self.sensor_lag else 1.0,
+            1.0 - np.exp(-dt / FOLLOWING),
+            self.heating,
             self.cooling, self.temperature_coefficient, dt, 0.0 if straight else min(late - (kept - 1), 1.0),
             len(state.commands) - late if straight else 0.0, late * dt,
             np.array([(1.0 * n, c, s) for n, c, s in self.torque_ripple]).reshape(-1, 3),

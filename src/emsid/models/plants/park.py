@@ -1,0 +1,127 @@
+r"""Park's transformation: voltages and currents of three phases in the frame of the rotor.
+
+    x_d =  2/3·[a·cos φ + b·cos(φ − 2π/3) + c·cos(φ + 2π/3)],
+    x_q = −2/3·[a·sin φ + b·sin(φ − 2π/3) + c·sin(φ + 2π/3)],      φ = p·θ, or θ if it is electrical.
+
+With the factor 2/3 the amplitude stays that of a phase; with √(2/3) the power does (`power_invariant`), and numbers of
+both axes are larger by √(3/2). The plants have amplitudes, so a log with power-invariant axes is divided by √(3/2).
+
+In the right frame the axes change as slowly as the speed. In a wrong one – the angle is electrical and taken for a
+mechanical one, counts backward, or the other way round – they turn, by many degrees a sample or a little. So of all
+conventions the right one leaves the smallest steps from sample to sample.
+
+References:
+    Park, AIEE Transactions 48 (1929). IEC 60050-411 on the axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, listed
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+TWICE = 4.0
+"""A convention is wrong where another one leaves steps with this part of the mean square: twice as large ones."""
+
+
+def park(
+    record: Record,
+    phases: Mapping[str, Sequence[str]],
+    angle: str,
+    pole_pairs: int,
+    *,
+    electrical: bool = False,
+    offset: float = 0.0,
+    power_invariant: bool = False,
+) -> Record:
+    """A record with the phases of a brushless motor replaced by d- and q-axis; the angle becomes one of the shaft.
+
+    Args:
+        record: with phases and angle among its inputs or outputs.
+        phases: by letter, such as ``{"i": ("ia", "ib", "ic"), "v": ("va", "vb", "vc")}``; ``i_d`` and ``i_q`` take the
+            place of the first. Of two names the third phase is minus their sum. Values that are axes already, in
+            a pair with ``power_invariant``, are not transformed: leave them out here and divide by √(3/2).
+        angle: its name; in rad.
+        pole_pairs: p.
+        electrical: whether the angle is electrical, so that it turns p times per turn of the shaft.
+        offset: the electrical angle in rad at which the d-axis is that of phase a.
+        power_invariant: whether the phases were scaled for power-invariant axes, by √(2/3) rather than 2/3.
+
+    Raises:
+        DataError: for unknown names, phases on different sides of the record, or another convention that the
+            currents fit much better.
+    """
+    names = (*record.input_names, *record.output_names)
+    whole = np.column_stack([record.input, record.output])
+    wanted = [angle, *(name for some in phases.values() for name in some)]
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise DataError(f"{record.name}: no channel {missing[0]!r}; there are {listed(names)}")
+    theta = whole[:, names.index(angle)]
+    scale = sqrt(2 / 3) if power_invariant else 2 / 3
+    measured = {letter: _three(whole[:, [names.index(each) for each in some]]) for letter, some in phases.items()}
+    _check(record, measured, theta, pole_pairs, electrical, offset)
+    phase = theta * (1 if electrical else pole_pairs) - offset
+    columns: dict[str, tuple[str, str, Array]] = {}
+    for letter, some in phases.items():
+        unit = (*record.input_units, *record.output_units)[names.index(some[0])]
+        d, q = axes(measured[letter], phase).T * (scale * 1.5)
+        columns |= dict.fromkeys(some[2:], ("", "", d))
+        columns |= {some[0]: (f"{letter}_d", unit, d), some[1]: (f"{letter}_q", unit, q)}
+    shaft = np.unwrap(theta) / (pole_pairs if electrical else 1)
+    columns[angle] = (angle, "rad", shaft)
+    sides: dict[str, Any] = {}
+    for side, own, units in (
+        ("input", record.input_names, record.input_units),
+        ("output", record.output_names, record.output_units),
+    ):
+        kept = dict(zip(own, units, strict=True))
+        found = [columns.get(name, (name, unit, whole[:, names.index(name)])) for name, unit in kept.items()]
+        found = [each for each in found if each[0]]
+        sides |= {
+            side: np.column_stack([each[2] for each in found]),
+            f"{side}_names": tuple(each[0] for each in found),
+            f"{side}_units": tuple(each[1] for each in found),
+        }
+    return replace(record, **sides, signals={})
+
+
+def axes(abc: Array, phase: Array) -> Array:
+    """(N, 2) d- and q-axis of three phases (N, 3) at an electrical angle (N,), with the amplitude of a phase."""
+    turned = phase[:, None] - 2 * pi / 3 * np.array([0.0, 1.0, 2.0])
+    return np.column_stack([np.sum(abc * np.cos(turned), axis=1), -np.sum(abc * np.sin(turned), axis=1)]) * 2 / 3
+
+
+def _three(values: Array) -> Array:
+    return values if values.shape[1] == 3 else np.column_stack([values, -values.sum(axis=1)])
+
+
+def _check(
+    record: Record, measured: Mapping[str, Array], theta: Array, pairs: int, electrical: bool, offset: float
+) -> None:
+    """Refuse a convention beside which another one leaves much smaller steps of the axes."""
+    ways = {"electrical": 1.0, "mechanical": float(pairs)}
+    ways |= {f"{way} and counts backward": -factor for way, factor in ways.items()}
+    given = "electrical" if electrical else "mechanical"
+    for letter, abc in measured.items():
+        steps = {
+            way: float(np.mean(np.diff(axes(abc, np.unwrap(theta) * factor - offset), axis=0) ** 2))
+            for way, factor in ways.items()
+        }
+        best = min(steps, key=lambda way: steps[way])
+        if pairs > 1 and TWICE * steps[best] < steps[given]:
+            raise DataError(
+                f"{record.name}: from sample to sample, the axes of {letter} change "
+                f"{np.sqrt(steps[given] / steps[best]):.3g} times as much with an angle that is {given} as with one "
+                f"that is {best}; correct the angle, or say which it is",
+                arguments=("units",),
+            )

@@ -14,10 +14,9 @@ export PYTHONDONTWRITEBYTECODE :=
 study: $(VENV)/installed
 	$(BIN)/emsid study
 
-# The page in the browser: what it needs is installed, and uPlot fetched and verified, before it opens.
+# The page in the browser; the installation fetches uPlot, which draws its plots.
 studio: $(VENV)/installed
 	$(INSTALL) -e '.[studio]'
-	$(BIN)/python -m emsid.studio.uplot
 	$(BIN)/emsid studio
 
 # Tests of one file mostly stay in one process, where they share what their fixtures have fitted.

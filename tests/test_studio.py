@@ -25,18 +25,17 @@ from starlette.testclient import TestClient
 
 import emsid
 from emsid.cli.commands.studio import command_of, track_of
-from emsid.cli.options import option
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.record import Record
 from emsid.studio import uplot, worker
 from emsid.studio.data import EDITS, Signal, edit_for, packed
 from emsid.studio.live import Live
-from emsid.studio.play import input_of
 from emsid.studio.runs import Runs
 from emsid.studio.server import POLICY, SMALL, Messages, application
 from emsid.studio.session import Session
 from emsid.studio.studio import Studio
+from emsid.studio.use import input_of
 from emsid.wording import CATALOGUE
 
 TOKEN = "token-of-the-test"
@@ -47,9 +46,7 @@ ORIGIN = "http://127.0.0.1:8000"
 def studio_in(folder: Path) -> Iterator[tuple[TestClient, Studio]]:
     messages = Messages()
     session = Session.at_folder(folder)
-    studio = Studio(
-        session, Runs(session, messages.announce), Live(session, messages.announce, track_of), option, command_of
-    )
+    studio = Studio(session, Runs(session, messages.announce), Live(session, messages.announce, track_of), command_of)
     with TestClient(application(studio, messages, TOKEN, 8000), base_url=ORIGIN) as client:
         client.base_url = client.base_url.join(f"/{TOKEN}/")
         yield client, studio
@@ -79,6 +76,22 @@ def table(rows: int = 400, name: str = "speed") -> bytes:
 def state(client: TestClient) -> dict[str, Any]:
     found: dict[str, Any] = client.get("api/state").json()
     return found
+
+
+def look(client: TestClient, file: str = "log.csv") -> dict[str, Any]:
+    """What the page shows of a file."""
+    answer = client.get("api/data", params={"file": file})
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def window(client: TestClient, columns: list[str], first: float, last: float, **more: Any) -> Any:
+    """(1 + columns, points) times and values of columns of the file, as the page draws them."""
+    asked = {"file": "log.csv", "columns": columns, "from": first, "to": last, "width": 2000, **more}
+    answer = client.post("api/window", json=asked)
+    assert answer.status_code == 200, answer.text
+    return np.frombuffer(answer.content[4:], "<f4").reshape(1 + len(columns), -1)
 
 
 def finished(client: TestClient, number: str, limit: float = 120.0) -> dict[str, Any]:
@@ -171,9 +184,10 @@ def test_a_dropped_file_is_described_corrected_and_taken_back(opened: Any) -> No
     assert client.post("api/files?name=../../log.csv", content=table()).status_code == 200
     found = state(client)
     assert found["step"]["files"] == ["log.csv"]
-    assert (found["data"]["reading"]["input"], found["data"]["reading"]["output"]) == ("voltage", "speed")
+    reading = look(client)["reading"]
+    assert (reading["input"], reading["output"]) == ("voltage", "speed")
     assert client.post("api/edit", json={"given": {"units": {"speed": "rpm"}}}).status_code == 200
-    assert state(client)["data"]["records"][0]["channels"][1]["unit"] == "rad/s"
+    assert state(client)["records"][0]["channels"][1]["unit"] == "rad/s"
     assert client.post("api/edit", json={"given": {"output": "no such"}}).status_code == 400
     client.post("api/undo")
     assert state(client)["step"]["given"] == {}
@@ -187,11 +201,11 @@ def test_brush_masks_cuts_and_splits_at_the_rows_of_the_file(opened: Any) -> Non
     ask = {"file": "log.csv", "first": 1.0, "last": 1.49}
     assert client.post("api/brush", json={"kind": "mask", **ask}).status_code == 200
     assert studio.session.step["given"]["log.csv"]["mask"] == "row >= 100 AND row < 150"
-    record = state(client)["data"]["records"][0]
+    record = state(client)["records"][0]
     assert record["samples"] == 350
-    assert any(mark["kind"] == "gap" and mark["first"] == pytest.approx(0.99) for mark in record["marks"])
+    assert any(mark["kind"] == "gap" and mark["first"] == pytest.approx(0.99) for mark in look(client)["marks"])
     client.post("api/brush", json={"kind": "mask", "file": "log.csv", "first": 2.0, "last": 2.09})
-    assert state(client)["data"]["records"][0]["samples"] == 340
+    assert state(client)["records"][0]["samples"] == 340
     client.post("api/brush", json={"kind": "cut", "file": "log.csv", "first": 0.5, "last": 3.0})
     assert studio.session.step["given"]["log.csv"]["rows"] == [50, 301]
     client.post("api/brush", json={"kind": "split", "file": "log.csv", "first": 2.5, "last": 3.0})
@@ -205,7 +219,7 @@ def test_jitter_is_marked_where_it_is_with_its_sentence(opened: Any) -> None:
     u = np.repeat(rng.uniform(-5, 5, 40), 10)
     rows = [f"{1000 * a:.3f},{b:.3f},{c:.4f}" for a, b, c in zip(t, u, np.cumsum(u) / 100, strict=True)]
     client.post("api/files?name=log.csv", content="\n".join(["t[ms],voltage,speed", *rows]).encode())
-    marks = [each for each in state(client)["data"]["records"][0]["marks"] if each["kind"] == "jitter"]
+    marks = [each for each in look(client)["marks"] if each["kind"] == "jitter"]
     assert marks
     assert all(6.98 < mark["first"] < mark["last"] < 8.02 for mark in marks)
     assert "jitter" in marks[0]["text"]
@@ -243,9 +257,9 @@ def test_text_and_lines_have_a_contrast_of_4_5(dark: bool) -> None:
 def test_hostile_names_of_columns_remain_text(opened: Any) -> None:
     client, _ = opened
     client.post("api/files?name=log.csv", content=table(name="<img src=x onerror=alert(1)>"))
-    answer = client.get("api/state")
+    answer = client.get("api/data?file=log.csv")
     assert answer.headers["content-type"] == "application/json"
-    assert "<img src=x onerror=alert(1)>" in answer.json()["data"]["rows"][2][0]
+    assert "<img src=x onerror=alert(1)>" in answer.json()["rows"][2][0]
 
 
 # --- windows ----------------------------------------------------------------------------------------------------------
@@ -283,18 +297,22 @@ def test_a_fit_its_free_runs_its_play_and_its_command_give_the_same_numbers(
     number = state(client)["runs"][0]["number"]
     shown = client.get(f"api/runs/{number}/shown").json()
     assert shown["ranking"][0]["fit"] > 99
-    assert "arx" in shown["sections"]
-    window = client.get(f"api/runs/{number}/window?part=unseen&model=arx&width=100").content
-    assert len(window) > 16
-    sliders = client.get(f"api/runs/{number}/sliders/arx").json()
-    values = {slider["name"]: slider["value"] for slider in sliders}
-    asked = {"run": number, "model": "arx", "input": {"kind": "step", "amplitude": 2, "duration": 2}, "width": 2000}
+    model, data = f"{number}/arx", {"file": "log.csv", "part": "unseen"}
+    ranking = client.post("api/ranking", json={"models": [model], "data": data}).json()
+    assert ranking["rows"][0]["fit"] == pytest.approx(shown["ranking"][0]["fit"])
+    assert ranking["rows"][0]["data"] == "unseen"
+    drawn = {"models": [model], "data": data, "from": 3, "to": 4, "width": 2000}
+    _, measured, simulated, left = np.frombuffer(client.post("api/runs", json=drawn).content[4:], "<f4").reshape(4, -1)
+    assert np.ptp(measured) > 1
+    assert left[1:] == pytest.approx((measured - simulated)[1:], abs=1e-5)
+    values = {each["name"]: each["value"] for each in client.get(f"api/about?model={model}").json()["sliders"]}
+    asked = {"model": model, "data": data, "input": {"kind": "step", "amplitude": 2, "duration": 2}, "width": 2000}
     step = np.frombuffer(client.post("api/play", json={**asked, "values": values}).content[20:], "<f4").reshape(4, -1)
     assert step[2, -1] == pytest.approx(2 * 5.0, rel=0.02)
     assert client.post("api/play", json={**asked, "values": {"no": 1}}).status_code == 400
     assert client.get(f"api/runs/{number}/file/report.html").status_code == 200
     assert client.get(f"api/runs/{number}/file/../../session.json").status_code != 200
-    content = client.post("api/export", json={"run": number, "model": "arx", "format": "c99"}).content
+    content = client.post("api/export", json={"model": model, "format": "c99"}).content
     assert any(name.endswith(".c") for name in zipfile.ZipFile(io.BytesIO(content)).namelist())
     own = (studio.session.folder / "runs" / number / "result.json").read_bytes()
     words = shlex.split(state(client)["command"])
@@ -357,14 +375,14 @@ def test_a_current_beside_the_speed_is_proposed_as_output(opened: Any) -> None:
     current = [f"{(float(u) - 0.15 * float(y)) / 2:.5f}" for _, u, y in values]
     text = [f"{rows[0]},current", *(f"{line},{i}" for line, i in zip(rows[1:], current, strict=True))]
     client.post("api/files?name=log.csv", content="\n".join(text).encode())
-    (given,) = (each["given"] for each in state(client)["data"]["findings"] if each["given"])
+    (given,) = (each["given"] for each in look(client)["findings"] if each["given"])
     assert given == {"output": ["speed", "current"]}
     client.post("api/edit", json={"given": given})
-    assert [each["name"] for each in state(client)["data"]["records"][0]["channels"]] == ["voltage", "speed", "current"]
+    assert [each["name"] for each in state(client)["records"][0]["channels"]] == ["voltage", "speed", "current"]
 
 
 def test_uplot_of_another_checksum_is_not_installed() -> None:
-    with pytest.raises(FormatError, match="checksum"):
+    with pytest.raises(uplot.NotFetched, match="checksum"):
         uplot.unpack(b"other")
 
 
@@ -381,7 +399,7 @@ def test_without_npm_one_line_says_what_to_install(
 
 def test_own_code_of_the_page_is_small() -> None:
     page = Path(uplot.__file__).parent / "page"
-    assert sum(path.stat().st_size for path in page.iterdir() if path.suffix in (".js", ".css")) < 100_000
+    assert sum(path.stat().st_size for path in page.iterdir() if path.suffix in (".js", ".css")) < 120_000
     for path in page.glob("*.js"):
         assert "innerHTML" not in path.read_text("utf-8")
 
@@ -409,17 +427,17 @@ def test_an_edit_that_is_checked_while_another_is_made_is_refused(
 ) -> None:
     client, studio = opened
     assert client.post(
-        "api/example", json={"name": client.get("api/state").json()["catalogue"]["examples"][0]["name"]}
+        "api/example", json={"name": client.get("api/catalogue").json()["examples"][0]["name"]}
     ).is_success
-    look = studio.data.look
+    record = studio.data.record
 
-    def undone_meanwhile(step: dict[str, Any]) -> Any:
-        found = look(step)
+    def undone_meanwhile(step: dict[str, Any], name: str) -> Any:
+        found = record(step, name)
         monkeypatch.undo()
         studio.move(-1)
         return found
 
-    monkeypatch.setattr(studio.data, "look", undone_meanwhile)
+    monkeypatch.setattr(studio.data, "record", undone_meanwhile)
     assert client.post("api/edit", json={"given": {"mask": "row < 20"}}).status_code == 409
     assert studio.session.step["given"] == {}
     assert studio.session.step["files"] == []
@@ -479,7 +497,7 @@ def test_settings_of_an_example_are_not_of_a_file_that_is_added(opened: tuple[Te
     client.post("api/files?name=own.csv", content=other_table())
     found = state(client)
     assert found["step"]["options"] == {"na": 1, "fixed": {"resistance": "2 ohm"}}  # a further record of it
-    own = found["data"]["records"][1]
+    own = found["records"][1]
     assert "problem" not in own
     assert "or remove one of the files" in own["unlike"]
     assert (own["samples"], [each["name"] for each in own["channels"]]) == (400, ["u1", "omega"])
@@ -488,7 +506,7 @@ def test_settings_of_an_example_are_not_of_a_file_that_is_added(opened: tuple[Te
     assert found["step"]["files"] == ["own.csv"]
     assert (found["step"]["given"], found["step"]["models"], found["step"]["options"]) == ({}, [], {})
     assert found["step"]["unseen"] == 0.3
-    assert found["data"]["reading"]["input"] == "u1"
+    assert look(client, "own.csv")["reading"]["input"] == "u1"
     assert not found["problem"]
     client.post("api/undo")
     assert studio.session.step["given"][example]["units"] == {"voltage": "V"}
@@ -515,8 +533,8 @@ def test_a_mask_concerns_the_record_on_which_it_was_drawn(opened: tuple[TestClie
     client.post("api/edit", json={"given": {"units": {"speed": "rpm"}}})
     client.post("api/brush", json={"kind": "cut", "file": "a.csv", "first": 0.5, "last": 2.99})
     found = state(client)
-    assert [record["samples"] for record in found["data"]["records"]] == [250, 350]
-    assert [record["channels"][1]["unit"] for record in found["data"]["records"]] == ["rad/s", "rad/s"]
+    assert [record["samples"] for record in found["records"]] == [250, 350]
+    assert [record["channels"][1]["unit"] for record in found["records"]] == ["rad/s", "rad/s"]
     assert "command" not in found  # it would read both files in one way
     assert found["script"].count("mask=") == 1
 
@@ -577,12 +595,11 @@ def test_results_of_other_data_are_marked(fitted: tuple[TestClient, Studio], mon
 def test_a_file_is_read_again_once_it_has_changed(opened: tuple[TestClient, Studio]) -> None:
     client, studio = opened
     client.post("api/files?name=log.csv", content=table(400))
-    assert state(client)["data"]["records"][0]["samples"] == 400
-    window = client.get("api/window?file=log.csv&channel=speed&from=0&to=4&width=1000").content
+    assert state(client)["records"][0]["samples"] == 400
+    before = window(client, ["speed"], 0, 4).shape[1]
     studio.session.path("log.csv").write_bytes(table(300))
-    assert state(client)["data"]["records"][0]["samples"] == 300
-    again = client.get("api/window?file=log.csv&channel=speed&from=0&to=4&width=1000").content
-    assert (np.frombuffer(window[:4], "<u4")[0], np.frombuffer(again[:4], "<u4")[0]) == (400, 300)
+    assert state(client)["records"][0]["samples"] == 300
+    assert (before, window(client, ["speed"], 0, 4).shape[1]) == (400, 300)
 
 
 def test_a_session_of_the_first_version_is_read(tmp_path: Path) -> None:
@@ -592,7 +609,7 @@ def test_a_session_of_the_first_version_is_read(tmp_path: Path) -> None:
     session = Session.at_folder(tmp_path)
     assert session.step["given"] == {"a.csv": {"units": {"speed": "rpm"}}}
     assert (session.step["chosen_for"], session.step["models"]) == (["a.csv", "b.csv"], ["arx"])
-    assert msgspec.json.decode((tmp_path / "session.json").read_bytes())["version"] == 2
+    assert msgspec.json.decode((tmp_path / "session.json").read_bytes())["version"] == 3
 
 
 # --- hostile sessions and requests ------------------------------------------------------------------------------------
@@ -698,10 +715,10 @@ session.change(0, unseen=0.5)
     assert killed.returncode == -signal.SIGKILL
     assert list(tmp_path.glob(".*.tmp"))
     assert Session.at_folder(tmp_path).step["unseen"] == 0.4
-    assert {path.name for path in tmp_path.iterdir()} == {"session.json", "data", "runs", "incoming"}
+    assert {path.name for path in tmp_path.iterdir()} == {"session.json", "data", "models", "runs", "incoming"}
 
 
-@pytest.mark.parametrize("part", ["described", "reading"])
+@pytest.mark.parametrize("part", ["summary", "reading"])
 def test_a_part_that_fails_costs_that_part_only(
     opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, part: str
 ) -> None:
@@ -716,10 +733,10 @@ def test_a_part_that_fails_costs_that_part_only(
         found = state(client)
     assert "an error inside the program (ZeroDivisionError: in the test)" in found["problem"]
     assert found["step"]["files"] == ["log.csv"]
-    assert ("script" in found) == (part == "described")
+    assert ("script" in found) == (part == "summary")
     assert any(record.exc_info for record in caplog.records)
     answer = client.post("api/run")
-    assert (answer.status_code, "\n" in answer.text) == ((200, False) if part == "described" else (500, False))
+    assert (answer.status_code, "\n" in answer.text) == ((200, False) if part == "summary" else (500, False))
 
 
 def test_a_record_and_a_part_of_a_result_that_fail_leave_the_others(
@@ -736,16 +753,14 @@ def test_a_record_and_a_part_of_a_result_that_fail_leave_the_others(
         return record(step, name)
 
     monkeypatch.setattr(studio.data, "record", fails)
-    first, second = state(client)["data"]["records"]
+    first, second = state(client)["records"]
     assert (first["samples"], second["problem"]) == (400, "b.csv: an error inside the program (ZeroDivisionError)")
 
     monkeypatch.undo()
     result = emsid.identify(record(studio.session.step, "a.csv"), models=["arx"], na=1, nb=1, nk=1)
-    monkeypatch.setattr(worker, "write_runs", fails)
-    monkeypatch.setattr("emsid.linearize", fails)
+    monkeypatch.setattr(worker, "write_files", fails)
     worker.write_result(result, tmp_path, {"reading": {}})
     shown = msgspec.json.decode((tmp_path / "shown.json").read_bytes())
-    assert (shown["models"], shown["poles"]) == (["arx"], {"arx": []})
+    assert (shown["models"], (tmp_path / "result.json").exists()) == (["arx"], True)
     failed = [each["text"] for each in shown["findings"] if "inside the program" in each["text"]]
-    assert len(failed) == 2
-    assert (tmp_path / "report.html").exists()
+    assert len(failed) == 1

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import shutil
 import socket
 import subprocess
 import sys
+import tarfile
 import time
 from base64 import b64decode
 from collections.abc import Callable, Iterator
@@ -21,28 +21,35 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 from urllib.request import urlopen
 
 import numpy as np
 import pytest
 
 pytest.importorskip("selenium")
+from selenium import webdriver
 from selenium.common.exceptions import WebDriverException
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from browser import CHROMIUM, DRIVER, chromium
 from emsid.studio import uplot
 from live_sessions import lines
 
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="needs Debian's chromium and chromium-driver"),
     pytest.mark.skipif(not uplot.is_there(), reason="needs uPlot: python -m emsid.studio.uplot"),
     pytest.mark.xdist_group("browser"),  # one browser and one server for all
 ]
-CELLS = "return [...document.querySelectorAll('.scroll tbody tr')].map((row) => [...row.cells].map((x) => x.innerText))"
+FLAGS = (
+    "headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking "
+    "disable-component-update disable-sync hide-scrollbars"
+)
+ROWS = "[...document.querySelectorAll('#stage .scroll tbody tr')]"
+CELLS = f"return {ROWS}.map((row) => [...row.cells].map((x) => x.innerText))"
 PICTURES = os.environ.get("EMSID_PICTURES")
 
 
@@ -103,6 +110,23 @@ class Page:
 
         self.until(pressed)
 
+    def click(self, selector: str) -> None:
+        """Click on an element, once it is there."""
+
+        def clicked() -> bool:
+            self.browser.find_element(By.CSS_SELECTOR, selector).click()
+            return True
+
+        self.until(clicked)
+
+    def open_all(self) -> None:
+        """Open every section of the settings."""
+        self.browser.execute_script("document.querySelectorAll('#side details').forEach((x) => { x.open = true })")
+
+    def refused(self) -> None:
+        """The console says that requests were refused, and nothing else."""
+        assert all("400 (Bad Request)" in each["message"] for each in self.browser.get_log("browser"))
+
     def type(self, label: str, text: str) -> None:
         """Write into a field, and leave it."""
 
@@ -115,24 +139,39 @@ class Page:
         self.until(typed)
 
     def text(self) -> str:
-        return str(self.browser.find_element(By.ID, "main").text)
+        return str(self.browser.find_element(By.ID, "panel").text)
 
     def says(self, text: str, seconds: float = 60) -> None:
         self.until(lambda: text in self.text(), seconds)
 
+    def choose(self, label: str, value: str) -> None:
+        """Choose in a menu."""
+
+        def chosen() -> bool:
+            Select(self.browser.find_element(By.CSS_SELECTOR, f"[aria-label='{label}']")).select_by_value(value)
+            return True
+
+        self.until(chosen)
+
+    def size(self, width: int, height: int, dark: bool = False) -> None:
+        """Give the page a size; narrow ones are those of a telephone."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+        self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+    def fits(self) -> None:
+        """Nothing of the page lies beside the window."""
+        self.until(lambda: self.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), 10)
+
     def picture(self, name: str, dark: bool = False, width: int = 1280, height: int = 900) -> None:
         """Keep a picture for the documentation."""
         if PICTURES:
-            tell = self.browser.execute_cdp_cmd
-            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-            tell("Emulation.setDeviceMetricsOverride", size)
-            scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-            tell("Emulation.setEmulatedMedia", {"features": [scheme]})
-            time.sleep(0.5)  # plots are drawn anew in their size
-            content = b64decode(tell("Page.captureScreenshot", {"format": "png"})["data"])
+            self.size(width, height, dark)
+            time.sleep(1.5)  # plots are drawn anew in their size
+            content = b64decode(self.browser.execute_cdp_cmd("Page.captureScreenshot", {"format": "png"})["data"])
             (Path(PICTURES) / f"studio-{name}.png").write_bytes(content)
-            tell("Emulation.clearDeviceMetricsOverride", {})
-            tell("Emulation.setEmulatedMedia", {"features": []})
+            self.size(1280, 900)
 
 
 @contextmanager
@@ -165,16 +204,24 @@ def downloads(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory, downloads: Path) -> Iterator[Any]:
-    profile = tmp_path_factory.mktemp("profile")
-    with chromium(profile, **{"download.default_directory": str(downloads)}) as driver:
-        yield driver
+    options = webdriver.ChromeOptions()
+    for flag in FLAGS.split():
+        options.add_argument(f"--{flag}")
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
+    options.binary_location = str(CHROMIUM)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(DRIVER), env=dict(os.environ)))
+    yield driver
+    driver.quit()
 
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Iterator[Page]:
     """The page without data; what it writes to the console fails the test."""
     page = Page(browser, address)
-    page.post("edit", {"files": [], "models": [], "options": {}, "unseen": 0.3})
+    page.size(1280, 900)
+    page.post("edit", {"files": [], "unseen_files": [], "other_files": [], "models": [], "options": {}, "unseen": 0.3})
     yield page
     assert [each["message"] for each in browser.get_log("browser")] == []
 
@@ -191,81 +238,266 @@ def table(rows: int = 400, other: str = "other") -> bytes:
     return "\n".join(text).encode()
 
 
-def test_a_first_user_gets_from_a_file_to_a_comparison(
-    page: Page, session: Path, downloads: Path, tmp_path: Path, command: Callable[..., int]
-) -> None:
-    """Load, correct a unit, mask, split, fit, compare, play, copy as command and run it, export, and reopen."""
-    file = tmp_path / "log.csv"
-    hostile = "<img src=x onerror=document.title=1>"
-    file.write_bytes(table(other=hostile))
-    page.open("data")
-    page.find("#pick").send_keys(str(file))
-    page.find(".uplot", 2)
-    assert page.browser.title == "emsid studio"
-    assert hostile in page.text()
-    page.type("Unit of speed", "rpm")
-    page.until(lambda: page.state()["data"]["records"][0]["channels"][1]["unit"] == "rad/s")
-    page.type("From [s]", "1")
-    page.type("To [s]", "1.19")
-    page.press("Leave out")
-    page.says("380 samples")
-    page.type("From [s]", "3")
-    page.press("Unseen from here on")
-    page.until(lambda: page.state()["step"]["unseen"] == pytest.approx(100 / 380))
-    page.picture("data", height=1300)
-    page.press("Models")
-    page.find("input[value=arx]").click()
-    page.find("input[value=output-error]").click()
-    page.find("summary").click()
-    for order in ("na", "nb", "nk"):
-        page.type(order, "1")
-    page.press("Fit")
-    page.press("Compare")
-    page.find(".uplot", 2)
-    page.browser.refresh()  # the run is still there
-    page.until(lambda: any("y(t) =" in each.text for each in page.all("main pre")))
-    (poles,) = (row[1:] for row in page.browser.execute_script(CELLS) if row[0] == "1")
-    assert [float(pole) for pole in poles] == pytest.approx([0.9, 0.9], abs=0.01)
-    page.picture("compare", dark=True, height=1300)
-    page.press("Play")
-    page.says("answered in")
-    compare_sliders(page)
-    page.picture("play")
-    page.browser.set_window_size(500, 900)
-    page.until(lambda: page.browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), 10)
-    page.press("Copy as command")
-    words = shlex.split(page.find("dialog textarea").get_attribute("value"))
-    page.press("Close")
-    assert command(*words[1:], "--out", tmp_path / "again") == 0
-    run = page.state()["runs"][0]["number"]
-    own, again = (read(path / "result.json") for path in (session / "runs" / run, tmp_path / "again"))
-    assert (own["fits"], own["rows"]) == (again["fits"], again["rows"])
-    page.press("Models")
-    page.press("Export c99")
-    page.until(lambda: list(downloads.glob("*c99.zip")))
-    with serving(shutil.copytree(session, tmp_path / "copy")) as copy:
-        page.browser.get(f"{copy}#compare")
-        page.find(".uplot", 2)
-        page.browser.get("about:blank")
-
-
 def read(path: Path) -> Any:
     return json.loads(path.read_bytes())
 
 
-def compare_sliders(page: Page) -> None:
-    """Every parameter has a slider with its name, and moving one changes the answer."""
-    run, model = page.state()["runs"][0]["number"], page.find("[aria-label=Model]").get_attribute("value")
-    with urlopen(f"{page.address}api/runs/{run}/sliders/{model}", timeout=60) as answer:
-        names = [each["name"] for each in json.load(answer)]
-    assert [each.get_attribute("aria-label") for each in page.all("input[type=range]")] == names
-    assert "[object" not in page.text()
-    box = f"[aria-label='{names[0]} as a number']"
-    before = page.find(box).get_attribute("value")
-    page.find("input[type=range]").send_keys(Keys.PAGE_UP)
-    assert page.find(box).get_attribute("value") != before
-    page.press("As estimated")
-    assert page.find(box).get_attribute("value") == before
+def finished(page: Page, count: int = 1) -> dict[str, Any]:
+    """The last run, once all of so many have ended."""
+
+    def ended() -> Any:
+        runs = page.state()["runs"]
+        return len(runs) >= count and all(run["state"] not in ("running", "waiting") for run in runs) and runs[0]
+
+    run: dict[str, Any] = page.until(ended, 120)
+    return run
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
+    page: Page, width: int, downloads: Path, tmp_path: Path
+) -> None:
+    """Own file, role and unit, mask by mouse, filter, two fits, cancel, unseen file, views, exports, reload, tab."""
+    page.size(width, 900)
+    file, other = tmp_path / f"log{width}.csv", tmp_path / f"unseen{width}.csv"
+    hostile = "<img src=x onerror=document.title=1>"
+    file.write_bytes(table(other=hostile))
+    other.write_bytes(table(300, other=hostile))
+    runs = len(page.state()["runs"])
+    page.open("data")
+    page.says("Or begin with an example")
+    page.picture("first")
+    page.find("#pick-files").send_keys(str(file))
+    page.find(".uplot", 2)
+    page.fits()
+    assert page.browser.title == "emsid studio"
+    assert hostile in page.text()
+    page.type("Unit of speed", "rpm")
+    page.until(lambda: page.state()["records"][0]["channels"][1]["unit"] == "rad/s")
+    page.choose(f"Role of {hostile}", "input")
+    page.until(lambda: page.state()["records"][0]["inputs"] == 2)
+    page.choose(f"Role of {hostile}", "")
+    page.until(lambda: page.state()["records"][0]["inputs"] == 1)
+    time.sleep(1)  # the plots of the last correction are there
+    page.press("Select")
+    plot = page.find(".u-over", 2)
+    page.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", plot)
+    span = plot.size["width"]
+    drag = ActionChains(page.browser, 50).move_to_element_with_offset(plot, -span // 4, 0).click_and_hold()
+    drag.move_by_offset(span // 20, 0).move_by_offset(span // 20, 0).release().perform()
+    page.until(lambda: float(page.find("[aria-label='From [s]']").get_attribute("value")) > 0.3)
+    page.press("Leave out")
+    page.until(lambda: 340 <= page.state()["records"][0]["samples"] <= 370)
+    page.open_all()
+    page.type("Filter [Hz]", "fast")  # it is not taken, and stays to be corrected
+    page.press("Apply")
+    page.until(lambda: page.find("[aria-label='Filter [Hz]']").get_attribute("aria-invalid") == "true")
+    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "fast"
+    page.type("Filter [Hz]", "20")
+    page.refused()
+    page.picture("data")
+    page.press("Apply")
+    page.until(lambda: next(iter(page.state()["step"]["given"].values())).get("filter") == 20)
+    page.press("Undo")
+    page.until(lambda: "filter" not in next(iter(page.state()["step"]["given"].values())))
+    page.press("Models")
+    for model in ("arx", "output-error"):
+        page.click(f"input[value={model}]")
+        page.until(lambda model=model: model in page.state()["step"]["models"])
+    page.open_all()
+    for order in ("na", "nb", "nk"):
+        page.type(order, "1")
+        page.until(lambda order=order: page.state()["step"]["options"].get(order) == 1)
+    page.fits()
+    page.press("Fit")
+    assert finished(page, runs + 1)["state"] == "done"
+    page.find("#stage .card table")
+    page.picture("models")
+    page.post("edit", {"models": ["wiener-hammerstein"], "options": {}})
+    page.press("Fit")
+    page.press("Cancel")
+    assert finished(page, runs + 2)["state"] in ("done", "failed", "ended")
+    page.press("Data")
+    page.open_all()
+    page.find("#pick-unseen_files").send_keys(str(other))
+    page.until(lambda: page.state()["step"]["unseen_files"] == [other.name])
+    page.press("Compare")
+    number = page.state()["runs"][1]["number"]
+    wanted = {f"arx (run {number})", f"output-error (run {number})"}
+    for model in page.state()["models"]:
+        box = page.find(f".chosen input[value='{model['id']}']")
+        if box.is_selected() is not (model["run"] == number):
+            page.click(f".chosen input[value='{model['id']}']")
+    page.find("#shown .uplot", 2)
+    page.says("Free run on " + other.name)
+    page.picture("compare", dark=True)
+    for view in ("Bode", "Step", "Poles", "Correlation", "Parameters"):
+        page.press(view)
+
+        def overlaid() -> bool:
+            legend = page.browser.find_element(By.CSS_SELECTOR, "#shown > .legend").text
+            return all(name in legend for name in wanted)
+
+        page.until(overlaid)
+        page.fits()
+        if view == "Bode":
+            page.find("#shown .uplot", 3)  # magnitude, phase, and the coherence of the data
+            page.picture("bode")
+    page.press("Use")
+    page.find("#stage .uplot", 2)
+    page.says("answered in")
+    page.fits()
+    page.choose("Input", "step")
+    page.picture("use")
+    for format in ("c99", "fmu"):
+        before = len(list(downloads.glob(f"*{format}*.zip")))
+        page.choose("Format", format)
+        page.press("Export")
+        page.until(lambda format=format, before=before: len(list(downloads.glob(f"*{format}*.zip"))) > before)
+    page.browser.refresh()
+    page.until(lambda: page.find("#tab-use[aria-selected=true]"))
+    page.find("#stage .uplot", 2)
+    first = page.browser.current_window_handle
+    page.browser.switch_to.new_window("tab")
+    page.open("compare")
+    page.find("#shown .uplot", 2)
+    page.browser.close()
+    page.browser.switch_to.window(first)
+
+
+def test_what_is_copied_repeats_a_fit(page: Page, tmp_path: Path) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.post("edit", {"models": ["arx"], "options": {"na": "1", "nb": "1", "nk": "1"}})
+    page.post("run")
+    run = finished(page)
+    page.open("models")
+    page.press("Copy as Python")
+    script = tmp_path / "fit.py"
+    script.write_text(page.find("dialog textarea").get_attribute("value"), "utf-8")
+    page.press("Close")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=True)
+    assert "arx" in done.stdout
+    page.open("compare")
+    page.find("#shown .uplot", 2)
+    page.find("[aria-label='Copy the comparison as Python']").click()
+    script.write_text(page.find("dialog textarea").get_attribute("value"), "utf-8")
+    page.press("Close")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=True)
+    assert "Comparison" in done.stdout or "arx" in done.stdout
+    assert run["state"] == "done"
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The program that looks for what people who cannot see or use a mouse would miss."""
+    folder = tmp_path_factory.mktemp("axe")
+    try:
+        subprocess.run(
+            ["npm", "pack", "axe-core@4.10.3", "-s"], cwd=folder, check=True, capture_output=True, timeout=120
+        )
+    except (OSError, subprocess.SubprocessError):
+        pytest.skip("needs npm and its registry")
+    with tarfile.open(next(folder.glob("*.tgz"))) as package:
+        member = package.extractfile("package/axe.min.js")
+        assert member is not None
+        return member.read().decode()
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_axe_finds_nothing_in_any_part(page: Page, axe: str, dark: bool) -> None:
+    page.open("data")
+    violations = []
+    found = "const done = arguments[0]; axe.run().then((x) => done(x.violations.map((v) => [v.id, v.nodes[0].html])))"
+
+    def look(what: str) -> None:
+        time.sleep(1)
+        page.open_all()
+        page.browser.execute_script(axe)
+        violations.extend((what, *each) for each in page.browser.execute_async_script(found))
+
+    page.size(1280, 900, dark)
+    look("first screen")
+    page.post("example", {"name": "motor"})
+    page.post("edit", {"models": ["arx", "output-error"], "options": {"na": "1", "nb": "1", "nk": "1"}})
+    page.post("run")
+    finished(page)
+    for part in ("data", "models", "compare", "use", "live"):
+        page.open(part)
+        look(part)
+    page.open("compare")
+    for view in ("Bode", "Poles", "Parameters"):
+        page.press(view)
+        page.find("#shown > .legend")
+        look(view)
+    assert violations == []
+
+
+def test_keys_alone_lead_from_an_example_to_a_view(page: Page) -> None:
+    page.open("data")
+    page.says("Or begin with an example")
+
+    def reach(name: str) -> Any:
+        """Move the focus with Tab until it is on a control."""
+        for _ in range(150):
+            page.browser.switch_to.active_element.send_keys(Keys.TAB)
+            found = page.browser.switch_to.active_element
+            if name in (found.get_attribute("aria-label"), found.get_attribute("value"), found.text):
+                return found
+        raise AssertionError(f"{name} is not reached")
+
+    reach("motor with a dead zone").send_keys(Keys.ENTER)
+    page.find(".uplot", 2)
+    reach("Data").send_keys(Keys.ARROW_RIGHT)
+    reach("arx").send_keys(Keys.SPACE)
+    page.until(lambda: page.state()["step"]["models"] == ["arx"])
+    assert page.browser.switch_to.active_element.get_attribute("value") == "arx"  # it is where it was
+    page.browser.execute_script("document.getElementById('tab-models').focus()")
+    reach("Fit").send_keys(Keys.ENTER)
+    finished(page)
+    page.find("#stage .card table")
+    reach("Models").send_keys(Keys.ARROW_RIGHT)
+    page.find("#shown .uplot", 2)
+    reach("Free run").send_keys(Keys.END)
+    page.find("#shown > .legend")
+    assert page.browser.switch_to.active_element.text == "Parameters"
+
+
+def test_drafts_scroll_and_zoom_survive_what_another_page_does(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.open("data")
+    page.find(".uplot", 2)
+    page.open_all()
+    field = page.find("[aria-label='Filter [Hz]']")
+    field.send_keys("12")
+    page.browser.execute_script("document.getElementById('side').scrollTop = 200")
+    page.find(".plot").send_keys("+")
+    page.find("[aria-label='Filter [Hz]']").click()
+    page.post("edit", {"unseen": 0.41})
+    page.until(
+        lambda: page.browser.execute_script("return document.activeElement.getAttribute('aria-label')") == "Filter [Hz]"
+    )
+    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "12"
+    assert page.browser.execute_script("return document.getElementById('side').scrollTop") >= 200
+    page.press("Models")
+    page.until(lambda: page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.41")
+    page.press("Data")
+    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "12"
+    page.press("Discard")
+    page.until(lambda: page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "")
+
+
+def test_a_page_says_that_the_server_is_gone_and_comes_back_with_it(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path / "s") as address:
+        page.browser.get(f"{address}#data")
+        page.says("Or begin with an example")
+    page.until(lambda: page.find("#gone").is_displayed())
+    with serving(tmp_path / "s") as again:
+        assert again == address
+        page.until(lambda: not page.find("#gone").is_displayed(), 20)
+        with urlopen(f"{again}api/example", json.dumps({"name": "axis"}).encode(), timeout=60):
+            page.find(".uplot", 2)
+        page.browser.get("about:blank")
+    page.browser.get_log("browser")  # of the connections that were refused
 
 
 def test_two_tabs_show_one_session_and_a_reload_in_the_middle_of_a_fit_finds_it(page: Page) -> None:
@@ -379,18 +611,28 @@ def test_arrows_move_a_plot_and_the_others_with_it(page: Page) -> None:
     page.post("files?name=log.csv", body=table())
     page.open("data")
     page.find(".uplot", 2)
-    asked = "return performance.getEntriesByType('resource').map((each) => each.name)"
+    record = """window.asked = [];
+        const before = window.fetch;
+        window.fetch = (path, options) => {
+            if (path === "api/window") asked.push(JSON.parse(options.body));
+            return before(path, options);
+        };"""
+    page.browser.execute_script(record)
 
     def drawn(first: float, last: float) -> None:
-        """Wait until this part of both channels is drawn."""
-        names = [name for name in page.browser.execute_script(asked) if "/window?" in name][-2:]
-        parts = [parse_qs(urlsplit(name).query) for name in names]
-        assert {part["channel"][0] for part in parts} == {"voltage", "speed"}
-        assert [float(part[end][0]) for part in parts for end in ("from", "to")] == pytest.approx([first, last] * 2)
+        """Wait until this part of both channels is asked for, with a quarter more on both sides."""
+        asked = page.browser.execute_script("return asked")[-2:]
+        assert {each["columns"][0] for each in asked} == {"voltage", "speed"}
+        room = (last - first) / 4
+        ends = [float(each[end]) for each in asked for end in ("from", "to")]
+        assert ends == pytest.approx([first - room, last + room] * 2)
 
     for key, first, last in (("+", 0.9975, 2.9925), (Keys.ARROW_RIGHT, 1.49625, 3.49125), ("0", 0, 3.99)):
         page.find(".plot").send_keys(key)
         page.shows(partial(drawn, first, last))
+    plot = page.find(".u-over")
+    ActionChains(page.browser).scroll_from_origin(ScrollOrigin.from_element(plot), 0, -400).perform()
+    page.until(lambda: page.browser.execute_script("return asked.at(-1).to - asked.at(-1).from") < 4)
 
 
 @contextmanager
@@ -427,12 +669,15 @@ def test_a_running_source_is_followed_with_parameters_and_alarms(page: Page, ses
         page.picture("live")
         page.press("Stop")
         page.says("the source has ended")
+        alarms = page.text()
+        page.press("Fit this record")
+        page.until(lambda: page.state()["step"]["files"] == ["record.csv"])
     assert {name: float(value) for name, value, _ in rows} == {
         "a1": pytest.approx(-0.9, abs=0.03),
         "b1": pytest.approx(0.1, abs=0.01),
         "static gain over the range of the input": pytest.approx(1.0, abs=0.2),
         "time constant": pytest.approx(0.0949, rel=0.2),
     }
-    assert "has changed" in page.text()
+    assert "has changed" in alarms
     written = {path.name for path in next(session.glob("live-*")).iterdir()}
     assert {"report.html", "log.txt"} <= written

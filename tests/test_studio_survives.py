@@ -41,7 +41,7 @@ server.HEAD = 1.0
 studio.Studio.warm = lambda self: None
 signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends by an exception, as in a command
 with suppress(KeyboardInterrupt):
-    server.serve(Path(sys.argv[1]), [], browser=False, spelling=str, command=command_of, track=track_of,
+    server.serve(Path(sys.argv[1]), [], browser=False, command=command_of, track=track_of,
                  say=lambda address: print(address, flush=True))
 """
 """The server without what it loads for the first fit: these tests draw nothing, and fit in other processes."""

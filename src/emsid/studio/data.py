@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from threading import RLock
+from threading import Lock, RLock, Thread
 from typing import Any
 
 import numpy as np
@@ -30,11 +30,15 @@ from emsid.record import Record
 from emsid.record.joining import check_same_channels
 from emsid.record.time_axis import NOTABLE, SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
-from emsid.studio.session import Session
+from emsid.studio.session import KINDS, Session, named
 from emsid.wording import Spelling, sentence, severity
 
 KEPT = 8
 """Files, looks and records that are kept in memory."""
+LONG = 200_000
+"""Samples; a look at a longer file, which takes a second or more, is repeated in the background after a correction."""
+MOST_PAIRS = 8000
+"""Points in a plot of a column against another."""
 MOST_MARKS = 200
 """Marks in a plot; more cannot be told apart."""
 SHORTEST = 5
@@ -78,22 +82,35 @@ class Data:
     Args:
         session: whose data they are.
         spelling: how names of arguments are written in sentences.
+        announce: called where a look that took long is there.
     """
 
-    def __init__(self, session: Session, spelling: Spelling) -> None:
-        self.session, self.spelling = session, spelling
+    def __init__(self, session: Session, spelling: Spelling, announce: Callable[[], None]) -> None:
+        self.session, self.spelling, self.announce = session, spelling, announce
         self._made: OrderedDict[str, Any] = OrderedDict()
+        self._making: dict[str, Lock] = {}
         self._names: dict[str, set[str]] = {}
+        self._looks: dict[str, tuple[dict[str, Any], emsid.FirstLook]] = {}
+        self._wanted: dict[str, dict[str, Any]] = {}
+        self._looking: set[str] = set()
         self._lock = RLock()
 
     def _once(self, key: str, make: Callable[[], Any]) -> Any:
         with self._lock:
-            if key not in self._made:
-                self._made[key] = make()
+            own = self._making.setdefault(key, Lock())
+        with own:  # others wait for the same thing only
+            with self._lock:
+                known = key in self._made
+                found = self._made.get(key)
+            if not known:
+                found = make()
+            with self._lock:
+                self._made[key] = found
+                self._made.move_to_end(key)
+                self._making.pop(key, None)
                 while len(self._made) > 4 * KEPT:
                     self._made.popitem(last=False)
-            self._made.move_to_end(key)
-            return self._made[key]
+        return found
 
     def parsed(self, name: str) -> ParsedFile:
         """The columns of a file, read once while it does not change."""
@@ -102,8 +119,36 @@ class Data:
         return self._once(key, lambda: ParsedFile(path, read_columns(path)))  # type: ignore[no-any-return]
 
     def _look(self, name: str, given: Mapping[str, Any]) -> emsid.FirstLook:
-        key = f"look {name} {self.session.stamp(name)} {sorted(given.items(), key=str)}"
-        return self._once(key, lambda: emsid.describe(self.parsed(name), **arguments(given)))  # type: ignore[no-any-return]
+        """The first look at a file with these arguments."""
+        stamp = f"{name} {self.session.stamp(name)}"
+        key = f"look {stamp} {sorted(given.items(), key=str)}"
+        found: emsid.FirstLook = self._once(key, lambda: emsid.describe(self.parsed(name), **arguments(given)))
+        self._looks[stamp] = dict(given), found
+        return found
+
+    def _latest(self, name: str, given: Mapping[str, Any]) -> tuple[Mapping[str, Any], emsid.FirstLook]:
+        """The look with these arguments; of a long file, the last one with its arguments, and a new one follows."""
+        known = self._looks.get(f"{name} {self.session.stamp(name)}")
+        if known is None or known[0] == given or max(map(len, self.parsed(name).columns.series.values())) < LONG:
+            return given, self._look(name, given)
+        with self._lock:
+            self._wanted[name] = dict(given)
+            if name not in self._looking:
+                self._looking.add(name)
+                Thread(target=self._follow, args=(name,), daemon=True).start()
+        return known
+
+    def _follow(self, name: str) -> None:
+        """Look at a file until there is a look with the arguments that were asked for last."""
+        while True:
+            with self._lock:
+                given = self._wanted.pop(name, None)
+                if given is None:
+                    self._looking.discard(name)
+                    break
+            with border("look"):
+                self._look(name, given)
+        self.announce()
 
     def _columns(self, name: str) -> set[str]:
         """The names of the columns of a file."""
@@ -112,12 +157,16 @@ class Data:
             self._names[key] = set(self.parsed(name).columns.series)
         return self._names[key]
 
-    def look(self, step: Mapping[str, Any]) -> emsid.FirstLook:
-        """The first look at the first file, with its corrections."""
-        name = step["files"][0]
+    def _leader(self, step: Mapping[str, Any], name: str) -> str:
+        """The file like which another one is read: the first one if it has the same columns, else itself."""
+        first = step["files"][0] if step["files"] else name
+        return first if name == first or self._columns(name) == self._columns(first) else name
+
+    def look(self, step: Mapping[str, Any], name: str) -> emsid.FirstLook:
+        """The first look at a file, with its corrections."""
         return self._look(name, step["given"].get(name, {}))
 
-    def reading(self, step: Mapping[str, Any], name: str, own: bool = True) -> dict[str, Any]:
+    def reading(self, step: Mapping[str, Any], name: str, own: bool = True, exact: bool = False) -> dict[str, Any]:
         """The arguments of `emsid.read` for a file, for JSON: those found, repairs, and corrections.
 
         A file with the same columns as the first one is read like it; what was said of samples stays with its file.
@@ -126,109 +175,174 @@ class Data:
             step: with this file.
             name: of the file.
             own: whether what was said of samples of the file belongs to them.
+            exact: whether to wait for a look that takes long; else the corrections are put into the last one.
         """
-        first = step["files"][0]
-        alike = name == first or self._columns(name) == self._columns(first)
-        leader = first if alike else name
+        leader = self._leader(step, name)
         said = {**step["given"].get(leader, {})}
         if leader != name or not own:
             said = {key: value for key, value in said.items() if key not in OWN}
             said |= step["given"].get(name, {}) if own else {}
-        look = self._look(leader, said)
-        mended = {key: value for key, value in look.mends.items() if key not in said}
-        reading = {**look.reading, **mended}
+        before, look = (said, self._look(leader, said)) if exact else self._latest(leader, said)
+        reading = {**look.reading, **{key: value for key, value in look.mends.items() if key not in said}}
+        if before != said:
+            reading = {key: value for key, value in reading.items() if key in said or key not in before}
+            for key, value in said.items():
+                both = isinstance(value, Mapping) and isinstance(reading.get(key), Mapping)
+                reading[key] = {**reading[key], **value} if both else value
         return as_json({key: value for key, value in reading.items() if value not in ("", None, {}, [])})
 
     def record(self, step: Mapping[str, Any], name: str) -> Record:
         """The record in a file."""
-        reading = arguments(self.reading(step, name))
-        return self._of_record("record", step, name, lambda: emsid.read(self.parsed(name), **reading))  # type: ignore[no-any-return]
+        return self._read(name, self.reading(step, name))
 
-    def _of_record(self, what: str, step: Mapping[str, Any], name: str, make: Callable[[], Any]) -> Any:
+    def _read(self, name: str, reading: Mapping[str, Any]) -> Record:
+        return self._of("record", name, reading, lambda: emsid.read(self.parsed(name), **arguments(reading)))  # type: ignore[no-any-return]
+
+    def _of(self, what: str, name: str, reading: Mapping[str, Any], make: Callable[[], Any]) -> Any:
         """Something of the record in a file, made once while neither the file nor its reading changes."""
-        return self._once(f"{what} {name} {self.session.stamp(name)} {self.reading(step, name)}", make)
+        return self._once(f"{what} {name} {self.session.stamp(name)} {reading}", make)
 
-    def signal(self, step: Mapping[str, Any], name: str, channel: str) -> Signal:
-        """A channel of the record in a file, contiguous in memory."""
-        record = self.record(step, name)
+    def _signal(self, name: str, reading: Mapping[str, Any], column: str) -> Signal:
+        """A channel of the record in a file, or another column of the file at the same samples; contiguous."""
 
         def make() -> Signal:
-            return Signal(record.time, np.ascontiguousarray(record.channel(channel)), record.dt)
+            record = self._read(name, reading)
+            if column in (*record.input_names, *record.output_names):
+                return Signal(record.time, np.ascontiguousarray(record.channel(column)), record.dt)
+            other = self._beside(name, reading, column, self.parsed(name))
+            return Signal(other.time, np.ascontiguousarray(other.output[:, 0]), other.dt)
 
-        return self._of_record(f"signal {channel}", step, name, make)  # type: ignore[no-any-return]
+        return self._of(f"signal {column}", name, reading, make)  # type: ignore[no-any-return]
 
-    def described(self, step: Mapping[str, Any]) -> dict[str, Any]:
-        """Everything about the data of a step, for the page."""
-        if not step["files"]:
-            return {}
-        look = self.look(step)
+    def signals(self, step: Mapping[str, Any], asked: Mapping[str, Any]) -> list[Signal]:
+        """Signals that are asked for: ``file``, ``columns``, and perhaps ``given``, arguments that replace others.
+
+        Raises:
+            DataError: where there is no such file.
+            EmsidError: where it cannot be read with these arguments.
+        """
+        name = asked["file"]
+        if name not in named(step):
+            raise DataError("there is no such file")
+        reading = {**self.reading(step, name), **asked.get("given", {})}
+        reading = {key: value for key, value in reading.items() if value not in ("", None, {}, [])}
+        found = [self._signal(name, reading, str(column)) for column in asked["columns"]]
+        time = found[0].time
+        return [
+            each
+            if len(each.time) == len(time)
+            else replace(each, time=time, values=np.interp(time, each.time, each.values))
+            for each in found
+        ]
+
+    def pairs(self, step: Mapping[str, Any], asked: Mapping[str, Any]) -> bytes:
+        """The values of two columns at the same samples between two times, thinned: their number, x and y."""
+        x, y = self.signals(step, asked)
+        a, b = np.searchsorted(x.time, [float(asked["from"]), float(asked["to"])])
+        rows = slice(int(a), int(b) + 1, max(1, int(b - a) // MOST_PAIRS + 1))
+        both = [each.values[rows].astype("<f4") for each in (x, y)]
+        return np.uint32(len(both[0])).tobytes() + b"".join(each.tobytes() for each in both)
+
+    def described(self, step: Mapping[str, Any], name: str) -> dict[str, Any]:
+        """Everything about a file, for the page.
+
+        Raises:
+            DataError: where there is no such file.
+            EmsidError: where it cannot be read.
+        """
+        if name not in named(step):
+            raise DataError("there is no such file")
+        reading, leader = self.reading(step, name), self._leader(step, name)
+        given = step["given"].get(name, {}) if leader == name else reading
+        before, look = self._latest(name, given)
         table = column_table(look, 60)
-        reading = self.reading(step, step["files"][0])
         said = [
             {
                 "code": finding.code,
                 "text": sentence(finding, self.spelling),
                 "severity": severity(finding).value,
                 "given": channels_for(finding, reading),
+                "kind": next((kind for kind, parts in SENTENCES.items() if any(p in finding.code for p in parts)), ""),
             }
             for finding in look.findings
         ]
         found: dict[str, Any] = {
+            "file": name,
             "header": HEADER,
             "rows": table.rows,
             "caption": table.caption,
             "lines": [line for line in lines(look, self.spelling) if not line.startswith("- ")],
             "findings": said,
             "reading": reading,
+            "like": "" if leader == name else leader,
+            "looking": before != given,
             "units": {column.name: column.meaning.unit for column in look.columns},
-            "records": [],
+            "marks": [],
         }
-        if look.record is not None:
-            names = [*step["files"], *step["unseen_files"]]
-            found["records"] = [self._record(step, name, said if k == 0 else []) for k, name in enumerate(names)]
+        with border("marks"):
+            record, clock = self._read(name, reading), look.clock
+            jitters = clock if any(each["kind"] == "jitter" for each in said) else None
+            shown = self._of(
+                f"marks {jitters is None}", name, reading, lambda: [*marks(record), *self._jitter(name, jitters)]
+            )
+            found["marks"] = [{**mark, "text": _text(mark["kind"], said)} for mark in shown]
         return plain(found)  # type: ignore[no-any-return]
 
-    def _record(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> dict[str, Any]:
-        """The channels and the marks of a record, or why there are none."""
+    def summary(self, step: Mapping[str, Any], name: str) -> dict[str, Any]:
+        """The channels of a record, or why there are none."""
         problems: list[EmsidError] = []
+        kind = next(kind for kind in KINDS if name in step[kind])
+        found: dict[str, Any] = {"file": name, "kind": kind, "columns": [], "channels": []}
         with border(name, report=problems.append):
-            return self._drawn(step, name, said)
-        return {"file": name, "problem": str(problems[0]), "channels": [], "marks": []}
+            found["columns"] = sorted(self._columns(name), key=list(self.parsed(name).columns.series).index)
+            return found | self._channels(step, name)
+        return {**found, "problem": str(problems[0])}
 
-    def _drawn(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> dict[str, Any]:
+    def _channels(self, step: Mapping[str, Any], name: str) -> dict[str, Any]:
         record, unlike = self.record(step, name), ""
-        try:
-            check_same_channels(self.record(step, step["files"][0]), record)
-        except EmsidError as problem:
-            unlike = f"{problem}; or remove one of the files"
-        units = (*record.input_units, *record.output_units)
-        names = (*record.input_names, *record.output_names)
+        if name in (*step["files"][1:], *step["unseen_files"]):
+            try:
+                check_same_channels(self.record(step, step["files"][0]), record)
+            except EmsidError as problem:
+                unlike = f"{problem}; or remove one of the files"
+
+        def channels() -> list[dict[str, Any]]:
+            units, values = (*record.input_units, *record.output_units), np.hstack([record.input, record.output])
+            names = (*record.input_names, *record.output_names)
+            ends = zip(np.nanmin(values, axis=0).tolist(), np.nanmax(values, axis=0).tolist(), strict=True)
+            return [
+                {"name": n, "unit": u, "low": low, "high": high}
+                for n, u, (low, high) in zip(names, units, ends, strict=True)
+            ]
+
         time = record.time
         return {
-            "file": name,
             "unlike": unlike,
             "samples": len(record),
             "dt": record.dt,
             "first": float(time[0]),
             "last": float(time[-1]),
-            "channels": [{"name": n, "unit": u} for n, u in zip(names, units, strict=True)],
+            "channels": self._of("channels", name, self.reading(step, name), channels),
             "inputs": len(record.input_names),
-            "marks": [
-                {**mark, "text": _text(mark["kind"], said)}
-                for mark in self._of_record(
-                    f"marks {bool(said)}", step, name, lambda: [*marks(record), *self._jitter(step, name, said)]
-                )
-            ],
         }
 
-    def _jitter(self, step: Mapping[str, Any], name: str, said: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Where the times of a file jitter, if the first look says so."""
-        look = self.look(step)
-        column = self.parsed(name).columns.series.get(look.clock.column) if look.clock else None
+    def _jitter(self, name: str, clock: Any) -> list[dict[str, Any]]:
+        """Where the times of a file jitter, if it has a clock that does."""
+        column = self.parsed(name).columns.series.get(clock.column) if clock else None
         values = None if column is None else np.asarray(column)
-        if values is None or values.dtype.kind not in "iuf" or not _text("jitter", said):
+        if values is None or values.dtype.kind not in "iuf":
             return []
-        return list(jittering(values * SECONDS.get(look.clock.unit, 1.0), look.clock.dt))
+        return list(jittering(values * SECONDS.get(clock.unit, 1.0), clock.dt))
+
+    def _beside(self, name: str, reading: Mapping[str, Any], column: str, parsed: ParsedFile) -> Record:
+        """The record of a file with another column as its output, at the same samples, not filtered."""
+        of_values = ("filter", "decimate", "detrend", "signals")
+        known = {key: value for key, value in arguments(reading).items() if key not in of_values}
+        outputs = known["output"]
+        first = str(outputs if isinstance(outputs, str) else outputs[0]).removeprefix("d(").removesuffix(")")
+        for key in ("wrap", "shift", "direction", "scale", "offset", "units"):
+            known[key] = {each: v for each, v in known.get(key, {}).items() if each != first} or None
+        return emsid.read(parsed, **{**known, "output": column})
 
     def rows(self, step: Mapping[str, Any], name: str, first: float, last: float) -> tuple[int, int]:
         """The data rows of a file, from A up to but not B, that the samples between two times are from.
@@ -238,19 +352,14 @@ class Data:
         Raises:
             DataError: where samples are not from rows of one table, or none lie between the times.
         """
-        reading, parsed = arguments(self.reading(step, name)), self.parsed(name)
-        outputs = reading["output"]
-        column = str(outputs if isinstance(outputs, str) else outputs[0]).removeprefix("d(").removesuffix(")")
+        parsed = self.parsed(name)
         lengths = {len(series) for series in parsed.columns.series.values()}
         if len(lengths) != 1:
             raise DataError("the columns of this file have different lengths, so it has no rows; use rows or mask")
         count, number = lengths.pop(), "row number of the studio"
         series = {**parsed.columns.series, **from_arrays([(number, np.arange(count, dtype=float))]).series}
-        known = {key: value for key, value in reading.items() if key not in ("filter", "decimate", "detrend")}
-        for key in ("wrap", "shift", "direction", "scale", "offset", "units"):
-            known[key] = {each: v for each, v in known.get(key, {}).items() if each != column} or None
         counted = ParsedFile(parsed.path, replace(parsed.columns, series=series))
-        record = emsid.read(counted, **{**known, "output": number})
+        record = self._beside(name, self.reading(step, name), number, counted)
         inside = record.output[(record.time >= first) & (record.time <= last), 0]
         if not len(inside):
             raise DataError("no sample lies between these times")

@@ -18,8 +18,21 @@ from emsid.studio.session import Session
 
 AT_ONCE = 2
 """Runs at the same time; further ones wait. Each uses a core."""
+MOST_POINTS = 200
+"""Points of the progress of a search."""
 FILES = frozenset({"task.json", "result.json", "problem.json", "shown.json", "best.json"})
 """Files of a run that are no models of its own."""
+
+
+def _follow_search(search: dict[str, list[list[float]]], message: Mapping[str, Any]) -> None:
+    """Add the time and the lowest cost so far to what is known of the search for a model; every other one is dropped
+    where there are many."""
+    if message.get("cost") is None:
+        return
+    points = search.setdefault(message["doing"].partition(":")[0], [])
+    points.append([message["seconds"], min(message["cost"], *(points[-1][1:] if points else ()), message["cost"])])
+    if len(points) > MOST_POINTS:
+        del points[1:-1:2]
 
 
 class Runs:
@@ -40,13 +53,13 @@ class Runs:
 
     def begin(self, task: Mapping[str, Any]) -> str:
         """Start an identification, or put it into the queue; the number of the run."""
-        folder = self.session.new_run()
-        try:
-            atomic_write(folder / "task.json", msgspec.json.encode(task))
-        except FormatError:
-            folder.rmdir()
-            raise
-        with self._lock:
+        with self._lock:  # it has no state before it waits
+            folder = self.session.new_folder("runs")
+            try:
+                atomic_write(folder / "task.json", msgspec.json.encode(task))
+            except FormatError:
+                folder.rmdir()
+                raise
             self._waiting.append(folder.name)
         self._next()
         return folder.name
@@ -60,7 +73,7 @@ class Runs:
             if number not in self._processes:
                 return
             process = self._processes[number]
-            known = self._progress.setdefault(number, {})
+            known = self._progress.setdefault(number, {"fits": {}, "search": {}})
             if process is not None:
                 if known.get("ending"):
                     process.kill()
@@ -108,9 +121,12 @@ class Runs:
             for line in process.stdout:
                 message = msgspec.json.decode(line)
                 with self._lock:
-                    known = self._progress.setdefault(number, {})
+                    known = self._progress.setdefault(number, {"fits": {}, "search": {}})
                     if message["kind"] == "progress":
                         known["progress"] = message
+                        _follow_search(known["search"], message)
+                    elif message["kind"] == "fit":
+                        known["fits"][message["model"]] = message["fit"]
                     elif message["kind"] == "failed":
                         self._problems[number] = message["message"]
                 self.announce({"kind": "run", "run": self.state(number)})

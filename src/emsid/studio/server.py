@@ -22,6 +22,7 @@ from pathlib import Path
 from secrets import compare_digest, token_urlsafe
 from threading import Thread
 from typing import Any
+from urllib.parse import quote
 
 import h11
 import msgspec
@@ -37,14 +38,16 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import LOG, InternalError
 from emsid.findings import plain
+from emsid.io import load
 from emsid.io.files import NotWritten
 from emsid.studio import uplot
-from emsid.studio.data import Signal, packed
+from emsid.studio.data import packed
 from emsid.studio.live import Live
-from emsid.studio.play import free_runs, loaded, played, sliders
 from emsid.studio.runs import Runs
-from emsid.studio.session import Conflict, Session, held, in_session
-from emsid.studio.studio import Studio, exported, formats
+from emsid.studio.session import Conflict, Session, delete, held, in_session
+from emsid.studio.studio import READ, Studio, as_comparison, catalogue, typed
+from emsid.studio.use import archive, exported, made, played
+from emsid.studio.views import drawn
 
 PAGE = Path(__file__).parent / "page"
 MOST_AT_ONCE = 150
@@ -59,6 +62,10 @@ REPORT_POLICY = (
 
 NOT_UNDERSTOOD = (msgspec.MsgspecError, RecursionError, LookupError, ValueError, TypeError, AttributeError)
 """What is raised for a request with other content than is expected."""
+
+
+TOKEN = ".token"
+"""The file with port and token of a session, for this user only, so that an open page finds a server that is back."""
 
 
 @dataclass
@@ -168,19 +175,34 @@ class Routes:
             "example": lambda request, content: studio.example(str(content["name"]), made_on(request)),
             "run": lambda request, content: studio.run(made_on(request)),
             "cancel": lambda request, content: studio.runs.cancel(str(content["run"])),
-            "play": self._play,
-            "export": lambda request, content: exported(
-                self._model(content), str(content["format"]), list(map(str, content.get("assume", ())))
+            "window": lambda request, content: self._window(content),
+            "pairs": lambda request, content: studio.data.pairs(studio.session.step, content),
+            "ranking": lambda request, content: studio.views.ranking(studio.session.step, content),
+            "runs": lambda request, content: studio.views.window(studio.session.step, content),
+            "view": lambda request, content: studio.views.view(studio.session.step, content),
+            "play": lambda request, content: self._play(content),
+            "program": lambda request, content: self._program(content),
+            "export": lambda request, content: sent(
+                exported(self._model(content), str(content["format"]), list(map(str, content.get("assume", ())))),
+                f"{self._model(content).stem}-{content['format']}",
             ),
+            "use": lambda request, content: self._use(content),
             "live": lambda request, content: studio.live.begin(content),
             "live/stop": lambda request, content: studio.live.stop(),
+            "live/take": lambda request, content: studio.take(),
         }
         gets: dict[str, Callable[[Request, Any], Any]] = {
-            "state": lambda request, content: {**studio.state(), "formats": formats()},
-            "window": self._window,
+            "state": lambda request, content: studio.state(),
+            "catalogue": lambda request, content: catalogue(),
+            "data": lambda request, content: studio.data.described(studio.session.step, request.query_params["file"]),
+            "about": lambda request, content: studio.views.about(request.query_params["model"]),
+            "model": lambda request, content: sent(
+                self._model(request.query_params).read_bytes(), self._model(request.query_params).stem, "json"
+            ),
+            "use/{number}": lambda request, content: sent(
+                archive(self._made(request.path_params["number"])), f"made-{request.path_params['number']}"
+            ),
             "runs/{run}/shown": self._shown,
-            "runs/{run}/window": self._run_window,
-            "runs/{run}/sliders/{model}": lambda request, content: sliders(loaded(self._file(request, "model"))),
             "runs/{run}/file/{name:path}": self._run_file,
         }
         return [
@@ -188,6 +210,7 @@ class Routes:
             Route("/page/{name:path}", self._asset),
             Route("/api/events", self.messages.stream),
             Route("/api/files", self._upload, methods=["POST"]),
+            Route("/api/models", self._upload, methods=["POST"]),
             *(Route(f"/api/{path}", answer(work), methods=["POST"]) for path, work in posts.items()),
             *(Route(f"/api/{path}", answer(work)) for path, work in gets.items()),
         ]
@@ -198,19 +221,24 @@ class Routes:
         return PlainTextResponse("there is no such file", 404) if path is None else FileResponse(path)
 
     async def _upload(self, request: Request) -> Response:
-        """Write a dropped file into the session, block by block."""
+        """Write a dropped file of data or of a model into the session, block by block."""
         session, count = self.studio.session, 0
+        place = "models" if request.url.path.endswith("/models") else "data"
         try:
-            with session.adding(request.query_params.get("name", "file.csv")) as (name, incoming):
+            with session.adding(request.query_params.get("name", "file.csv"), place) as (name, incoming):
                 with incoming.open("wb") as file:
                     async for block in request.stream():
                         count += len(block)
                         if count > LARGE:
                             raise TooLarge
                         file.write(block)
-                session.arrived(name)
-                unseen = request.query_params.get("unseen") == "1"
-                await run_in_threadpool(self.studio.add, name, unseen=unseen)
+                if place == "models":
+                    await run_in_threadpool(load, incoming)
+                session.arrived(name, place)
+                if place == "models":
+                    self.messages.announce({"kind": "state"})
+                else:
+                    await run_in_threadpool(self.studio.add, name, request.query_params.get("kind", "files"))
         except (TooLarge, ClientDisconnect):
             return PlainTextResponse("the file is too large, or has not arrived", 413)
         except Exception as problem:
@@ -223,38 +251,25 @@ class Routes:
             raise DataError("there is no such run")
         return found
 
-    def _file(self, request: Request, key: str) -> Path:
-        return self._model({"run": request.path_params["run"], "model": request.path_params[key]})
-
     def _model(self, content: Mapping[str, Any]) -> Path:
-        path = in_session(self._folder(str(content["run"])), f"{content['model']}.json")
-        if path is None:
-            raise DataError("there is no such model")
+        return self.studio.views.path(str(content["model"]))
+
+    def _made(self, number: str) -> Path:
+        path = self.studio.session.folder / "use" / number
+        if not number.isdigit() or not path.is_dir():
+            raise DataError("there are no such files")
         return path
 
-    def _window(self, request: Request, content: Any) -> bytes:
-        asked, step = request.query_params, self.studio.session.step
-        if asked["file"] not in (*step["files"], *step["unseen_files"]):
-            raise DataError("there is no such file")
-        signal = self.studio.data.signal(step, asked["file"], asked["channel"])
-        return packed([signal], float(asked["from"]), float(asked["to"]), int(asked["width"]))
+    def _window(self, content: Mapping[str, Any]) -> bytes:
+        given = typed(READ, content.get("given", {}))
+        signals = self.studio.data.signals(self.studio.session.step, {**content, "given": given})
+        return packed(signals, float(content["from"]), float(content["to"]), int(content["width"]))
 
     def _shown(self, request: Request, content: Any) -> Response:
         path = in_session(self._folder(request.path_params["run"]), "shown.json")
         if path is None:
             raise DataError("this run has no result")
         return Response(path.read_bytes(), media_type="application/json")
-
-    def _run_window(self, request: Request, content: Any) -> bytes:
-        """Measured output, and the free runs of some models, on a part of the data."""
-        asked = request.query_params
-        found = free_runs(self._folder(request.path_params["run"]), asked["part"])
-        names = ["measured", *(f"model {name}" for name in asked.getlist("model"))]
-        channel, time, dt = int(asked.get("output", "0")), found["time"], float(found["dt"])
-        signals = [Signal(time, found[name][:, channel], dt) for name in names]
-        signals += [Signal(time, signals[0].values - signal.values, dt) for signal in signals[1:]]
-        first, last = float(asked.get("from", time[0])), float(asked.get("to", time[-1]))
-        return np_ends(time) + packed(signals, first, last, int(asked["width"]))
 
     def _run_file(self, request: Request, content: Any) -> Response:
         path = in_session(self._folder(request.path_params["run"]), request.path_params["name"])
@@ -267,11 +282,43 @@ class Routes:
             headers["content-disposition"] = "attachment"
         return FileResponse(path, headers=headers)
 
-    def _play(self, request: Request, content: Any) -> bytes:
-        found, own = loaded(self._model(content)), free_runs(self._folder(str(content["run"])), "unseen")
-        signals = played(found, content.get("values", {}), content.get("input", {}), own)
+    def _play(self, content: Mapping[str, Any]) -> bytes:
+        record = self.studio.views.record(self.studio.session.step, content["data"])
+        signals = played(self._model(content), content.get("values", {}), content.get("input", {}), record)
         time = signals[0].time
         return np_ends(time) + packed(signals, float(time[0]), float(time[-1]), int(content.get("width", 1000)))
+
+    def _program(self, content: Mapping[str, Any]) -> dict[str, str]:
+        studio, file = self.studio, str(content["data"]["file"])
+        models = [studio.views.path(str(name)) for name in content["models"]]
+        reading = studio.data.reading(studio.session.step, file, exact=True)
+        return {"script": as_comparison(models, studio.session.path(file), reading)}
+
+    def _use(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Make something of a model; what is said of it, and the number of its files."""
+        folder = self.studio.session.new_folder("use")
+        try:
+            found = made(self._model(content), str(content["what"]), content.get("options", {}), folder)
+        except BaseException:
+            delete(folder)
+            raise
+        tables = [
+            {"caption": t.caption, "header": t.header, "rows": t.rows, "texts": t.text_columns} for t in found.tables
+        ]
+        files = [path.name for path in sorted(folder.iterdir())]
+        return {
+            "number": folder.name,
+            "files": files,
+            "lines": found.lines,
+            "tables": tables,
+            "plots": drawn(found.figures),
+        }
+
+
+def sent(content: bytes, name: str, kind: str = "zip") -> Response:
+    """A file to keep."""
+    headers = {"content-disposition": f'attachment; filename="{quote(name)}.{kind}"'}
+    return Response(content, media_type=f"application/{kind}", headers=headers)
 
 
 def np_ends(time: Any) -> bytes:
@@ -318,7 +365,6 @@ def serve(
     *,
     port: int = 0,
     browser: bool = True,
-    spelling: Callable[[str], str],
     command: Callable[[Mapping[str, Any], Path], str],
     track: Callable[[Mapping[str, Any], Path], list[str]],
     say: Callable[[str], None],
@@ -330,7 +376,6 @@ def serve(
         files: to add to it.
         port: of the loopback interface; 0 for a free one.
         browser: whether to open the page.
-        spelling: how names of arguments are written in findings about data.
         command: a task as a command line.
         track: the program that follows a live source.
         say: called with the address.
@@ -342,19 +387,22 @@ def serve(
     with held(folder), socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
         messages = Messages()
         session = Session.at_folder(folder)
-        studio = Studio(
-            session, Runs(session, messages.announce), Live(session, messages.announce, track), spelling, command
-        )
+        studio = Studio(session, Runs(session, messages.announce), Live(session, messages.announce, track), command)
         studio.announce = messages.announce
         for path in files:
             studio.add(session.add(path))
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind(("127.0.0.1", port))
-        except OSError:
-            raise DataError(f"port {port} is in use; choose another", arguments=("port",)) from None
+        before, token = last_door(session.folder)
+        for wanted in (port,) if port else (before, 0):
+            try:
+                listening.bind(("127.0.0.1", wanted))
+                break
+            except OSError:
+                if wanted == port:
+                    raise DataError(f"port {port} is in use; choose another", arguments=("port",)) from None
         listening.listen(BACKLOG)  # before the address is said: who asks at once waits
-        port, token = listening.getsockname()[1], token_urlsafe(24)
+        port = listening.getsockname()[1]
+        private(session.folder / TOKEN, f"{port} {token}")
         config = uvicorn.Config(
             application(studio, messages, token, port),
             http=ImpatientProtocol,
@@ -387,9 +435,23 @@ def write_door(path: Path, address: str) -> None:
     The command lines of all processes are visible to every user, so a browser is started with this page, not with the
     address, which has the token.
     """
+    private(path, f'<!doctype html><title>emsid</title><meta http-equiv="refresh" content="0; url={address}">\n')
+
+
+def private(path: Path, text: str) -> None:
+    """Write a file that other users cannot read."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-        file.write(f'<!doctype html><title>emsid</title><meta http-equiv="refresh" content="0; url={address}">\n')
+        file.write(text)
+
+
+def last_door(folder: Path) -> tuple[int, str]:
+    """The port and the token that a session was served with last; any port and a new token where there are none."""
+    with suppress(OSError, ValueError):
+        port, token = (folder / TOKEN).read_text("utf-8").split()
+        if 1024 <= int(port) < 65536 and len(token) >= 32:
+            return int(port), token
+    return 0, token_urlsafe(24)
 
 
 __all__ = ["Messages", "application", "serve", "uplot"]

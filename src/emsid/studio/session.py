@@ -2,7 +2,9 @@
 
     session.json        the steps of data and choice, for undo and redo
     data/               copies of the files
+    models/             models that were added as files
     runs/1/             an identification: what was asked, models, result, report
+    use/1/              controllers, compensations and designs that were made
 
 Every file is written atomically, so that a session is complete after any interruption; it can be copied and sent.
 """
@@ -11,7 +13,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -27,7 +29,7 @@ from emsid.errors import DataError, FormatError
 from emsid.io import atomic_write
 from emsid.live.log import Lock, Taken
 
-VERSION = 2
+VERSION = 3
 MOST_STEPS = 200
 """Steps that can be undone; each is a few hundred bytes."""
 INCOMING = "incoming"
@@ -39,13 +41,14 @@ Stamp = tuple[tuple[str, int, int], ...]
 class Step(TypedDict):
     """What was chosen; everything is bound to the files that it was said of.
 
-    ``files`` and ``unseen_files`` are names in ``data/``. ``given`` are corrected arguments of `emsid.read` by the file
-    that they were said of. ``models`` (none: the usual ones), ``options`` of `emsid.identify` with known values, and
-    ``unseen``, the part kept unseen, were chosen for the files ``chosen_for``.
+    ``files`` (to fit), ``unseen_files`` and ``other_files`` are names in ``data/``. ``given`` are corrected arguments
+    of `emsid.read` by the file that they were said of. ``models`` (none: the usual ones), ``options`` of
+    `emsid.identify` with known values, and ``unseen``, the part kept unseen, were chosen for the files ``chosen_for``.
     """
 
     files: list[FileName]
     unseen_files: list[FileName]
+    other_files: list[FileName]
     given: dict[FileName, dict[str, Any]]
     models: list[str]
     options: dict[str, Any]
@@ -57,14 +60,21 @@ class Document(TypedDict):
     """The content of ``session.json``."""
 
     format: Literal["emsid session"]
-    version: Literal[2]
+    version: Literal[3]
     at: Annotated[int, Meta(ge=0)]
     steps: Annotated[list[Step], Meta(min_length=1)]
 
 
 CHOICE: dict[str, Any] = {"models": [], "options": {}, "unseen": 0.3}
 """The parts of a step that are chosen for all of its files, with their defaults."""
-EMPTY: dict[str, Any] = {"files": [], "unseen_files": [], "given": {}, **CHOICE, "chosen_for": []}
+KINDS = ("files", "unseen_files", "other_files")
+"""The lists of the files of a step: those to fit, those to rank on, and those that are only looked at."""
+EMPTY: dict[str, Any] = {**{kind: [] for kind in KINDS}, "given": {}, **CHOICE, "chosen_for": []}
+
+
+def named(step: Mapping[str, Any]) -> list[str]:
+    """All files of a step."""
+    return [name for kind in KINDS for name in step[kind]]
 
 
 class Conflict(DataError):
@@ -131,8 +141,8 @@ class Session:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.chmod(0o700)
             for left in (folder / INCOMING, *folder.glob(f".{path.name}.*.tmp")):  # of a studio that was killed
-                _delete(left)
-            for name in ("data", "runs", INCOMING):
+                delete(left)
+            for name in ("data", "models", "runs", INCOMING):
                 (folder / name).mkdir(exist_ok=True)
         except (LookupError, ValueError, TypeError, AttributeError, RecursionError, msgspec.MsgspecError):
             raise FormatError(f"{path}: not a session that this emsid reads; choose another folder") from None
@@ -191,44 +201,44 @@ class Session:
         document = {"format": "emsid session", "version": VERSION, "at": self.at, "steps": self.steps}
         atomic_write(self.folder / "session.json", msgspec.json.encode(document))
 
-    def path(self, name: str) -> Path:
-        """A file of the data."""
-        return self.folder / "data" / name
+    def path(self, name: str, of: str = "data") -> Path:
+        """A file of the data, or of the models that were added."""
+        return self.folder / of / name
 
-    def free_name(self, name: str) -> str:
+    def free_name(self, name: str, of: str = "data") -> str:
         """A name for a file that is added: without a folder or characters that some systems refuse, not in use yet."""
         bare = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", Path(name.replace("\\", "/")).name).strip(". ")
         bare = bare.encode()[-120:].decode(errors="ignore") or "file"
         stem, dot, suffix = bare.partition(".")
         numbered = (f"{stem}-{k}{dot}{suffix}" for k in range(2, 10_000))
-        places = (self.path(each) for each in (bare, *numbered))
+        places = (self.path(each, of) for each in (bare, *numbered))
         return next(place.name for place in places if not (place.exists() or self._incoming(place.name).exists()))
 
     def _incoming(self, name: str) -> Path:
         return self.folder / INCOMING / name
 
     @contextmanager
-    def adding(self, name: str) -> Iterator[tuple[str, Path]]:
-        """A free name for a file of the data, and where to write it first; after an exception within, no file stays.
+    def adding(self, name: str, of: str = "data") -> Iterator[tuple[str, Path]]:
+        """A free name for a file of data or models, and where to write it first; after an exception within, none stays.
 
         Raises:
             OSError: where the folder cannot be written to.
         """
         with self.lock:
-            free = self.free_name(name)
+            free = self.free_name(name, of)
             incoming = self._incoming(free)
             incoming.touch(exist_ok=False)  # nobody else takes the name
         try:
             yield free, incoming
         except BaseException:
-            _delete(self.path(free))
+            delete(self.path(free, of))
             raise
         finally:
-            _delete(incoming)
+            delete(incoming)
 
-    def arrived(self, name: str) -> None:
+    def arrived(self, name: str, of: str = "data") -> None:
         """Put a file that has been written to its place."""
-        self._incoming(name).replace(self.path(name))
+        self._incoming(name).replace(self.path(name, of))
 
     def stamp(self, name: str) -> Stamp:
         """What changes as a file of the data, or one in it where it is a folder, is replaced.
@@ -266,12 +276,12 @@ class Session:
             raise FormatError(f"{source}: cannot be read ({_reason(problem)})") from None
         return name
 
-    def new_run(self) -> Path:
-        """An empty folder for a run, with the next number."""
+    def new_folder(self, of: str) -> Path:
+        """An empty folder for a run, or for files that are made, with the next number."""
         with self.lock:
-            numbers = [int(path.name) for path in (self.folder / "runs").iterdir() if path.name.isdigit()]
-            folder = self.folder / "runs" / str(max(numbers, default=0) + 1)
-            folder.mkdir()
+            numbers = [int(path.name) for path in (self.folder / of).glob("*") if path.name.isdigit()]
+            folder = self.folder / of / str(max(numbers, default=0) + 1)
+            folder.mkdir(parents=True)
             return folder
 
     @property
@@ -286,18 +296,21 @@ def bound(step: dict[str, Any]) -> dict[str, Any]:
 
     A choice holds for the files that it was made for, and for further ones as long as the first file is one of them.
     """
-    names = {*step["files"], *step["unseen_files"]}
+    names = named(step)
     given = {name: each for name, each in step["given"].items() if name in names and each}
     other = step["files"] and step["chosen_for"] and step["files"][0] not in step["chosen_for"]
     return {**step, "given": given, **({**CHOICE, "chosen_for": []} if other else {})}
 
 
 def current(found: dict[str, Any]) -> dict[str, Any]:
-    """The content of a session file in the present version; in the first one, corrections were of all files."""
-    if found["version"] != 1:
+    """The content of a session file in the present version.
+
+    In the first one, corrections were of all files; in the second one, every file was used.
+    """
+    if found["version"] not in (1, 2):
         return found
     steps = [{**EMPTY, **step} for step in found["steps"]]
-    for step in steps:
+    for step in steps if found["version"] == 1 else ():
         step["chosen_for"] = [*step["files"], *step["unseen_files"]]
         step["given"] = dict.fromkeys(step["files"][:1], step["given"]) if step["given"] else step["given"]
     return {**found, "version": VERSION, "steps": steps}
@@ -314,7 +327,7 @@ def _digest(stamp: Stamp) -> str:
     return found.hexdigest()
 
 
-def _delete(path: Path) -> None:
+def delete(path: Path) -> None:
     """Delete a file or a folder, if it is there."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)

@@ -1,54 +1,95 @@
 """What the page can do: change the step, add files, fit, and the state that every page shows.
 
 A step as a program in Python that gives the same numbers.
-
-What can be done about a finding, as a change of the step that a button of the page makes.
-
-Export of a model for other programs, as an archive of the files that `emsid.export` writes.
 """
 
 from __future__ import annotations
 
-import io
-import tempfile
-import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
-from starlette.responses import Response
-
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
 from emsid.exports import FORMATS
-from emsid.io import origin
-from emsid.models.verbs import as_model
-from emsid.options import IDENTIFY
+from emsid.options import IDENTIFY, READING, Declared
 from emsid.studio.data import Data, arguments
-from emsid.studio.play import loaded
-from emsid.studio.session import CHOICE, EMPTY, Conflict, Session
+from emsid.studio.session import CHOICE, EMPTY, KINDS, Conflict, Session, named
+from emsid.studio.views import Views
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from emsid.studio.live import Live
     from emsid.studio.runs import Runs
+
+
+def _names(value: Any) -> list[str]:
+    return [str(part).strip() for part in (value.split(",") if isinstance(value, str) else value)]
+
+
+def _by_column(number: Callable[[str], Any]) -> Callable[[Any], dict[str, Any]]:
+    def table(value: Any) -> dict[str, Any]:
+        pairs = [part.rsplit("=", 1) for part in _names(value)] if isinstance(value, str) else value.items()
+        return {str(name).strip(): number(each) for name, each in pairs}
+
+    return table
+
+
+def _rows(value: Any) -> list[int | None]:
+    ends = value.split(":") if isinstance(value, str) else value
+    first, last = (None if end in ("", None) else int(end) for end in ends)
+    return [first, last]
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
 
 
 OF_KIND: dict[str, Callable[[Any], Any]] = {
     "whole": int,
     "number": float,
-    "text": str,
-    "names": lambda value: [str(part).strip() for part in (value.split(",") if isinstance(value, str) else value)],
+    "fraction": float,
+    "sample time": float,
+    "text": _text,
+    "switch": bool,
+    "names": _names,
+    "columns": lambda value: _names(value) if isinstance(value, list) else _text(value),
     "wholes": lambda value: [int(part) for part in (value.split(",") if isinstance(value, str) else value)],
+    "rows": _rows,
+    "numbers by column": _by_column(float),
+    "texts by column": _by_column(_text),
 }
-"""How a text that is typed into a field becomes the value of an option, by its kind."""
+"""How what is typed into a field becomes the value of an option, by its kind."""
 FIELDS = {each.name: each for each in IDENTIFY if each.kind in OF_KIND and each.name != "models"}
-"""The options that have a field."""
+"""The options of a fit that have a field."""
+READ = {each.name: each for each in READING if each.kind in OF_KIND}
+"""The options of reading that have one."""
+
+
+def field_name(argument: str) -> str:
+    """What the page calls an argument, in quotation marks.
+
+    >>> field_name("derivative_window")
+    '“Derivative window”'
+    """
+    return f"“{_label(argument)}”"
+
+
+def _label(argument: str) -> str:
+    called = {
+        "dt": "Sample time",
+        "resample": "Interpolate irregular times",
+        "mask": "Leave out where",
+        "fixed": "Known values",
+    }
+    return called.get(argument, argument.replace("_", " ").capitalize() if len(argument) > 2 else argument)
+
+
 NO_RECORD = frozenset({"not-readable", "no-role-found"})
 """Findings that say why there is no record."""
 UNITS = (
@@ -80,7 +121,6 @@ class Studio:
 
     Args:
         session, runs, live: of it.
-        spelling: how names of arguments are written in findings.
         command: a task as a command line.
         announce: called when the state has changed.
     """
@@ -88,14 +128,15 @@ class Studio:
     session: Session
     runs: Runs
     live: Live
-    spelling: Callable[[str], str]
     command: Callable[[Mapping[str, Any], Path], str]
     announce: Callable[[dict[str, Any]], None] = lambda message: None
     data: Data = field(init=False)
+    views: Views = field(init=False)
     _adding: Any = field(default_factory=RLock, init=False)
 
     def __post_init__(self) -> None:
-        self.data = Data(self.session, self.spelling)
+        self.data = Data(self.session, field_name, lambda: self.announce({"kind": "state"}))
+        self.views = Views(self.session, self.data)
 
     def warm(self) -> None:
         """Load what the first fit and the first free run need."""
@@ -120,37 +161,66 @@ class Studio:
             Conflict: where the session has changed since, also while the data were read.
             EmsidError: where they cannot be read.
         """
-        step, before = {**step, **values}, step["given"]
+        before, step = step, {**step, **values}
         for name, given in values.get("given", {}).items():
-            if given == before.get(name, {}):
+            if given == before["given"].get(name, {}):
                 continue
-            if name != step["files"][0]:
+            try:
                 self.data.record(step, name)
-            elif self.data.look(step).record is None and given:
-                found = self.data.described(step)
-                said = [each["text"] for each in found["findings"] if each["code"] in NO_RECORD]
-                raise DataError(said[0] if said else "no record can be read like this")
+            except EmsidError as problem:  # where there was no record before, a first role is a beginning
+                if given and self._readable(before, name):
+                    findings = self.data.described(step, name)["findings"]
+                    said = [each["text"] for each in findings if each["code"] in NO_RECORD]
+                    raise DataError(said[0] if said else str(problem)) from None
         self.session.change(on, **values)
         self.announce({"kind": "state"})
         return {"version": on + 1}
 
-    def add(self, name: str, *, unseen: bool = False) -> None:
-        """Add a file of the session to the data.
+    def _readable(self, step: Mapping[str, Any], name: str) -> bool:
+        with suppress(EmsidError):
+            self.data.record(step, name)
+            return True
+        return False
+
+    def add(self, name: str, kind: str = "files") -> None:
+        """Add a file of the session to the data; the first one is one to fit.
+
+        Args:
+            name: of the file.
+            kind: one of `KINDS`.
 
         Raises:
+            DataError: for another kind.
             EmsidError: where it cannot be read.
         """
+        if kind not in KINDS:
+            raise DataError(f"{kind} is none of {', '.join(KINDS)}")
         self.data.parsed(name)
         with self._adding:
             while True:  # unlike other changes, those that add a file do not exclude each other
                 on, step = self.session.present
-                key = "unseen_files" if unseen and step["files"] else "files"
+                key = kind if step["files"] else "files"
                 files = [*step[key], name]
-                if len(files) == 1:
-                    self.data.look({**step, key: files})
+                if key == "files" and len(files) == 1:
+                    self.data.look({**step, key: files}, name)
                 with suppress(Conflict):
                     self.change(on, step, **{key: files})
                     return
+
+    def take(self) -> dict[str, list[str]]:
+        """Add the records of the last source that was followed to the data; their names.
+
+        Raises:
+            DataError: where none was written.
+        """
+        folders = sorted(self.session.folder.glob("live-*"), key=lambda path: path.stat().st_mtime)
+        records = sorted(folders[-1].glob("record*.csv")) if folders else []
+        if not records:
+            raise DataError("there is no record yet; stop the source first, which writes it")
+        names = [self.session.add(path) for path in records]
+        for name in names:
+            self.add(name)
+        return {"files": names}
 
     def _made_on(self, version: Any) -> tuple[int, dict[str, Any]]:
         """The present version and its step.
@@ -164,22 +234,29 @@ class Studio:
         return on, step
 
     def edit(self, content: Mapping[str, Any], version: Any = None) -> dict[str, int]:
-        """Change parts of the step; ``given`` corrects the reading of the first file: a None takes a correction back.
+        """Change parts of the step; ``given`` corrects the reading of a file: a None takes a correction back.
+
+        Args:
+            content: the parts; with ``given``, the ``file`` that it is of, by default the first one.
+            version: that the change is made on.
 
         Raises:
             DataError: for a part that is none, or corrections without a file.
             EmsidError: where the data cannot be read like this.
         """
         (on, step), values = self._made_on(version), dict(content)
+        file = values.pop("file", None)
         unknown = values.keys() - EMPTY.keys() | values.keys() & {"chosen_for"}
         if unknown:
             raise DataError(f"there is no {', '.join(sorted(unknown))} in a step")
-        known = {*step["files"], *step["unseen_files"]}
-        for key in ("files", "unseen_files"):
+        known = {*named(step)}
+        for key in KINDS:
             if not set(values.get(key, [])) <= known:
                 raise DataError("there is no such file")
+        if not values.get("files", [""]) and values.get("unseen_files", step["unseen_files"]):
+            raise DataError("unseen data need data to fit; choose some, or remove the unseen ones first")
         if "given" in values:
-            values["given"] = self._said(step, step["files"][:1], values["given"])
+            values["given"] = self._said(step, step["files"][:1] if file is None else [str(file)], values["given"])
         if "options" in values:
             values["options"] = options_of(values["options"])
         if "unseen" in values and not 0 < float(values["unseen"]) < 1:
@@ -188,8 +265,6 @@ class Studio:
             from emsid.identification.task import model_names
 
             values["models"] = list(model_names(values["models"])) if values["models"] else []
-        if not values.get("files", [""]):
-            values["unseen_files"] = []
         if values.keys() & CHOICE.keys():
             now = {**step, **values}
             values["chosen_for"] = [*now["files"], *now["unseen_files"]]
@@ -200,13 +275,13 @@ class Studio:
         """The corrections of a step with further ones of some files.
 
         Raises:
-            DataError: where there is no file.
+            DataError: where there is no file, or a correction is not understood.
         """
-        if not files:
+        if not files or not {*files} <= {*named(step)}:
             raise DataError("there are no data to correct; drop a file or choose an example")
-        said = dict(step["given"])
+        said, read = dict(step["given"]), typed(READ, given)
         for name in files:
-            merged = {**said.get(name, {}), **given}
+            merged = {**said.get(name, {}), **read}
             said[name] = {key: value for key, value in merged.items() if value is not None}
         return said
 
@@ -255,24 +330,24 @@ class Studio:
         with self.session.adding(f"{name}.csv") as (file, incoming):
             write_record(found.record(), incoming)
             self.session.arrived(file)
-            return self.change(on, step, files=[file], unseen_files=[])
+            return self.change(on, step, files=[file], unseen_files=[], other_files=[])
 
-    def _task_of(self, step: Mapping[str, Any]) -> dict[str, Any]:
+    def _task_of(self, step: Mapping[str, Any], exact: bool = False) -> dict[str, Any]:
         """What a run of a step is asked; ``reading`` also suits other files, for it concerns no samples."""
         if not step["files"]:
             raise DataError("there are no data; drop a file or choose an example")
         files = [*step["files"], *step["unseen_files"]]
         names = ("files", "unseen_files", "unseen", "models", "options")
         return {name: step[name] for name in names} | {
-            "readings": {name: self.data.reading(step, name) for name in files},
-            "reading": self.data.reading(step, step["files"][0], own=False),
+            "readings": {name: self.data.reading(step, name, exact=exact) for name in files},
+            "reading": self.data.reading(step, step["files"][0], own=False, exact=exact),
             "contents": {name: self.session.digest(name) for name in files},
             "emsid": emsid.__version__,
         }
 
     def run(self, version: Any = None) -> dict[str, str]:
         """Fit; the number of the run."""
-        number = self.runs.begin(self._task_of(self._made_on(version)[1]))
+        number = self.runs.begin(self._task_of(self._made_on(version)[1], exact=True))
         self.announce({"kind": "run", "run": {**self.runs.state(number), "stale": []}})
         return {"run": number}
 
@@ -285,13 +360,12 @@ class Studio:
             "undo": self.session.at > 0,
             "redo": self.session.at < len(self.session.steps) - 1,
             "folder": str(self.session.folder),
-            "catalogue": catalogue(),
-            "units": UNITS,
             "live": self.live.state,
+            "records": [],
         }
         problems: list[EmsidError] = []
         with border("data", report=problems.append):
-            found["data"] = self.data.described(step)
+            found["records"] = [self.data.summary(step, name) for name in named(step)]
         task: dict[str, Any] = {}
         if step["files"]:
             with border("task", report=problems.append):
@@ -301,7 +375,9 @@ class Studio:
                 reading, *others = task["readings"].values()
                 if all(other == reading for other in others):  # a command reads all files in one way
                     found["command"] = self.command({**task, "reading": reading}, place)
-        found["runs"] = [{**run, "stale": differences(run["task"], task)} for run in self.runs.states]
+        states = self.runs.states
+        found["models"] = self.views.models(states)
+        found["runs"] = [{**run, "stale": differences(run["task"], task)} for run in states]
         found["problem"] = "; ".join(dict.fromkeys(map(str, problems)))
         return found
 
@@ -327,26 +403,37 @@ def differences(task: Mapping[str, Any], present: Mapping[str, Any]) -> list[str
     return list(dict.fromkeys(found))
 
 
+def typed(fields: Mapping[str, Declared], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of options from what was typed; None where a field is empty.
+
+    Raises:
+        DataError: for an unknown option, or what is no value of its kind; its argument is the field.
+    """
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if name not in fields:
+            raise DataError(f"there is no option {name}")
+        try:
+            empty = value is None or (isinstance(value, str) and not value.strip() and name != "mask")
+            found[name] = None if empty else OF_KIND[fields[name].kind](value)
+        except (ValueError, TypeError, AttributeError):
+            about = fields[name]
+            raise DataError(f"{field_name(name)}: {value!r} is not understood; {about.meaning.lower()}") from None
+    return found
+
+
 def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
     """Options of `emsid.identify` from texts; empty ones are left out.
 
     Raises:
-        DataError: for an unknown option, or a text that is no number.
+        DataError: as `typed` does.
     """
-    options: dict[str, Any] = {}
-    for name, value in given.items():
-        if value in ("", None, [], {}):
-            continue
-        try:
-            if name in FIELDS:
-                options[name] = OF_KIND[FIELDS[name].kind](value)
-            elif name == "fixed":
-                options[name] = {str(key): str(each) for key, each in value.items()}
-            else:
-                raise DataError(f"there is no option {name}")
-        except (ValueError, TypeError, AttributeError):
-            raise DataError(f"{name}: {value!r} is not understood") from None
-    return options
+    fixed = given.get("fixed") or {}
+    if not isinstance(fixed, Mapping):
+        raise DataError(f"{field_name('fixed')} are a table")
+    options = typed(FIELDS, {name: value for name, value in given.items() if name != "fixed" and value not in ([], {})})
+    options = {name: value for name, value in options.items() if value is not None}
+    return options | ({"fixed": {str(key): str(each) for key, each in fixed.items()}} if fixed else {})
 
 
 def catalogue() -> dict[str, Any]:
@@ -360,16 +447,33 @@ def catalogue() -> dict[str, Any]:
         if isinstance(candidate, Physical):
             for name, handle in candidate.plant.handles.items():
                 parameters.setdefault(name, handle.parameter.unit)
+
+    def fields(some: Mapping[str, Declared]) -> list[dict[str, Any]]:
+        names = ("name", "kind", "meaning", "metavar", "group", "unit")
+        return [{**{n: getattr(each, n) for n in names}, "label": _label(each.name)} for each in some.values()]
+
     return {
         "models": [
             {"name": name, "summary": candidate.summary, "uses": list(candidate.uses), "usual": name in USUAL}
             for name, candidate in CANDIDATES.items()
         ],
-        "options": [{"name": each.name, "meaning": each.meaning, "unit": each.unit} for each in FIELDS.values()],
+        "options": fields(FIELDS),
+        "reading": fields(READ),
         "static": list(families()),
         "parameters": [{"name": name, "unit": unit} for name, unit in parameters.items()],
-        "examples": [{"name": example.name, "title": example.title} for example in EXAMPLES],
+        "examples": [{"name": each.name, "title": each.title, "about": each.contents} for each in EXAMPLES],
+        "units": UNITS,
+        "formats": sorted(FORMATS),
     }
+
+
+def _reads(name: str, files: Mapping[str, Mapping[str, Any]], folder: Path) -> list[str]:
+    """The lines that read files, by their names, into a list."""
+    lines = [f"{name} = ["]
+    for file, reading in files.items():
+        lines += ["    emsid.read(", f"        {str(folder / file)!r},"]
+        lines += [*(f"        {key}={value!r}," for key, value in arguments(reading).items()), "    ),"]
+    return [*lines, "]"]
 
 
 def as_script(task: Mapping[str, Any], folder: Path) -> str:
@@ -381,12 +485,7 @@ def as_script(task: Mapping[str, Any], folder: Path) -> str:
     """
 
     def read(name: str, files: list[str]) -> list[str]:
-        lines = [f"{name} = ["]
-        for file in files:
-            given = arguments(task["readings"][file])
-            lines += ["    emsid.read(", f"        {str(folder / file)!r},"]
-            lines += [*(f"        {key}={value!r}," for key, value in given.items()), "    ),"]
-        return [*lines, "]"]
+        return _reads(name, {file: task["readings"][file] for file in files}, folder)
 
     lines = ["import emsid", "", *read("records", task["files"])]
     unseen = repr(task["unseen"])
@@ -399,32 +498,14 @@ def as_script(task: Mapping[str, Any], folder: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def formats() -> list[str]:
-    """The formats of `emsid.export`."""
-    return sorted(FORMATS)
-
-
-def exported(path: Path, format: str, assume: Sequence[str] = ()) -> Response:
-    """A model in a format, as an archive.
+def as_comparison(models: list[Path], file: Path, reading: Mapping[str, Any]) -> str:
+    """The program that compares models on a file.
 
     Args:
-        path: the model file.
-        format: its name.
-        assume: parameters whose values nobody gave or measured and that may be written.
-
-    Raises:
-        DataError: for an unknown format.
-        EmsidError: where the model cannot be exported like this.
+        models: their files.
+        file: of the data.
+        reading: of it.
     """
-    if format not in FORMATS:
-        raise DataError(f"there is no format {format}; there are {', '.join(FORMATS)}")
-    found, source, content = loaded(path), origin(path), io.BytesIO()
-    dt = source.dt if source is not None and as_model(found).dt is None else None
-    with tempfile.TemporaryDirectory() as folder:
-        emsid.export(found, format, folder, dt=dt, force=True, assume=tuple(assume))
-        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-            for file in sorted(Path(folder).rglob("*")):
-                if file.is_file():
-                    archive.write(file, file.relative_to(folder))
-    headers = {"content-disposition": f'attachment; filename="{path.stem}-{format}.zip"'}
-    return Response(content.getvalue(), media_type="application/zip", headers=headers)
+    lines = ["import emsid", "", *_reads("records", {file.name: reading}, file.parent)]
+    lines += ["models = [", *(f"    emsid.load({str(path)!r})," for path in models), "]"]
+    return "\n".join([*lines, "print(emsid.compare(models, record=records))"]) + "\n"

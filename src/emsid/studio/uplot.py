@@ -1,8 +1,11 @@
 """uPlot, the library that draws the plots of the page: not part of the source, fetched once with npm and verified.
 
+The build of a wheel fetches it (``hatch_build.py`` executes this file, so it imports the standard library only), and so
+does the installation of a clone. Where npm was missing then, this does it later:
+
     python -m emsid.studio.uplot
 
-A wheel that was built after this contains it. The page loads it from the studio only, never from a network.
+The page loads it from the studio only, never from a network.
 """
 
 from __future__ import annotations
@@ -16,13 +19,15 @@ import tempfile
 from base64 import b64encode
 from pathlib import Path
 
-from emsid.errors import FormatError
-from emsid.io import atomic_write
-
 VERSION = "1.6.32"
 SHA512 = "KIMVnG68zvu5XXUbC4LQEPnhwOxBuLyW1AHtpm6IKTXImkbLgkMy+jabjLgSLMasNuGGzQm/ep3tOkyTxpiQIw=="
-FILES = ("uPlot.esm.js", "uPlot.min.css")
+FILES = {"uPlot.esm.js": "dist/uPlot.esm.js", "uPlot.min.css": "dist/uPlot.min.css", "LICENSE": "LICENSE"}
+"""The files of the page, and where they are in the package."""
 PLACE = Path(__file__).parent / "page" / "vendor"
+
+
+class NotFetched(Exception):
+    """Raised where uPlot cannot be had."""
 
 
 def is_there() -> bool:
@@ -34,31 +39,33 @@ def unpack(package: bytes) -> None:
     """Check a package of npm and put the files of uPlot into their place.
 
     Raises:
-        FormatError: where it is not the package of this version.
+        NotFetched: where it is not the package of this version.
     """
     found = b64encode(hashlib.sha512(package).digest()).decode()
     if found != SHA512:
-        raise FormatError(f"the package of uPlot {VERSION} has another checksum ({found}); nothing was installed")
+        raise NotFetched(f"the package of uPlot {VERSION} has another checksum ({found}); nothing was installed")
     with tarfile.open(fileobj=io.BytesIO(package)) as archive:
-        for name in FILES:
-            member = archive.extractfile(f"package/dist/{name}")
-            if member is None:
-                raise FormatError(f"the package of uPlot {VERSION} has no {name}")
-            atomic_write(PLACE / name, member.read())
+        PLACE.mkdir(exist_ok=True)
+        for name, member in FILES.items():
+            content = archive.extractfile(f"package/{member}")
+            assert content is not None  # the checksum is right
+            part = PLACE / f"{name}.part"
+            part.write_bytes(content.read())
+            part.replace(PLACE / name)
 
 
 def fetch() -> None:
     """Get uPlot with npm.
 
     Raises:
-        FormatError: where npm is missing or fails, or gives another package.
+        NotFetched: where npm is missing or fails, or gives another package.
     """
     with tempfile.TemporaryDirectory() as folder:
         try:
             program = ["npm", "pack", f"uplot@{VERSION}", "-s"]
             subprocess.run(program, cwd=folder, check=True, capture_output=True, timeout=120)
         except (OSError, subprocess.SubprocessError) as problem:
-            raise FormatError(f"npm cannot fetch uPlot {VERSION} ({problem}); install npm and repeat") from None
+            raise NotFetched(f"npm cannot fetch uPlot {VERSION} ({problem}); install npm and repeat") from None
         unpack((Path(folder) / f"uplot-{VERSION}.tgz").read_bytes())
 
 
@@ -67,7 +74,7 @@ def main() -> None:
     try:
         if not is_there():
             fetch()
-    except FormatError as problem:
+    except NotFetched as problem:
         sys.stderr.write(f"emsid: {problem}\n")
         sys.exit(2)
     sys.stdout.write(f"uPlot {VERSION} is in {PLACE}\n")

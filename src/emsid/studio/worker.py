@@ -11,31 +11,25 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
-from io import BytesIO
 from logging import StreamHandler
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
 import msgspec
-import numpy as np
 
 import emsid
 from emsid.estimation import Control
 from emsid.estimation.borders import LOG, border, collected
-from emsid.estimation.estimates import Estimate
 from emsid.estimation.nonlinear.control import Activity, Stopped
-from emsid.exports.assumptions import assumed, sentences
 from emsid.findings import Finding, plain
 from emsid.identification import Identification
 from emsid.io import atomic_write, save
 from emsid.io.files import NotWritten, indented_json, together
-from emsid.report.document import Report, Section, Table
+from emsid.report.document import Report
 from emsid.report.identification_page import report
-from emsid.report.numbers import number
 from emsid.report.page import report_files, write_files
 from emsid.studio.data import arguments, edit_for
-from emsid.units import plain_unit
 from emsid.wording import as_python, sentence, severity
 
 OFTEN = 0.1
@@ -80,14 +74,16 @@ class Progress:
     """Reports an activity at most every `OFTEN` seconds, and each that begins."""
 
     def __init__(self) -> None:
-        self._last, self._doing = 0.0, ""
+        self._begun, self._last, self._doing = time.monotonic(), 0.0, ""
 
     def __call__(self, activity: Activity) -> None:
         """Report an activity."""
         now = time.monotonic()
         if activity.doing != self._doing or now - self._last > OFTEN:
             self._last, self._doing = now, activity.doing
-            say(kind="progress", doing=activity.doing, done=activity.done, total=activity.total)
+            seconds = now - self._begun
+            progress = {"doing": activity.doing, "done": activity.done, "total": activity.total, "cost": activity.cost}
+            say(kind="progress", seconds=seconds, **progress)
 
 
 def identified(session: Path, run: Path, task: dict[str, Any], control: Control) -> Identification:
@@ -100,7 +96,10 @@ def identified(session: Path, run: Path, task: dict[str, Any], control: Control)
 
     def finished(fit: Any) -> None:
         save(fit, run / f"{fit.model.name}.json", reading=task["reading"])
-        say(kind="fit", model=fit.model.name, ending=fit.ending.value)
+        error: dict[str, Any] = {"fit": None}
+        with border("fit", fit.model.name, expected=True):
+            error["fit"] = emsid.compare(fit, record=records).best.row.fit_percent
+        say(kind="fit", model=fit.model.name, ending=fit.ending.value, **error)
 
     return emsid.identify(
         records,
@@ -113,7 +112,7 @@ def identified(session: Path, run: Path, task: dict[str, Any], control: Control)
 
 
 def write_result(result: Identification, run: Path, task: dict[str, Any]) -> None:
-    """Write models, result, free runs, what the page shows, and the report, in this order."""
+    """Write models, result, the report, and what the page shows, in this order."""
     reading = task["reading"]
     say(kind="progress", doing="writing", done=0, total=None)
     with together():
@@ -123,8 +122,6 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
             save(result.recommended_fit, run / "best.json", result.fitted_by_recommended, reading)
         atomic_write(run / "result.json", indented_json(result.to_data()))
     with collected() as noted:
-        with border("free runs"):
-            write_runs(result, run)
         content = report(result, as_python)
         with border("report"):
             write_files(report_files(content), run)
@@ -133,28 +130,13 @@ def write_result(result: Identification, run: Path, task: dict[str, Any]) -> Non
     atomic_write(run / "shown.json", msgspec.json.encode(plain(shown)))
 
 
-def write_runs(result: Identification, run: Path) -> None:
-    """Write the measured and simulated outputs on unseen data and on those of the fit."""
-    for part, comparison in (("unseen", result.on_unseen), ("fitted", result.on_record)):
-        record = comparison.assessments[0].record
-        signals: dict[str, Any] = {
-            f"model {assessment.row.model}": assessment.simulation.output for assessment in comparison.assessments
-        }
-        content = BytesIO()
-        np.savez(content, time=record.time, dt=record.dt, input=record.input, measured=record.output, **signals)
-        atomic_write(run / f"{part}.npz", content.getvalue())
-
-
 def as_shown(result: Identification, content: Report) -> dict[str, Any]:
-    """What the page shows of a result: the sections of the report as data, and the ranking."""
+    """What the page shows of a result: its summary, the ranking, findings and verdicts."""
     findings = [*result.recommendation, *result.next_steps, *result.findings]
     models = [fit.model.name for fit in result.fits]
     rows = {row.model: row for row in result.rows}
     return {
-        "title": content.title,
         "summary": content.summary,
-        "facts": [(fact.value, fact.meaning, fact.interval) for fact in content.facts],
-        "advice": content.advice,
         "models": models,
         "chosen": result.chosen.model.name,
         "usable": result.is_usable,
@@ -162,15 +144,12 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
             {"model": row.model, "fit": row.fit_percent, "rmse": row.simulation_rmse, "parameters": row.parameters}
             for row in (rows[name] for name in models)
         ],
-        "parameters": {fit.model.name: [parameter(row) for row in fit.parameters.values()] for fit in result.fits},
-        "poles": {fit.model.name: poles_of(fit.model, float(result.record.input[:, 0].mean())) for fit in result.fits},
-        "assumed": [row.name for row in assumed(result.chosen)],
-        "assumptions": sentences(result.chosen),
-        "verdicts": {verdict.model: sentence(verdict, as_python) for verdict in result.model_verdicts},
-        "outputs": result.unseen.output_names,
-        "units": result.unseen.output_units,
+        "verdicts": {
+            verdict.model: {"level": verdict.code.removeprefix("model-"), "text": sentence(verdict, as_python)}
+            for verdict in result.model_verdicts
+        },
+        "unit": result.unseen.output_units[0],
         "findings": [said(finding, result) for finding in findings],
-        "sections": {each.title: section(each) for each in content.sections},
     }
 
 
@@ -182,43 +161,6 @@ def said(finding: Finding, result: Identification) -> dict[str, Any]:
         "model": finding.model,
         "edit": edit_for(finding, result.record),
     }
-
-
-def poles_of(model: Any, at: float) -> list[str]:
-    """The poles near the rest at a constant input, of a pair one; none of a model that does not rest there."""
-    upper, unit = [], ""
-    with border("poles", model.name, expected=True):
-        system = emsid.linearize(model, at)
-        unit = " 1/s" if system.dt is None else ""
-        upper = sorted((pole for pole in system.poles if pole.imag >= 0), key=abs, reverse=True)
-    return [number(pole.real) + (f" ± {number(pole.imag)}i" if pole.imag else "") + unit for pole in upper]
-
-
-def parameter(row: Estimate) -> dict[str, str]:
-    """A parameter as a row of a table: its estimate with the 95 % interval, and what they depend on."""
-    text = number(row.value)
-    if row.interval is not None:
-        text += f" [{number(row.interval[0])}, {number(row.interval[1])}]"
-    if row.interval is None or row.given:
-        text += f" ({row.how})"
-    return {"name": row.name, "unit": plain_unit(row.unit), "text": text}
-
-
-def section(part: Section) -> dict[str, Any]:
-    """A section of the report as data; its figures are files."""
-    return {
-        "paragraphs": part.paragraphs,
-        "equations": part.equations,
-        "remarks": part.remarks,
-        "tables": [table(each) for each in part.tables],
-        "figures": [{"name": figure.name, "caption": figure.caption} for figure in part.figures],
-    }
-
-
-def table(part: Table) -> dict[str, Any]:
-    """A table as data."""
-    texts = {"caption": part.caption, "note": part.note, "texts": part.text_columns}
-    return {**texts, "header": part.header, "rows": part.rows}
 
 
 if __name__ == "__main__":

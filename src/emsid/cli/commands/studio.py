@@ -55,7 +55,6 @@ def studio(
         files,
         port=port,
         browser=browser,
-        spelling=option,
         command=command_of,
         track=track_of,
         say=lambda address: say(f"studio: {address}", f"session: {session}/ (Ctrl-C ends the server)"),

@@ -8,27 +8,50 @@ async function checked(response) {
   return response;
 }
 
+async function ask(path, options) {
+  try {
+    return await checked(await fetch(`api/${path}`, options));
+  } catch (problem) {
+    if (!(problem instanceof TypeError)) throw problem;
+    window.dispatchEvent(new Event("gone"));
+    throw new Error("the server does not answer");
+  }
+}
+
 export async function get(path) {
-  const found = await (await checked(await fetch(`api/${path}`))).json();
+  const found = await (await ask(path)).json();
   if (path === "state") shown.version = found.version;
   return found;
 }
 
+// A change, made on the version that is shown.
 export async function post(path, content = {}) {
-  const body = JSON.stringify(content);
   const headers = shown.version === null ? {} : { "If-Match": `${shown.version}` };
-  const found = await (await checked(await fetch(`api/${path}`, { method: "POST", body, headers }))).json();
+  const found = await (await ask(path, { method: "POST", body: JSON.stringify(content), headers })).json();
   shown.version = found?.version ?? shown.version;
   return found;
 }
 
-export async function upload(file, unseen) {
-  const address = `api/files?name=${encodeURIComponent(file.name)}&unseen=${unseen ? 1 : 0}`;
-  await checked(await fetch(address, { method: "POST", body: file }));
+const sent = (path, content) => ask(path, { method: "POST", body: JSON.stringify(content) });
+export const question = async (path, content) => (await sent(path, content)).json();
+export const binary = async (path, content) => (await sent(path, content)).arrayBuffer();
+
+export async function upload(file, place, kind) {
+  await ask(`${place}?${new URLSearchParams({ name: file.name, kind })}`, { method: "POST", body: file });
+}
+
+// Save what the server answers as a file.
+export async function save(path, content, name) {
+  const response = content ? await sent(path, content) : await ask(path);
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(await response.blob());
+  link.download = name;
+  link.click();
+  URL.revokeObjectURL(link.href);
 }
 
 // Signals as binary windows: [ends: 2 float64], count: uint32, then float32 times from `first` on and one row a signal.
-// uPlot draws a gap where a value is null.
+// A gap is where a value is null.
 export function unpack(buffer, first, withEnds) {
   const ends = withEnds ? [...new Float64Array(buffer.slice(0, 16))] : null, start = withEnds ? 16 : 0;
   const begin = first ?? ends[0], rows = [];
@@ -40,28 +63,31 @@ export function unpack(buffer, first, withEnds) {
   return { ends, t: t.map((x) => x + begin), rows: values };
 }
 
-export async function binary(path, content) {
-  const options = content ? { method: "POST", body: JSON.stringify(content) } : {};
-  return (await checked(await fetch(`api/${path}`, options))).arrayBuffer();
-}
-
 // Messages from the server. A browser opens few connections to one server, so one tab, which holds a lock, listens and
-// passes messages on to the others; as it closes, the next one gets the lock. `null` says that messages may be missing.
-export function events(onMessage, onReturn) {
+// passes messages on to the others; as it closes, the next one gets the lock. `null` says that messages may be missing,
+// "gone" that the server does not answer.
+export function events(onMessage, onReturn, onGone) {
   const name = `emsid ${location.pathname}`, others = new BroadcastChannel(name);
-  const take = (message) => (message === null ? onReturn() : onMessage(message));
+  const take = (message) => (message === null ? onReturn() : message === "gone" ? onGone() : onMessage(message));
   const pass = (message) => { take(message); others.postMessage(message); };
   others.onmessage = (event) => take(event.data);
-  let waited = true;
+  let waited = true, lost = false;
   navigator.locks.request(name, { ifAvailable: true }, (lock) => { if (lock) { waited = false; return listen(); } return null; })
-    .then(() => waited && navigator.locks.request(name, listen));
+    .then(() => waited && navigator.locks.request(name, () => { lost = true; return listen(); }));
+
+  function connect() {
+    const source = new EventSource("api/events");
+    source.onmessage = (event) => pass(JSON.parse(event.data));
+    source.onerror = () => {
+      if (!lost) pass("gone");
+      lost = true;
+      if (source.readyState === EventSource.CLOSED) setTimeout(connect, 1000);
+    };
+    source.onopen = () => { if (lost) { lost = false; pass(null); } };
+  }
 
   function listen() {
-    const source = new EventSource("api/events");
-    let lost = waited;
-    source.onmessage = (event) => pass(JSON.parse(event.data));
-    source.onerror = () => { lost = true; };
-    source.onopen = () => { if (lost) { lost = false; pass(null); } };
+    connect();
     return new Promise(() => {});  // until this tab is closed
   }
 }

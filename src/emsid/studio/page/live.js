@@ -1,49 +1,86 @@
-// Live: a running source with its parameters and alarms.
+// Live: a running source with its parameters over time, alarms, and the state of the connection.
 import { post } from "./api.js";
-import { attempt, el, number, table } from "./dom.js";
-import { arrays } from "./plot.js";
+import { attempt, button, el, field, drafts, labelled, number, table, withUnit } from "./dom.js";
+import { Chart, Group, color } from "./plot.js";
 
-const KEPT = 2000;
-const live = { t: [], y: [], p: [], u: [], of: [], start: null, last: null, alarms: [] };
-let show = () => {};
+const KEPT = 4000;
+const FIELDS = [["source", "Source", "serial:///dev/ttyACM0", "A serial port, socket://host:port, or a file"], ["structure", "Structure", "arx", ""], ["na", "na", "1", "Coefficients of past outputs"], ["nb", "nb", "1", "Coefficients of past inputs"],
+  ["header", "Columns without header", "t[ms],u[V],y[rpm]", "Where the source sends no names"], ["input", "Input column", "", ""], ["output", "Output column", "", ""], ["time", "Time column", "", ""], ["dt", "Sample time [s]", "", ""], ["baud", "Baud rate", "115200", ""], ["forgetting", "Forgetting factor", "0.995", ""]];
+const live = fresh();
+let show = () => {}, asked = 0;
 
-export function liveMessage(message) {
-  if (message.kind === "start") Object.assign(live, { t: [], y: [], p: [], u: [], of: message.parameters.map(() => []), start: message, last: null, alarms: [] });
-  else if (message.kind === "estimate") {
-    live.last = message;
-    for (const [list, value] of [[live.t, message.time], [live.y, message.output], [live.p, message.prediction], [live.u, message.input?.[0] ?? null], ...live.of.map((list, k) => [list, message.parameters[k].value])]) {
-      list.push(value);
-      if (list.length > KEPT) list.shift();
-    }
-  } else if (message.kind === "finding") live.alarms.unshift(message.text);
-  else if (message.kind === "ended") live.alarms.unshift(message.problem || "the source has ended; record and report are in the session");
-  show(message);
+function fresh() { return { rows: [], start: null, last: null, alarms: [], problem: "", ended: false, came: 0, lost: false }; }
+
+export function lost() { live.lost = true; show(); }
+
+export function message(app, news) {
+  live.lost = false;
+  live.came = performance.now();
+  if (news.kind === "start") { Object.assign(live, fresh(), { start: news, came: performance.now() }); if (app.part === "live") app.rebuild(); return; }
+  if (news.kind === "estimate") {
+    live.last = news;
+    live.rows.push([news.time, news.output, news.prediction, news.input?.[0] ?? null, ...news.parameters.flatMap((each) => [each.value, each.half_width])]);
+    if (live.rows.length > KEPT) live.rows = live.rows.filter((_, k) => k % 2 || k > KEPT / 2);  // the older half is thinned
+  } else if (news.kind === "finding") live.alarms.unshift({ at: news.time, text: news.text });
+  else if (news.kind === "ended") {
+    Object.assign(live, { ended: true, problem: news.problem });
+    live.alarms.unshift({ at: live.last?.time ?? null, text: news.problem || "the source has ended; record and report are in the session" });
+  }
+  if (!asked) asked = requestAnimationFrame(() => { asked = 0; show(); });
 }
 
-export function showLive(main, app) {
-  const field = (name, label, placeholder = "", size = 10) => el("label", {}, label, el("input", { name, placeholder, size, "aria-label": label }));
-  const form = el("form", { class: "options", onsubmit: (event) => {
+export function side(app) {
+  const begin = (event) => {
     event.preventDefault();
-    attempt(() => post("live", Object.fromEntries(new FormData(form))));
-  } }, field("source", "Source", "serial:///dev/ttyACM0", 28), field("structure", "Structure", "arx"), field("na", "na"), field("nb", "nb"),
-  field("header", "Columns without header", "t[ms],u[V],y[rpm]", 18), field("input", "Input column"), field("output", "Output column"), field("time", "Time column"), field("dt", "Sample time"),
-  el("button", { class: "main" }, "Follow"), el("button", { type: "button", onclick: () => attempt(() => post("live/stop")) }, "Stop"));
-  const upper = el("div", { class: "plot" }), lower = el("div", { class: "plot" }), below = el("div", { "aria-live": "polite" }), past = el("div", { class: "plot" });
-  main.append(el("h2", {}, "A running source"), form, upper, lower, below, past);
-  const output = arrays(upper, ["output", "predicted"], "", 240), input = arrays(lower, ["input"], "", 130);
-  let history = null;
-  app.close = () => { show = () => {}; output.destroy(); input.destroy(); history?.destroy(); };
-  show = (message) => {
-    if (message?.kind === "start") history = history?.destroy();
-    if (live.start) history ??= arrays(past, live.start.parameters, "over its present value", 180);
-    history?.setData([live.t, ...live.of.map((values) => values.map((value) => value / values.at(-1)))]);
-    output.setData([live.t, live.y, live.p]);
-    input.setData([live.t, live.u]);
-    const rows = (live.last?.parameters ?? []).map((each, k) => [`${each.name}: ${live.start.meanings[k]}`, number(each.value), each.half_width === null ? "–" : `± ${number(each.half_width)}`]);
-    const physical = (live.last?.physical ?? []).map((each) => [each.name, number(each.value), each.half_width === null || each.half_width === undefined ? "–" : `± ${number(each.half_width)}`]);
-    below.replaceChildren(rows.length ? table({ header: ["Parameter", "Value", "95 %"], rows: [...rows, ...physical], caption: `${live.last.samples ?? ""} samples` }) : "",
-      el("ul", {}, live.alarms.slice(0, 20).map((text) => el("li", {}, text))));
+    attempt(() => post("live", Object.fromEntries(FIELDS.map(([name]) => [name, drafts.get(`live ${name}`) ?? ""]))));
+  };
+  return [el("h2", {}, "A running source"), el("form", { onsubmit: begin }, FIELDS.map(([name, text, placeholder, about]) => field(`live ${name}`, text, "", null, { placeholder, about })),
+    el("div", { class: "row" }, el("button", { class: "main" }, "Follow"), button("Stop", () => post("live/stop")), button("Fit this record", async () => { await post("live/take"); app.go("data"); }, { title: "Adds the record of the source to the data" }))),
+  app.state.live.problem ? el("p", { class: "problem" }, app.state.live.problem) : null];
+}
+
+export function stage() { return [`${live.start?.source} ${live.start?.parameters}`, build]; }
+
+function build(place) {
+  const status = el("p", { role: "status" }), below = el("div"), group = new Group([0, 1]);
+  const boxes = [0, 1, 2].map(() => el("div", { class: "plot" }));
+  place.append(status, ...boxes, below);
+  const names = live.start?.parameters ?? [], [out, into] = [live.start?.output, live.start?.inputs?.[0]];
+  const title = (channel, otherwise) => (channel ? withUnit(channel.name, channel.unit) : otherwise), room = Math.max(420, place.clientHeight - 120);
+  const output = new Chart(boxes[0], { y: { title: title(out, "output") }, group, height: Math.floor(room * 0.38), label: "Output over time", curves: [{ label: "output", color: color(null), width: 1.6 }, { label: "predicted", color: color(1) }] });
+  const input = new Chart(boxes[1], { y: { title: title(into, "input") }, group, height: Math.floor(room * 0.24), label: "Input over time", curves: [{ label: "input", color: color(0) }] });
+  const parameters = names.length ? new Chart(boxes[2], { y: { title: "Parameters ± 95 %" }, group, height: Math.floor(room * 0.38), label: "Parameters over time",
+    curves: names.flatMap((label, k) => [{ label, color: color(k), width: 1.8 }, { label: `${label} low`, color: color(k), width: 0.8, dash: "dotted" }, { label: `${label} high`, color: color(k), width: 0.8, dash: "dotted" }]) }) : null;
+  const column = (k) => live.rows.map((row) => row[k]);
+  show = () => {
+    const seconds = (performance.now() - live.came) / 1000, { last } = live;
+    const text = live.lost ? "the server does not answer" : live.ended ? "ended" : !live.start ? "no source is followed" : seconds > 3 ? `connected; silent for ${seconds.toFixed(0)} s` : "connected";
+    const count = last ? `${last.samples ?? ""} samples, ${number(last.rate, 3)} per s` : "";
+    if (status.textContent !== `${text}${count && `: ${count}`}`) status.textContent = `${text}${count && `: ${count}`}`;
+    status.className = live.lost || live.problem ? "problem" : "";
+    if (live.rows.length > 1) {
+      const t = column(0);
+      group.ends = group.range = [t[0], t.at(-1)];
+      const low = thinned(t, [column(1), column(2)], output.width), drive = thinned(t, [column(3)], input.width);
+      output.put([low.t, ...low.rows]);
+      input.put([drive.t, ...drive.rows]);
+      parameters?.put([t, ...names.flatMap((_, k) => { const v = column(4 + 2 * k), h = column(5 + 2 * k); return [v, v.map((x, n) => (h[n] === null ? null : x - h[n])), v.map((x, n) => (h[n] === null ? null : x + h[n]))]; })]);
+    }
+    const row = (each) => [each.unit ? withUnit(each.name, each.unit) : each.name, number(each.value), each.half_width === null || each.half_width === undefined ? "–" : `± ${number(each.half_width)}`];
+    const rows = [...(last?.parameters ?? []), ...(last?.physical ?? [])].map(row);
+    below.replaceChildren(rows.length ? table({ header: ["Parameter", "Value", "95 %"], rows, caption: count }) : "",
+      live.alarms.length ? el("section", { "aria-label": "Alarms" }, el("h3", {}, "Alarms"), el("ul", {}, live.alarms.slice(0, 20).map((each) => el("li", { class: "warning" }, each.at === null ? "" : `${number(each.at, 6)} s: `, each.text)))) : "");
   };
   show();
-  if (app.state.live.problem) below.append(el("p", { class: "problem" }, app.state.live.problem));
+  const clock = setInterval(show, 1000);
+  return () => { show = () => {}; clearInterval(clock); group.close(); };
+}
+
+// The lowest and highest value in every pixel.
+function thinned(t, rows, width) {
+  if (t.length <= 2 * width) return { t, rows };
+  const size = Math.ceil(t.length / width), places = [];
+  for (let a = 0; a < t.length; a += size) places.push([a, Math.min(a + size, t.length)]);
+  const ends = (values, [a, b]) => { let low = null, high = null; for (let k = a; k < b; k++) if (values[k] !== null) { low = low === null ? values[k] : Math.min(low, values[k]); high = high === null ? values[k] : Math.max(high, values[k]); } return [low, high]; };
+  return { t: places.flatMap(([a]) => [t[a], t[a]]), rows: rows.map((values) => places.flatMap((part) => ends(values, part))) };
 }

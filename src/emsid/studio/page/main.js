@@ -1,78 +1,76 @@
 // The page: its tabs, the state from the server, and what it announces.
 import { events, get, post } from "./api.js";
-import { attempt, el, message } from "./dom.js";
-import { showData } from "./data.js";
-import { showModels } from "./models.js";
-import { showCompare } from "./compare.js";
-import { showPlay } from "./play.js";
-import { liveMessage, showLive } from "./live.js";
+import { attempt, button, el, fill, message, tabs } from "./dom.js";
+import * as data from "./data.js";
+import * as models from "./models.js";
+import * as compare from "./compare.js";
+import * as use from "./use.js";
+import * as live from "./live.js";
 
-const PARTS = { data: ["Data", showData], models: ["Models", showModels], compare: ["Compare", showCompare],
-  play: ["Play", showPlay], live: ["Live", showLive] };
+const PARTS = { data, models, compare, use, live };
+const NAMES = { data: "Data", models: "Models", compare: "Compare", use: "Use", live: "Live" };
 const COPIES = { "copy-command": "command", "copy-python": "script" };
-export const app = { state: null, part: location.hash.slice(1) in PARTS ? location.hash.slice(1) : "data", refresh, go, close: () => {} };
+const at = (id) => document.getElementById(id);
+const hash = () => (location.hash.slice(1) in PARTS ? location.hash.slice(1) : "data");
+export const app = { state: null, catalogue: null, part: hash(), known: {}, go, draw, refresh, stage: at("stage") };
+let built = null, close = () => {};
 
 async function refresh() {
+  app.catalogue ??= await get("catalogue");
   app.state = await get("state");
+  at("gone").hidden = true;
   draw();
 }
-
-window.addEventListener("stale", () => attempt(refresh, "The session has changed meanwhile. Look at it and do it again."));
 
 function go(part) {
   app.part = part;
   history.replaceState(null, "", `#${part}`);
   draw();
-  document.getElementById("main").focus();
 }
 
-// Arrows, Home and End show the neighbouring, first and last part, and keep the focus on its tab.
-function tabKey(event, part) {
-  const names = Object.keys(PARTS), at = names.indexOf(part);
-  const next = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: names.length - 1 }[event.key];
-  if (next === undefined) return;
-  event.preventDefault();
-  go(names[(next + names.length) % names.length]);
-  document.getElementById(`tab-${app.part}`).focus();
-}
-
+// The settings are drawn anew; the plots only where something else is to be seen.
 function draw() {
-  const { state } = app;
-  const tabs = Object.entries(PARTS).map(([part, [title]]) => el("button", {
-    role: "tab", id: `tab-${part}`, "aria-selected": `${part === app.part}`, "aria-controls": "main",
-    tabIndex: part === app.part ? 0 : -1, onclick: () => go(part), onkeydown: (event) => tabKey(event, part) }, title));
-  const focused = document.activeElement?.id;
-  document.getElementById("tabs").replaceChildren(...tabs);
-  if (focused?.startsWith("tab-")) document.getElementById(focused)?.focus();
-  document.getElementById("undo").disabled = !state.undo;
-  document.getElementById("redo").disabled = !state.redo;
-  for (const [id, what] of Object.entries(COPIES)) document.getElementById(id).disabled = !state[what];
-  app.close();
-  app.close = () => {};
-  const main = document.getElementById("main");
-  main.setAttribute("aria-labelledby", `tab-${app.part}`);
-  main.replaceChildren();
-  if (state.problem) main.append(el("p", { class: "problem", role: "alert" }, state.problem));
-  (PARTS[app.part] ?? PARTS.data)[1](main, app);
+  const { state } = app, part = PARTS[app.part];
+  fill(at("tabs"), tabs("", NAMES, app.part, go, "tab").map((tab) => { tab.setAttribute("aria-controls", "panel"); return tab; }));
+  at("panel").setAttribute("aria-labelledby", `tab-${app.part}`);
+  at("undo").disabled = !state.undo;
+  at("redo").disabled = !state.redo;
+  for (const [id, what] of Object.entries(COPIES)) at(id).disabled = !state[what];
+  fill(at("side"), state.problem ? el("p", { class: "problem", role: "alert" }, state.problem) : null, part.side(app));
+  const [key, build] = part.stage(app);
+  if (built === `${app.part} ${key}`) return;
+  built = `${app.part} ${key}`;
+  close();
+  close = () => {};
+  at("stage").replaceChildren();
+  at("stage").scrollTop = 0;
+  const mine = built;
+  attempt(async () => {
+    const done = await build(app.stage, () => built === mine);
+    if (typeof done !== "function") return;
+    if (built === mine) close = done; else done();
+  });
 }
+
+app.rebuild = () => { built = null; draw(); };
 
 function announced(news) {
   if (news.kind === "state") attempt(refresh);
-  else if (news.kind === "live") liveMessage(news.message);
+  else if (news.kind === "live") live.message(app, news.message);
   else if (news.kind === "run" && app.state) {
     const before = app.state.runs.find((run) => run.number === news.run.number);
     const changed = !before || before.state !== news.run.state || before.models.length !== news.run.models.length;
     app.state.runs = [{ stale: before?.stale ?? [], ...news.run }, ...app.state.runs.filter((run) => run.number !== news.run.number)]
       .sort((a, b) => b.number - a.number);
-    if (changed && ["models", "compare", "play"].includes(app.part)) draw();
+    if (changed) attempt(refresh);
     else app.progress?.(news.run);
   }
 }
 
-async function copy(text) {
-  const box = el("textarea", { readOnly: true, rows: 6, cols: 90, value: text, "aria-label": "Text to copy" });
-  const dialog = el("dialog", { class: "card" }, el("p", {}, "Copied; here it is to select by hand:"), box,
-    el("div", { class: "row" }, el("button", { onclick: () => dialog.close() }, "Close")));
+export async function copy(text) {
+  const box = el("textarea", { readOnly: true, rows: 8, cols: 90, value: text, "aria-label": "Text to copy" });
+  const dialog = el("dialog", { class: "card", "aria-label": "Copied text" }, el("p", {}, "Copied; here it is to select by hand:"), box,
+    el("div", { class: "row" }, button("Close", () => dialog.close())));
   document.body.append(dialog);
   dialog.addEventListener("close", () => dialog.remove());
   dialog.showModal();
@@ -80,13 +78,19 @@ async function copy(text) {
   try { await navigator.clipboard.writeText(text); } catch { document.execCommand("copy"); }
 }
 
-for (const what of ["undo", "redo"]) document.getElementById(what).addEventListener("click", () => attempt(() => post(what)));
-for (const [id, what] of Object.entries(COPIES)) document.getElementById(id).addEventListener("click", () => copy(app.state[what]));
+for (const what of ["undo", "redo"]) at(what).addEventListener("click", () => attempt(() => post(what)));
+for (const [id, what] of Object.entries(COPIES)) at(id).addEventListener("click", () => copy(app.state[what]));
 document.addEventListener("keydown", (event) => {
   if (!(event.ctrlKey || event.metaKey) || /^(input|textarea)$/i.test(event.target.tagName)) return;
   const what = { z: "undo", y: "redo" }[event.key];
   if (what) { event.preventDefault(); attempt(() => post(what)); }
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => app.state && draw());
-events(announced, () => attempt(refresh, "connected again"));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => app.state && app.rebuild());
+let size = innerHeight, soon = 0;  // plots fill the height that there is
+window.addEventListener("resize", () => { clearTimeout(soon); soon = setTimeout(() => { if (Math.abs(innerHeight - size) > 80 && app.state) { size = innerHeight; app.rebuild(); } }, 300); });
+window.addEventListener("stale", () => attempt(refresh, "The session has changed meanwhile. Look at it and do it again."));
+window.addEventListener("hashchange", () => app.state && hash() !== app.part && go(hash()));
+const gone = () => { at("gone").hidden = false; live.lost(); };
+window.addEventListener("gone", gone);
+events(announced, () => attempt(async () => { await refresh(); app.rebuild(); }, "connected again"), gone);
 attempt(refresh).then(() => app.state || message("the server does not answer; start emsid studio again", true));

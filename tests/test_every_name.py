@@ -16,9 +16,9 @@ import emsid
 from command_line import Page
 from emsid.exports import FORMATS
 from emsid.identification.candidates import CANDIDATES
-from emsid.studio.play import loaded, played, sliders
 from emsid.studio.runs import Runs
 from emsid.studio.session import Session
+from emsid.studio.use import loaded, played, sliders
 from model_examples import ALL, DT, measured
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_heard")
@@ -169,5 +169,5 @@ def test_the_studio_lists_and_runs_every_kind_of_model_file(saved, tmp_path) -> 
     for kind in SAVED:
         found, u = loaded(run / f"{kind}.json"), np.ones((300, 1))
         assert sliders(found)
-        signals = played(found, {}, {"kind": "step"}, {"dt": np.array(DT), "input": u})
+        signals = played(run / f"{kind}.json", {}, {"kind": "step"}, emsid.Record(u, u, DT))
         assert all(np.isfinite(each.values).all() for each in signals[:2])  # the third is measured

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import copytree
+from threading import Event
 from typing import Any
 
 import msgspec
@@ -32,7 +33,7 @@ from emsid.studio import uplot, worker
 from emsid.studio.data import EDITS, Signal, edit_for, packed
 from emsid.studio.live import Live
 from emsid.studio.runs import Runs
-from emsid.studio.server import POLICY, SMALL, Messages, application
+from emsid.studio.server import POLICY, SMALL, Messages, application, last_door, private
 from emsid.studio.session import Session
 from emsid.studio.studio import Studio
 from emsid.studio.use import input_of
@@ -610,6 +611,170 @@ def test_a_session_of_the_first_version_is_read(tmp_path: Path) -> None:
     assert session.step["given"] == {"a.csv": {"units": {"speed": "rpm"}}}
     assert (session.step["chosen_for"], session.step["models"]) == (["a.csv", "b.csv"], ["arx"])
     assert msgspec.json.decode((tmp_path / "session.json").read_bytes())["version"] == 3
+
+
+# --- datasets, preparation and views ----------------------------------------------------------------------------------
+
+
+def test_every_dataset_has_its_own_reading_and_place(opened: tuple[TestClient, Studio]) -> None:
+    client, _ = opened
+    for name, kind in (("a.csv", "files"), ("b.csv", "other_files"), ("c.csv", "unseen_files")):
+        assert client.post(f"api/files?name={name}&kind={kind}", content=table()).status_code == 200
+    found = state(client)
+    assert [(each["file"], each["kind"]) for each in found["records"]] == [
+        ("a.csv", "files"),
+        ("c.csv", "unseen_files"),
+        ("b.csv", "other_files"),
+    ]
+    assert client.post("api/edit", json={"file": "b.csv", "given": {"decimate": "4"}}).status_code == 200
+    client.post("api/brush", json={"kind": "cut", "file": "c.csv", "first": 1.0, "last": 1.99})
+    assert {each["file"]: each["samples"] for each in state(client)["records"]} == {
+        "a.csv": 400,
+        "b.csv": 100,
+        "c.csv": 100,
+    }
+    assert client.post("api/edit", json={"other_files": ["a.csv"], "files": ["b.csv"]}).status_code == 200
+    assert "b.csv" in state(client)["script"]
+    assert client.post("api/edit", json={"files": [], "other_files": ["a.csv", "b.csv"]}).status_code == 400
+    assert state(client)["step"]["unseen_files"] == ["c.csv"]
+
+
+def test_what_is_typed_is_drawn_before_it_is_taken_and_refused_by_the_name_of_its_field(opened: Any) -> None:
+    client, studio = opened
+    client.post("api/files?name=log.csv", content=table())
+    t, before = window(client, ["speed"], 0, 4)
+    _, after = window(client, ["speed"], 0, 4, given={"scale": "speed = -2"})
+    assert after == pytest.approx(-2 * before, rel=1e-5)
+    _, smooth = window(client, ["speed"], 0, 4, given={"filter": "1"})
+    assert np.std(np.diff(smooth)) < 0.5 * np.std(np.diff(before))
+    assert (studio.session.step["given"], len(t)) == ({}, 400)
+    answer = client.post("api/edit", json={"given": {"filter": "fast"}})
+    assert (answer.status_code, answer.text.startswith("“Filter”: 'fast' is not understood")) == (400, True)
+    assert client.post("api/edit", json={"given": {"rows": "10:60", "scale": "speed=2"}}).status_code == 200
+    assert studio.session.step["given"]["log.csv"] == {"rows": [10, 60], "scale": {"speed": 2.0}}
+    assert "--" not in "".join(each["text"] for each in look(client)["findings"])  # terms of the page
+
+
+def test_any_column_is_drawn_also_against_another(opened: Any) -> None:
+    client, _ = opened
+    content = table().replace(b't,voltage,"speed"', b"t,voltage,speed,third").splitlines()
+    rows = [line if k == 0 else line + f",{k - 1}".encode() for k, line in enumerate(content)]
+    client.post("api/files?name=log.csv", content=b"\n".join(rows))
+    client.post("api/edit", json={"given": {"input": "voltage", "output": "speed", "mask": "row < 100"}})
+    t, third = window(client, ["third"], 0, 4)
+    assert third == pytest.approx(np.arange(100, 400))
+    assert t == pytest.approx(np.arange(100, 400) / 100, abs=1e-5)
+    asked = {"file": "log.csv", "columns": ["third", "voltage"], "from": 1.5, "to": 2.5}
+    x, y = np.frombuffer(client.post("api/pairs", json=asked).content[4:], "<f4").reshape(2, -1)
+    assert (x[0], x[-1], np.ptp(y) > 0) == (150, 250, True)
+
+
+def test_a_correction_of_a_long_file_does_not_wait_for_its_look(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, studio = opened
+    monkeypatch.setattr("emsid.studio.data.LONG", 100)
+    monkeypatch.setattr("emsid.studio.data.PAUSE", 0.0)
+    client.post("api/files?name=log.csv", content=table())
+    release, describe = Event(), emsid.describe
+
+    def slow(*arguments: Any, **options: Any) -> Any:
+        assert release.wait(60)
+        return describe(*arguments, **options)
+
+    monkeypatch.setattr("emsid.describe", slow)
+    assert client.post("api/edit", json={"given": {"mask": "row < 100", "units": {"speed": "rpm"}}}).status_code == 200
+    (record,) = state(client)["records"]
+    assert (record["samples"], record["channels"][1]["unit"], look(client)["looking"]) == (300, "rad/s", True)
+    release.set()
+    until = time.monotonic() + 60
+    while look(client)["looking"]:
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    assert state(client)["records"] == [record]
+    assert client.post("api/undo").status_code == 200
+    assert studio.data.reading(studio.session.step, "log.csv", exact=True).get("mask") is None
+    assert state(client)["records"][0]["samples"] == 400
+
+
+def test_views_overlay_models_of_runs_and_of_files_in_their_colours(fitted: tuple[TestClient, Studio]) -> None:
+    client, studio = fitted
+    number = state(client)["runs"][0]["number"]
+    content = client.get(f"api/model?model={number}/arx").content
+    assert client.post("api/models?name=other.json", content=b"{}").status_code == 400
+    assert client.post("api/models?name=other.json", content=content).status_code == 200
+    models = state(client)["models"]
+    assert [(each["id"], each["number"]) for each in models] == [(f"{number}/arx", 0), ("files/other.json", 1)]
+    assert models[0]["verdict"]["level"] in ("supported", "limited", "implausible", "unusable")
+    names, data = [each["id"] for each in models], {"file": "log.csv", "part": "all"}
+
+    def view(name: str, **more: Any) -> Any:
+        answer = client.post("api/view", json={"view": name, "models": names, "data": data, **more})
+        assert answer.status_code == 200, answer.text
+        found = answer.json()
+        assert found["problems"] == {}
+        assert sorted(found["inks"].values()) == [0, 1]
+        return found["plots"]
+
+    (step,) = view("step", size=2.0)
+    lines = [mark for mark in step["marks"] if mark["kind"] == "line"]
+    assert [line["label"] for line in lines] == [f"arx (run {number})", "other"]
+    assert lines[0]["y"][-1] == pytest.approx(2 * 5.0, rel=0.02)
+    magnitude, phase, coherence = view("bode")
+    assert [plot["y"]["title"].split()[0] for plot in (magnitude, phase, coherence)] == [
+        "Magnitude",
+        "Phase",
+        "Coherence",
+    ]
+    assert magnitude["x"]["log"]
+    assert "the data" in [mark.get("label") for mark in magnitude["marks"]]
+    (poles,) = view("poles")
+    points = [mark for mark in poles["marks"] if mark["kind"] == "points"]
+    assert max(points[0]["x"]) == pytest.approx(0.9, abs=0.02)
+    assert any("Autocorrelation" in plot["title"] for plot in view("correlation"))
+    (straight,) = view("curves")
+    assert straight["y"]["title"].startswith("Speed")
+    rows = client.get("api/about", params={"model": names[0]}).json()["parameters"]
+    assert {row["name"] for row in rows} == {"a1", "b1"}
+    assert client.post("api/view", json={"view": "other", "models": names}).status_code == 400
+    for wrong in ("files/../session.json", "../1/arx", "9/arx"):
+        assert client.get("api/about", params={"model": wrong}).status_code == 400
+    script = client.post("api/program", json={"models": names, "data": data}).json()["script"]
+    named: dict[str, Any] = {}
+    exec(script.replace("print(", "found = ("), named)
+    assert named["found"].best.row.fit_percent > 99
+    assert studio.session.path("other.json", "models").exists()
+
+
+def test_controllers_compensations_and_designs_are_made_of_a_physical_model(opened: Any, tmp_path: Path) -> None:
+    client, studio = opened
+    drive = emsid.PlantModel(emsid.plants.rigid_motor(), (emsid.plants.Signal.SPEED,))
+    emsid.save(drive, studio.session.path("drive.json", "models"))
+    client.post("api/files?name=log.csv", content=table())
+    asked = {"model": "files/drive.json", "what": "design", "options": {"limit": "5", "duration": "0.5", "dt": "0.01"}}
+    answer = client.post(
+        "api/use", json={**asked, "what": "compensate", "options": {"dt": "0.001", "encoder": "2000", "limit": "5"}}
+    )
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
+    assert any(name.endswith(".c") for name in found["files"])
+    names = zipfile.ZipFile(io.BytesIO(client.get(f"api/use/{found['number']}").content)).namelist()
+    assert sorted(names) == sorted(found["files"])
+    assert client.post("api/use", json={**asked, "what": "other"}).status_code == 400
+    assert client.post("api/use", json={**asked, "options": {"limit": "much"}}).status_code == 400
+    assert [path.name for path in (studio.session.folder / "use").iterdir()] == [found["number"]]
+    assert client.get("api/use/99").status_code == 400
+
+
+def test_a_session_keeps_its_token_for_pages_that_are_open(tmp_path: Path) -> None:
+    port, token = last_door(tmp_path)
+    assert (port, len(token)) == (0, 32)
+    private(tmp_path / ".token", f"40000 {token}")
+    assert last_door(tmp_path) == (40000, token)
+    assert (tmp_path / ".token").stat().st_mode & 0o777 == 0o600
+    for wrong in ("", "x", "80 " + token, "40000 short", "40000 a b"):
+        (tmp_path / ".token").write_text(wrong)
+        assert last_door(tmp_path)[1] not in (token, "short")
 
 
 # --- hostile sessions and requests ------------------------------------------------------------------------------------

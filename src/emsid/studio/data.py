@@ -13,6 +13,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from threading import Lock, RLock, Thread
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,8 @@ KEPT = 8
 """Files, looks and records that are kept in memory."""
 LONG = 200_000
 """Samples; a look at a longer file, which takes a second or more, is repeated in the background after a correction."""
+PAUSE = 2.0
+"""Seconds before such a look: twice as long as a record of two million samples is read."""
 MOST_PAIRS = 8000
 """Points in a plot of a column against another."""
 MOST_MARKS = 200
@@ -139,8 +142,12 @@ class Data:
         return known
 
     def _follow(self, name: str) -> None:
-        """Look at a file until there is a look with the arguments that were asked for last."""
+        """Look at a file until there is a look with the arguments that were asked for last.
+
+        It begins after a pause, so that the answer to the correction itself, and those that follow, do not wait for it.
+        """
         while True:
+            sleep(PAUSE)
             with self._lock:
                 given = self._wanted.pop(name, None)
                 if given is None:

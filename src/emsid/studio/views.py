@@ -21,11 +21,14 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
 from emsid.exports.assumptions import assumed, sentences
 from emsid.io import origin
+from emsid.models.bands import Band as Computed
+from emsid.models.bands import with_error
 from emsid.models.verbs import as_model
 from emsid.record import Record
 from emsid.record.holding_back import hold_back
-from emsid.report.document import Band, Figure, Histogram, Ink, Level, Line, Mark, Plot, Points, Spans, Stroke
+from emsid.report.document import Axis, Band, Figure, Histogram, Ink, Level, Line, Mark, Plot, Points, Spans, Stroke
 from emsid.report.views.analysis import over_frequency, over_time, poles_and_zeros
+from emsid.report.views.bands import curve_with_band, regression_friction, static_map
 from emsid.report.views.conventions import MODELS
 from emsid.report.views.residuals import residuals
 from emsid.report.views.sections import model_section
@@ -37,6 +40,8 @@ from emsid.validation.comparison import Assessment, as_fit, validate
 
 MOST = 5
 """Models in one view: so many colours can be distinguished beside that of the measurement."""
+POINTS = 401
+"""Points of a curve of a plant."""
 KEPT = 32
 """Free runs that are kept in memory."""
 
@@ -317,9 +322,9 @@ def _curves(found: Any, labels: Any, record: Record | None, asked: Any) -> Found
     if record is None:
         raise DataError("choose data, over whose range the curves are drawn")
     plots: dict[tuple[str, str], Plot] = {}
-    done, problems = _analysed(found, labels, lambda each: model_section(each.fit, record).figures)
-    for label, stroke, figures in done:
-        for plot in (plot for figure in figures for plot in figure.plots if plot.x.quantity != "Time"):
+    done, problems = _analysed(found, labels, lambda each: _curves_of(each.fit, record))
+    for label, stroke, own in done:
+        for plot in own:
             marks = tuple(_of_model(mark, stroke.ink, label) for mark in plot.marks)
             key = (plot.x.title, plot.y.title)
             before = plots[key].marks if key in plots else ()
@@ -327,11 +332,33 @@ def _curves(found: Any, labels: Any, record: Record | None, asked: Any) -> Found
     return [Figure("curves", "", tuple(plots.values()))] if plots else [], problems
 
 
+def _curves_of(fit: Any, record: Record) -> list[Plot]:
+    """The curves of a model: the laws of a plant, the maps of a cascade, or what a regression does at rest."""
+    plant, blocks = getattr(fit.model, "plant", None), getattr(fit.model, "blocks", None)
+    found = [
+        plot for figure in model_section(fit, record).figures for plot in figure.plots if plot.x.quantity != "Time"
+    ]
+    if plant is None and blocks is None:
+        for view in (static_map, regression_friction):
+            with border("curve", expected=True):
+                found += view(fit, record).plots
+    moving = record.output if "/s" in record.output_units[0] else np.gradient(record.output, record.dt, axis=0)
+    for kind, over in (("friction_characteristic", moving), ("dead_zone_characteristic", record.input)):
+        declared = None if plant is None else getattr(plant, kind)()
+        if declared is not None:
+            reach = float(np.abs(over[:, 0]).max()) or 1.0
+            x = np.linspace(-reach, reach, POINTS)
+            curve = with_error(fit, lambda moved, kind=kind, x=x: getattr(moved.plant, kind)().law(x))
+            marks = curve_with_band(Computed(x, *curve, 0.95), fit.model.name)
+            found.append(Plot(marks, Axis(*declared.x), Axis(*declared.y)))
+    return found
+
+
 def _of_model(mark: Mark, ink: Ink, label: str) -> Mark:
     """A curve of a model in its colour and with its name; other marks keep theirs."""
     own = getattr(mark, "ink", None) or getattr(getattr(mark, "stroke", None), "ink", None)
     if isinstance(mark, Line) and own is not Ink.GREY:
-        return replace(mark, stroke=replace(mark.stroke, ink=ink), label=f"{label}: {mark.label}" if mark.label else "")
+        return replace(mark, stroke=replace(mark.stroke, ink=ink), label=label if mark.label else "")
     return replace(mark, ink=ink, label="") if isinstance(mark, (Band, Points)) else mark
 
 

@@ -30,7 +30,7 @@ export function dataChoice(app, chosen, change) {
 
 const picked = (app) => {
   const all = app.state.models.map((model) => model.id);
-  app.compared = (app.compared ?? app.state.models.filter((model) => model.run === app.state.models.at(-1)?.run).slice(0, 3).map((model) => model.id)).filter((id) => all.includes(id));
+  app.compared = (app.compared ?? app.state.models.filter((model) => model.run === (app.state.models.findLast((each) => each.run) ?? model).run).slice(0, 3).map((model) => model.id)).filter((id) => all.includes(id));
   return app.compared;
 };
 

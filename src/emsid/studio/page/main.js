@@ -86,8 +86,15 @@ document.addEventListener("keydown", (event) => {
   if (what) { event.preventDefault(); attempt(() => post(what)); }
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => app.state && app.rebuild());
-let size = innerHeight, soon = 0;  // plots fill the height that there is
-window.addEventListener("resize", () => { clearTimeout(soon); soon = setTimeout(() => { if (Math.abs(innerHeight - size) > 80 && app.state) { size = innerHeight; app.rebuild(); } }, 300); });
+let size = [innerHeight, innerWidth > 800], soon = 0;  // plots fill the height that there is
+window.addEventListener("resize", () => {
+  clearTimeout(soon);
+  soon = setTimeout(() => {
+    const now = [innerHeight, innerWidth > 800], other = Math.abs(now[0] - size[0]) > 80 || now[1] !== size[1];
+    if (other) size = now;
+    if (other && app.state) app.rebuild();
+  }, 300);
+});
 window.addEventListener("stale", () => attempt(refresh, "The session has changed meanwhile. Look at it and do it again."));
 window.addEventListener("hashchange", () => app.state && hash() !== app.part && go(hash()));
 const gone = () => { at("gone").hidden = false; live.lost(); };

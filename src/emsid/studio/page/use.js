@@ -14,7 +14,7 @@ const MAKES = {
 };
 const FRIENDLY = { c99: "C", fmu: "FMU", arduino: "Arduino", matlab: "MATLAB", modelica: "Modelica", mujoco: "MuJoCo", urdf: "URDF", control: "python-control" };
 
-const current = (app) => app.state.models.find((model) => model.id === app.model) ?? app.state.models.find((model) => model.chosen) ?? app.state.models[0];
+const current = (app) => app.state.models.find((model) => model.id === app.model) ?? app.state.models.findLast((model) => model.chosen) ?? app.state.models.at(-1);
 const range = (app) => { const record = app.state.records.find((each) => each.file === dataset(app, chosen)?.file), channel = record?.channels[input.input];
   return { amplitude: channel ? Number(((channel.high - channel.low) / 2 || 1).toPrecision(2)) : 1, duration: record ? Number(Math.min(record.last - record.first, 1000 * record.dt).toPrecision(3)) : 2 }; };
 const asked = (app) => ({ ...input, amplitude: input.amplitude ?? range(app).amplitude, duration: input.duration ?? range(app).duration });

@@ -162,7 +162,7 @@ def test_every_verb_takes_every_kind_of_model_file(run, saved, tmp_path, kind, v
 
 def test_the_studio_lists_and_runs_every_kind_of_model_file(saved, tmp_path) -> None:
     session = Session.at_folder(tmp_path)
-    run = session.new_run()
+    run = session.new_folder("runs")
     for kind in SAVED:
         (run / f"{kind}.json").write_bytes((saved / f"{kind}.json").read_bytes())
     assert Runs(session, lambda _: None).state(run.name)["models"] == sorted(SAVED)

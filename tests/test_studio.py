@@ -748,7 +748,8 @@ def test_views_overlay_models_of_runs_and_of_files_in_their_colours(fitted: tupl
 
 def test_controllers_compensations_and_designs_are_made_of_a_physical_model(opened: Any, tmp_path: Path) -> None:
     client, studio = opened
-    drive = emsid.PlantModel(emsid.plants.rigid_motor(), (emsid.plants.Signal.SPEED,))
+    plant = emsid.plants.rigid_motor().with_values({"rotor_friction.coulomb": 2e-3})
+    drive = emsid.PlantModel(plant, (emsid.plants.Signal.SPEED,))
     emsid.save(drive, studio.session.path("drive.json", "models"))
     client.post("api/files?name=log.csv", content=table())
     asked = {"model": "files/drive.json", "what": "design", "options": {"limit": "5", "duration": "0.5", "dt": "0.01"}}

@@ -441,7 +441,7 @@ def test_keys_alone_lead_from_an_example_to_a_view(page: Page) -> None:
     def reach(name: str) -> Any:
         """Move the focus with Tab until it is on a control."""
         for _ in range(150):
-            page.browser.switch_to.active_element.send_keys(Keys.TAB)
+            ActionChains(page.browser).send_keys(Keys.TAB).perform()
             found = page.browser.switch_to.active_element
             if name in (found.get_attribute("aria-label"), found.get_attribute("value"), found.text):
                 return found

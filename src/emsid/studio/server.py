@@ -302,16 +302,19 @@ class Routes:
         except BaseException:
             delete(folder)
             raise
+        sections = [found.opening, *found.sections]
         tables = [
-            {"caption": t.caption, "header": t.header, "rows": t.rows, "texts": t.text_columns} for t in found.tables
+            {"caption": t.caption, "header": t.header, "rows": t.rows, "texts": t.text_columns, "note": t.note}
+            for each in sections
+            for t in each.tables
         ]
-        files = [path.name for path in sorted(folder.iterdir())]
+        files = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")) if path.is_file()]
         return {
             "number": folder.name,
             "files": files,
-            "lines": found.lines,
+            "lines": [*found.summary, *(notice.text for notice in found.notices)],
             "tables": tables,
-            "plots": drawn(found.figures),
+            "plots": drawn([figure for each in sections for figure in each.figures]),
         }
 
 

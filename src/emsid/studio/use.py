@@ -9,7 +9,6 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,18 +20,17 @@ import emsid
 import emsid.compensation.files
 import emsid.controllers.files
 from emsid import compensation, controllers
-from emsid.controllers.bench import REFERENCES, rows_of
+from emsid.compensation import Compensation, MapInverse
 from emsid.errors import DataError
 from emsid.estimation.threads import one_blas_thread
 from emsid.exports import FORMATS
 from emsid.io import origin
 from emsid.models.verbs import as_model
-from emsid.report.control_page import bench_figure, bode_figure
-from emsid.report.document import Figure, Table
-from emsid.report.views.conventions import channel_axis
-from emsid.report.views.first_look import over_time
+from emsid.report.control_page import compensation_report, control_report
+from emsid.report.design_page import design_report
+from emsid.report.document import Report
+from emsid.report.page import report_files
 from emsid.studio.data import Signal
-from emsid.wording import sentence
 
 Array = NDArray[np.float64]
 SAMPLES = 10_000
@@ -189,66 +187,34 @@ def exported(path: Path, format: str, assume: Sequence[str] = ()) -> bytes:
         return archive(Path(folder))
 
 
-@dataclass(frozen=True)
-class Made:
-    """What was made of a model.
-
-    Attributes:
-        lines: sentences about it.
-        tables: of numbers.
-        figures: of its behaviour.
-    """
-
-    lines: list[str] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-    figures: list[Figure] = field(default_factory=list)
-
-
-def _bench(bench: Any) -> tuple[Table, list[Figure]]:
-    header, rows = rows_of(bench)
-    quantity, unit = bench.motion
-    table = Table(
-        header, tuple(rows), caption=f"RMS error of the true {quantity} on the bench in {unit}", text_columns=2
-    )
-    return table, [bench_figure(bench, reference) for reference in REFERENCES]
-
-
-def _control(path: Path, asked: Mapping[str, Any], folder: Path) -> Made:
+def _control(path: Path, asked: Mapping[str, Any], folder: Path) -> Report:
     found = emsid.control(loaded(path), **{"dt": sample_time(path), **asked})
-    controllers.files.write(found, folder)
-    table, figures = _bench(found.bench)
-    return Made(controllers.files.summary(found), [table], [bode_figure(found), *figures])
+    content = control_report(found)
+    controllers.files.write(found, folder, more=report_files(content, formats=()))
+    return content
 
 
-def _compensate(path: Path, asked: Mapping[str, Any], folder: Path) -> Made:
+def _compensate(path: Path, asked: Mapping[str, Any], folder: Path) -> Report:
     model, dt = loaded(path), asked.get("dt", sample_time(path))
+    bench = None
+    found: Compensation | MapInverse
     if dt is None or hasattr(as_model(model), "blocks"):
-        inverse = emsid.compensate(model, dt=dt, encoder=asked.get("encoder"))
-        compensation.files.write(model, inverse, folder, dt=dt)
-        return Made([str(inverse)])
-    found, bench = controllers.verb.compensated(model, **{**asked, "dt": dt})
-    compensation.files.write(model, found, folder, dt=dt, bench=controllers.files.bench_lines(bench))
-    table, figures = _bench(bench)
-    return Made([], [table], figures)
+        found = emsid.compensate(model, dt=dt, encoder=asked.get("encoder"))
+    else:
+        found, bench = controllers.verb.compensated(model, **{**asked, "dt": dt})
+    content = compensation_report(found, bench)
+    lines = [] if bench is None else controllers.files.bench_lines(bench)
+    compensation.files.write(model, found, folder, dt=dt, more=report_files(content, formats=()), bench=lines)
+    return content
 
 
-def _design(path: Path, asked: Mapping[str, Any], folder: Path) -> Made:
+def _design(path: Path, asked: Mapping[str, Any], folder: Path) -> Report:
     found = emsid.design(loaded(path), **{"dt": sample_time(path), **asked})
     emsid.write_record(found.record, folder / "design.csv")
-    columns = {"present": found.present, "design": found.best.half_widths}
-    columns |= {name: each.half_widths for name, each in found.standard.items()}
-    rows = tuple(
-        (name, f"{value:.5g} {found.units[name]}", *(f"{column[name]:.3g}" for column in columns.values()))
-        for name, value in found.values.items()
-    )
-    table = Table(("quantity", "value", *columns), rows, caption="Predicted half widths of 95 % intervals")
-    lines = [f"The wanted intervals are {found.gain:.2f} times narrower than with the best standard signal."]
-    return Made(
-        [*lines, *map(sentence, found.findings)], [table], [over_time(found.record, "design", "", channel_axis, 0.7)]
-    )
+    return design_report(found)
 
 
-MAKERS: dict[str, Callable[[Path, Mapping[str, Any], Path], Made]] = {
+MAKERS: dict[str, Callable[[Path, Mapping[str, Any], Path], Report]] = {
     "control": _control,
     "compensate": _compensate,
     "design": _design,
@@ -256,8 +222,8 @@ MAKERS: dict[str, Callable[[Path, Mapping[str, Any], Path], Made]] = {
 """What is made of a model: of its file and options, into a folder."""
 
 
-def made(path: Path, what: str, asked: Mapping[str, Any], folder: Path) -> Made:
-    """A controller, a compensation or a design.
+def made(path: Path, what: str, asked: Mapping[str, Any], folder: Path) -> Report:
+    """A controller, a compensation or a design; its page.
 
     Args:
         path: the model file.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +120,7 @@ class Views:
             "label": self.label(name),
             "kind": fit.model.name,
             "equation": "",
-            "parameters": [_parameter(row) for row in fit.parameters.values()],
+            "parameters": [parameter(row) for row in fit.parameters.values()],
             "sliders": sliders(found),
             "dt": sample_time(path),
             "inputs": source.inputs if source else (),
@@ -348,10 +348,15 @@ def _curves_of(fit: Any, record: Record) -> list[Plot]:
         if declared is not None:
             reach = float(np.abs(over[:, 0]).max()) or 1.0
             x = np.linspace(-reach, reach, POINTS)
-            curve = with_error(fit, lambda moved, kind=kind, x=x: getattr(moved.plant, kind)().law(x))
+            curve = with_error(fit, partial(_law, kind, x))
             marks = curve_with_band(Computed(x, *curve, 0.95), fit.model.name)
             found.append(Plot(marks, Axis(*declared.x), Axis(*declared.y)))
     return found
+
+
+def _law(kind: str, x: Any, model: Any) -> Any:
+    """A law of the plant of a model."""
+    return getattr(model.plant, kind)().law(x)
 
 
 def _of_model(mark: Mark, ink: Ink, label: str) -> Mark:
@@ -373,7 +378,7 @@ VIEWS: dict[str, Callable[..., Found]] = {
 """The views of models that are plots of the report; each takes what was found of the models, and gives figures."""
 
 
-def drawn(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+def drawn(figures: Sequence[Any]) -> list[dict[str, Any]]:
     """The plots of figures as data for the page."""
     return [
         {
@@ -384,6 +389,7 @@ def drawn(figures: Sequence[Figure]) -> list[dict[str, Any]]:
             "marks": [_mark(mark) for mark in plot.marks if type(mark) in NAMES],
         }
         for figure in figures
+        if isinstance(figure, Figure)
         for plot in figure.plots
     ]
 
@@ -411,7 +417,8 @@ def _mark(mark: Mark) -> dict[str, Any]:
     return found
 
 
-def _parameter(row: Any) -> dict[str, Any]:
+def parameter(row: Any) -> dict[str, Any]:
+    """A parameter with its 95 % interval, and what both depend on; plain where they depend on nothing."""
     low, high = row.interval or (None, None)
     return {
         "name": row.name,

@@ -104,7 +104,7 @@ async function result(card, run, app, current) {
   const rows = found.ranking.map((row) => [row.model, row.fit === null ? "diverges" : `${row.fit.toFixed(1)} %`, number(row.rmse), `${row.parameters}`, found.verdicts[row.model]?.level ?? ""]);
   const select = async (part) => { app.compared = app.state.models.filter((each) => each.run === run.number).map((each) => each.id).slice(0, 5); app.go(part); };
   card.append(found.summary[0] ? el("p", {}, found.summary[0]) : "",
-    table({ header: ["Model", "Fit of the free run", `RMSE [${found.unit || "–"}]`, "Parameters", "Verdict"], rows, caption: "Ranked by free run on unseen data" }, (row) => (row[0] === found.chosen ? "chosen" : "")),
+    table({ header: ["Model", "Fit of the free run", `RMSE [${found.unit || "–"}]`, "Parameters", "Verdict"], rows, caption: `Run ${run.number}, ranked by free run on unseen data` }, (row) => (row[0] === found.chosen ? "chosen" : "")),
     el("div", { class: "row" }, button("Compare", () => select("compare"), { class: "main" }),
       button("Use", () => { app.model = `${run.number}/${found.chosen}`; app.go("use"); }),
       el("a", { href: file("report.html"), target: "_blank", rel: "noopener" }, "Report"), el("a", { href: file(found.usable ? "best.json" : `${found.chosen}.json`), download: "" }, "Model file"),

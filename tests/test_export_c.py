@@ -17,6 +17,7 @@ from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, GaussianStribeck, Motor, PowerFriction
 from emsid.plants import FrictionLaw, LawParameter, Measure, friction_law
 from model_examples import (
@@ -123,6 +124,9 @@ MOTORS = {
     "no inductance": (MotorPlant(replace(SHAFT, inductance=0.0)), (Signal.SPEED, Signal.CURRENT)),
     "load": (MotorPlant(SHAFT, Drive(gain=2.0, offset=0.1, delay=1.3 * DT), load_torque=0.01), (Signal.SPEED,)),
     "straight": (MotorPlant(SHAFT, Drive(hold=Hold.FIRST)), (Signal.SPEED,)),
+    "loads among the inputs": (MotorPlant(SHAFT, Drive(loaded=True, delay=1.3 * DT)), (Signal.SPEED,)),
+    "loads on one mass": (MotorPlant(Motor().rigid(), Drive(loaded=True, hold=Hold.FIRST)), (Signal.SPEED,)),
+    "encoder behind a gap": (MotorPlant(Motor().rigid(), sensor=Sensor(backlash=0.1)), (Signal.POSITION,)),
     "torque dead zone": (MotorPlant(replace(SHAFT, torque_dead_zone=DeadZoneLaw(-0.01, 0.02))), (Signal.SPEED,)),
 }
 
@@ -132,13 +136,13 @@ MOTORS = {
 def test_a_motor_with_shaft_or_inductance_gives_the_numbers_of_the_model(name: str, tmp_path: Path) -> None:
     """Through stops, reversals and impacts; in single precision with another order."""
     model = GreyBox(*MOTORS[name])
-    u = 0.5 * np.repeat(inputs(3)[::8], 8)[:, None]
+    u = np.repeat(np.column_stack([0.5 * inputs(3), 1e-3 * inputs(4)])[::8], 8, axis=0)[:, : width(model)]
     found, truth = in_c(model, u, tmp_path / "double"), expected(model, u)
     assert (np.abs(found - truth).max(axis=0) <= 1e-13 * truth.std(axis=0)).all()
     found = in_c(model, u, tmp_path / "single", single=True)
     assert (np.abs(found - truth).max(axis=0) <= 1e-5 * truth.std(axis=0)).all()
     varies = "The time that a sample takes varies" in (tmp_path / "single/README.md").read_text("utf-8")
-    assert varies is (name != "inductance")  # which is one mass, moved in steps of a fixed length
+    assert varies is not model.plant.is_one_mass  # which moves in steps of a fixed length
 
 
 @needs_gcc

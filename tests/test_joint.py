@@ -15,7 +15,6 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.one_mass import Sliding
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import NO_LOAD
 from emsid.plant import Friction, LoadFriction, Motor, PowerFriction
 from emsid.plants import Gravity, MotorPlant
 
@@ -173,25 +172,25 @@ def slowly(law, equation, force, load, waves, dt, steps, mass, drag):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_mass_moves_under_them_as_in_small_steps(name: str) -> None:
-    from emsid.models.plants.one_mass import loop_for
+    from emsid.models.plants.lost_motion import Body
+    from emsid.models.plants.one_mass import compiled_with_law, move
 
     law, equation = LAWS[name]
     force = np.repeat(np.random.default_rng(3).uniform(-2, 2, 20) * (np.arange(20) % 2), 6) - 0.2
     waves = np.array([[1.0, 0.1, 1.0]])
-    friction = Sliding.of_all([Sliding.of(law, waves=waves, load=0.2)])
-    speeds, positions = np.empty((1, len(force))), np.empty((1, len(force)))
-    one = np.ones((1, 1))
-    loop_for(type(law).level)(
-        np.array([0.5]), friction, force[None], np.full((1, len(force)), 0.3), NO_LOAD, np.array([0, len(force)]),
-        np.array([0.02]), 0.0 * one, 8, np.zeros(1), np.zeros((1, 1, 3)), speeds, positions, np.empty_like(speeds),
-    )  # fmt: skip
+    friction, none = Sliding.of(law, waves=waves, load=0.2), np.zeros(len(force))
+    found = np.zeros((2, len(force)))
+    compiled_with_law(type(law).level, move)(
+        Body(0.5, 0.0), friction, force + 0.2, none + 0.3, none[1:], 0.02, 0.0, 8, 0, np.zeros(2), *found, none
+    )
+    found = found.T
     errors = []
     for steps in (20, 80):
         slow = slowly(law, equation, force, 0.2, waves, 0.02, steps, 0.5, 0.3)
-        errors.append(float(np.max(np.abs(np.array([speeds[0, :-1], positions[0, :-1]]).T - slow))))
-    assert errors[1] < 0.01 * np.max(np.abs(speeds))
+        errors.append(float(np.max(np.abs(found[:-1] - slow))))
+    assert errors[1] < 0.01 * np.max(np.abs(found[:, 0]))
     assert errors[1] < 0.4 * errors[0]
-    assert np.count_nonzero(speeds == 0.0) > 3  # it sticks, exactly
+    assert np.count_nonzero(found[:, 0] == 0.0) > 3  # it sticks, exactly
 
 
 def test_without_load_they_are_the_law_of_the_paper() -> None:

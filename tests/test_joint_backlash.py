@@ -69,14 +69,6 @@ def test_block_by_block_and_sample_by_sample_it_reads_the_same(tmp_path: Path) -
     assert "sensor.backlash" not in GreyBox(behind(gap=0.0), POSITION).to_data()["plant"]["parameters"]
 
 
-def test_several_plants_at_once_read_what_each_reads_alone() -> None:
-    plants = [behind(gap=gap) for gap in (0.0, 0.01, GAP)]
-    u, start = torque(200, 3)[:, None], np.array([0.0, 0.3, 0.0, 1.0])
-    (together,) = plants[0].simulate_each(plants, [u], DT, [[start]] * 3, POSITION)
-    for plant, found in zip(plants, together, strict=True):
-        np.testing.assert_allclose(found, plant.simulate(u, DT, start, POSITION), atol=1e-12)
-
-
 def test_backlash_is_named_where_it_is_missing_and_found_where_it_is_asked_for() -> None:
     record = recorded(behind(), torque(1500, 1))
     fit = emsid.fit(emsid.plants.joint(), record, search=False)
@@ -92,11 +84,9 @@ def test_backlash_is_named_where_it_is_missing_and_found_where_it_is_asked_for()
     assert not [each for each in exact.findings if each.code == "effect-missing"]
 
 
-def test_a_negative_backlash_is_refused_and_so_is_c_code_with_one(tmp_path: Path) -> None:
+def test_a_negative_backlash_is_refused() -> None:
     with pytest.raises(ModelError, match="backlash of -1"):
         Sensor(backlash=-1.0)
-    with pytest.raises(emsid.EmsidError):
-        emsid.export(GreyBox(behind(), POSITION), "c99", tmp_path, dt=DT)
 
 
 # --- the encoder on the motor, which crosses the gap alone -----------------------------------------------------------

@@ -111,9 +111,7 @@ def test_blocks_and_single_samples_give_the_same_as_one_run(hold, delay, axis):
         y, state = plant.run(state, block, SPEED)
         parts.append(y)
     np.testing.assert_array_equal(np.concatenate(parts), whole)
-    np.testing.assert_array_equal(
-        plant.simulate_each([plant], [u, u[:50]], DT, [[np.zeros(4)] * 2], SPEED)[1][0], whole[:50]
-    )
+    np.testing.assert_array_equal(plant.simulate(u[:50], DT, np.zeros(4), SPEED), whole[:50])
 
 
 def test_codes_of_the_bridge_stand_before_the_load():

@@ -12,12 +12,12 @@ from emsid.errors import ModelError
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.lost_motion import Body
 from emsid.models.plants.motor import DrivenMotor, MotorPlant
 from emsid.models.plants.one_mass import Sliding, move
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import STARTS
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import NO_LOAD
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
 from simulated_plants import DT, RIGID, SPEED, VOLTAGE, record_of
 
@@ -63,8 +63,9 @@ def test_the_compiled_motion_is_the_limit_of_the_slow_one(seed):
     friction = Sliding.of(law, rng.uniform(0, 2, 2))
     force, damping = np.repeat(3 * rng.standard_normal(13), 5), np.repeat(rng.uniform(0.1, 1.0, 13), 5)
     start = (0.05, float(rng.uniform(0, 1)))
-    speeds, positions = np.empty(64), np.empty(64)
-    move(0.7, friction, force, damping, NO_LOAD, *start, 20, 0.0, np.array([0.4, 1.0]), speeds, positions, NO_LOAD)
+    speeds, positions, none, motion = np.empty(65), np.empty(65), np.zeros(64), np.array([0.4, 1.0])
+    move(Body(0.7, 0.0), friction, force, damping, none, *start, 20, 0, motion, speeds, positions, none)
+    speeds, positions = speeds[:-1], positions[:-1]
     differences = []
     for steps in (40, 160):
         slow = moved_slowly(0.7, friction, force, damping, *start, steps, 0.4, 1.0)
@@ -107,7 +108,7 @@ def test_a_bridge_that_coasts_brakes_in_proportion_to_its_duty():
 def test_a_drive_has_another_gain_beyond_its_knee_and_is_limited_by_its_supply():
     drive = Drive(gain=0.5, supply=6.0, knee=4.0, beyond=2.0)
     command = np.array([0.0, 6.0, 8.0, 9.0, 20.0, -9.0, -20.0])
-    assert drive.terminals(command[:, None], DT)[0][1:] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
+    assert drive.applied(command[:, None])[0] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
 
 
 def test_codes_brake_and_coast():

@@ -9,7 +9,7 @@ from emsid.models.plants.brushless import Brushless, Harmonic
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
-from emsid.models.plants.drive import Acting, ActingEach, Bridge, Drive, Feed, Hold
+from emsid.models.plants.drive import Bridge, Drive, Feed, Hold
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.gravity import Gravity
@@ -40,8 +40,6 @@ from emsid.plant.load_friction import LoadFriction, PowerFriction
 from emsid.plant.parameter import Measure, Parameter
 
 __all__ = [
-    "Acting",
-    "ActingEach",
     "Bridge",
     "Brushless",
     "Channels",

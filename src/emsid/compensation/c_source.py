@@ -95,7 +95,7 @@ real NAME_friction(real speed, real following)
 real NAME_wanted(real speed, real following, real position)
 {
     const real middle = K(0.5) * (speed + following);
-    const real r = (BRAKING + VISCOUS + (middle >= K(0.0) ? FORWARD : BACKWARD)) / MASS;
+    const real r = (BRAKING + (middle >= K(0.0) ? FORWARD : BACKWARD)) / MASS;
     const real phi = r * DT < SMALL ? DT : -EXPM1(-r * DT) / r;
     real force = MASS * ((following - speed) / phi + r * speed) + NAME_friction(speed, following) + LOAD;
 WAVES    return (force + DROP * sign_of(force - BRAKING * middle)) / PER_VOLT;
@@ -135,8 +135,8 @@ def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
     gain, offset, knee, beyond, supply, loss, *_ = found.outer.drive.tolist()
     forward, backward = friction.viscous.tolist()
     values = {
-        "DT": found.dt, "MASS": inside.mass, "BRAKING": inside.braking, "VISCOUS": inside.viscous,
-        "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": inside.load,
+        "DT": found.dt, "MASS": inside.mass, "BRAKING": inside.braking,
+        "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": float(friction.load),
         "PER_VOLT": inside.after * inside.before, "ZONE_BEGIN": zone.b_l, "ZONE_END": zone.b_r, "ZONE_LEFT": zone.m_l,
         "ZONE_RIGHT": zone.m_r, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
         "SMALL": SERIES, "COUNT": found.count, "DROP": float(friction.drop),

@@ -105,10 +105,10 @@ class Compensation:
         """
         now, then = np.asarray(speed, dtype=float), np.asarray(following, dtype=float)
         middle, friction = 0.5 * (now + then), self.friction
-        viscous = self.inside.viscous + np.where(middle >= 0, friction.viscous[0], friction.viscous[1])
+        viscous = np.where(middle >= 0, friction.viscous[0], friction.viscous[1])
         r = (self.inside.braking + viscous) / self.inside.mass
         phi = np.where(r * self.dt < SERIES, self.dt, -np.expm1(-r * self.dt) / np.maximum(r, SERIES / self.dt))
-        made = self.inside.mass * ((then - now) / phi + r * now) + self._dry(now, then) + self.inside.load
+        made = self.inside.mass * ((then - now) / phi + r * now) + self._dry(now, then) + friction.load
         at = np.asarray(position, dtype=float) + middle * 0.5 * self.dt
         for k, cosine, sine in friction.waves.tolist():
             made = made + cosine * np.cos(k * at) + sine * np.sin(k * at)

@@ -96,7 +96,7 @@ def _parameters(inside: Any, friction: Any, turns: bool) -> list[str]:
     """The declarations of the parameters."""
     mass, per_speed, force = ("kg.m2", "N.m.s/rad", "N.m") if turns else ("kg", "N.s/m", "N")
     slowness = "s/rad" if turns else "s/m"
-    rows = [("mass", mass, inside.mass, "inertia"), ("drag", per_speed, inside.braking + inside.viscous, "drag")]
+    rows = [("mass", mass, inside.mass, "inertia"), ("drag", per_speed, inside.braking, "drag")]
     for side, way in enumerate(("forward", "backward")):
         level, excess, rate = [*friction.numbers[side].tolist(), 0.0, 0.0][:3]
         rows += [
@@ -131,7 +131,7 @@ def _motion(inside: Any, friction: Any, decay: str) -> list[str]:
         for way in ("forward", "backward")
     )
     return [
-        f"  net = pull - ({inside.load!r}){waves}{_lost(inside, friction)};",
+        f"  net = pull - ({float(friction.load)!r}){waves}{_lost(inside, friction)};",
         "  s = abs(w);",
         f"  resisting = if mode == 1 then {forward}",
         f"    else {backward};",

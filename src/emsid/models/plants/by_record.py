@@ -310,10 +310,6 @@ class PlantByRecord(Plant):
         """The output (N, ny) from an initial state."""
         return self.of_record(self.present).simulate(inputs, dt, state, signals)
 
-    def at_once(self, signals: Sequence[Signal]) -> bool:
-        """That of the plant."""
-        return self.shared.at_once(signals)
-
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
         """(N,) the true speed, see `Plant.motion`."""
         return self.of_record(self.present).motion(inputs, dt, state)

@@ -20,7 +20,7 @@ from emsid.models.c_form import CForm
 from emsid.models.c_source import View, Writer, bare
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Path, read_at
-from emsid.models.plants.state import PlantState
+from emsid.models.plants.state import NO_LOAD, PlantState
 from emsid.models.plants.stepping import PlantStepper
 from emsid.models.traced import Traced, at, put, text_of
 
@@ -57,31 +57,28 @@ def c_form(stepper: PlantStepper, *, single: bool = False, parameters: Sequence[
     dt = stepper.state.dt
     names = _settable(model, dt, parameters, single) if parameters else ()
     values = tuple((name, float(model.plant.value(name))) for name in names)
-    kernel, known, work, state = _written(_traced(model, values), stepper.state, single)
+    kernel, known, varies, state = _written(_traced(model, values), stepper.state, single)
     writer, outputs = Writer(ROUNDING if single else None, traces=bool(names)), len(model.signals)
     arrays = [View(f"s->{each}", kept.shape) for each, kept in state]
-    ends = [View("u", (stepper.inputs,), constant=True), View("y", (outputs,))]
+    ends = [View("u", (1, stepper.inputs), constant=True), View("y", (1, outputs))]
     try:
-        call = writer.call(kernel, *known, *arrays, *[View("work", work)] * bool(work), *ends)
+        call = writer.call(kernel, *known, *arrays, NO_LOAD, *ends)
     except ModelError as problem:
         raise ModelError(f"{model.name}: {problem}; export another model") from None
     step = f"    {call};\n"
-    if work:
-        step = f"    real work[{int(np.prod(work))}];\n{step}"
     kept = tuple((each, values.ravel().astype(float)) for each, values in state)
     setting = ""
     if writer.traced:
         step = f"    const real *numbers = s->numbers;\n{step}"
         kept += (("numbers", np.array(writer.traced, dtype=float)),)
         setting = "".join(f"    s->numbers[{k}] = {bare(text_of(each))};\n" for k, each in enumerate(writer.traced))
-    varies = "The time that a sample takes varies: steps end where a body stops, breaks away or touches."
-    notes = () if work else (varies,)
+    notes = ("The time that a sample takes varies: steps end where a body stops, breaks away or touches.",) * varies
     tables = tuple(writer.tables.items())
     return CForm(stepper.inputs, outputs, kept, step, tables, writer.functions, notes, values, setting)
 
 
 def _written(model: GreyBox, state: PlantState, single: bool) -> Any:
-    """The kernel of a plant in a state, with what it takes; see `OneMassSampler.written`."""
+    """The kernel of a plant in a state, with what it takes; see `DrivenSampler.written`."""
     sampler: Any = model.plant.sampler(state, model.signals)
     return sampler and sampler.written(single)
 

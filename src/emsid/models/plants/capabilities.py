@@ -57,6 +57,10 @@ class OfPlants(Capabilities[GreyBox]):
     physical = True
     takes_all_inputs = False
 
+    def inputs(self, model: GreyBox) -> int:
+        driven = model.plant.driven
+        return 1 if driven is None else 1 + driven.drive.loaded
+
     def stepper(self, model: GreyBox, state: Any, inputs: int) -> Stepper:
         return PlantStepper.of(model, state, inputs)
 

@@ -150,4 +150,4 @@ def load_effects(plant: DrivenPlant, segment: Record, state: Array, signals: Seq
 def _free_run(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], drifted: Array) -> Array:
     """(N,) the free run of a segment under the drift in every piece."""
     held = by_sample(drifted, len(segment))
-    return plant.simulate_each([plant], [segment.input], segment.dt, [[state]], signals, [held])[0][0, :, 0]
+    return plant.simulate(segment.input, segment.dt, state, signals, held)[:, 0]

@@ -33,20 +33,17 @@ where steps come from a digital output and sines were sampled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import lru_cache
 from math import inf, isfinite, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import DataError, ModelError
 from emsid.excitation.between_samples import jumps, may_be_continuous
 from emsid.models.plants.parameters import TINY, Handle, scalar
-from emsid.models.plants.state import NO_LOAD
 from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
@@ -57,9 +54,9 @@ PIECES = 4
 """Pieces of a sample in which a straight command is simulated."""
 LONGEST_RISE = 1.0
 """The longest rise of a current in periods of the PWM; a slower one does not fall to zero between the pulses."""
-GAUSS = (0.5 - 0.5 / sqrt(3), 0.5 + 0.5 / sqrt(3))
+_EARLIER, _LATER = GAUSS = (0.5 - 0.5 / sqrt(3), 0.5 + 0.5 / sqrt(3))
 """Between 0 and 1, the points of Gauss's rule of two points."""
-FULL = 1.0 - 1e-6
+FULL = _FULL = 1.0 - 1e-6
 """A command of this part of the supply is full duty."""
 FEWEST = 30
 """With fewer samples a record does not show its hold; then it has the first-order hold, as the others do."""
@@ -87,67 +84,6 @@ class Hold(Enum):
     ZERO = "zero"  # it keeps its value
     FIRST = "first"  # a straight line to the next sample
     RECORD = "record"  # straight in a record where it changes at every sample and never jumps, else held
-
-
-class Acting(NamedTuple):
-    """The output of a drive over a run of N samples, in M pieces in which it is constant.
-
-    Attributes:
-        voltage, conducts: (M + 1,) voltage and conducting fraction of every piece; the first acts before the first one.
-        dt: duration of a piece in s.
-        late: the part of a piece during which the value before it still acts.
-        samples: which of the M + 1 ends of pieces are the N samples.
-        now: (N,) voltage and conducting fraction at the samples; None where they keep their values after them.
-        left: the commands that a state keeps after the run.
-        load: (M + 1,) the load of the inputs in every piece, and a last value without meaning; (0,) without one.
-    """
-
-    voltage: Array
-    conducts: Array
-    dt: float
-    late: float
-    samples: slice
-    now: tuple[Array, Array] | None
-    left: Array
-    load: Array
-
-
-class ActingEach(NamedTuple):
-    """What a drive does over S runs, one after the other.
-
-    Attributes:
-        voltage, conducts: (M,) as in `Acting`.
-        ends: (S + 1,) where runs begin, and M.
-        dt, late: (S,) as in `Acting`.
-        samples: which of the M are the samples of every run.
-        load: (M,) as in `Acting`, or (0,).
-    """
-
-    voltage: Array
-    conducts: Array
-    ends: NDArray[np.intp]
-    dt: Array
-    late: Array
-    samples: list[slice]
-    load: Array
-
-    @classmethod
-    def of(cls, runs: Sequence[Acting]) -> ActingEach:
-        """The runs, one after the other."""
-        voltage, conducts, dt, late, samples, _, _, load = zip(*runs, strict=True)
-        ends = np.cumsum([0, *map(len, voltage)])
-        inside = (range(a, b)[some] for a, b, some in zip(ends.tolist(), ends[1:].tolist(), samples, strict=False))
-        slices = [slice(some.start, some.stop, some.step) for some in inside]
-        return cls(
-            np.concatenate(voltage), np.concatenate(conducts), ends, np.array(dt), np.array(late), slices,
-            np.concatenate(load),
-        )  # fmt: skip
-
-    def held(self, values: Sequence[Array]) -> Array:
-        """(M,) values (N,) of every run, which are held over its samples."""
-        lengths = np.diff(self.ends).tolist()
-        each = zip(values, lengths, strict=True)
-        return np.concatenate([some[np.maximum(np.arange(n) - 1, 0) * len(some) // max(n - 1, 1)] for some, n in each])
 
 
 @dataclass(frozen=True)
@@ -215,7 +151,20 @@ class Drive:
         """(N,) the commands in inputs (N, 1), or (N, 2) with the state of the bridge; zero for codes.
 
         Raises:
-            DataError: for other inputs.
+            DataError: as `check`.
+        """
+        self.check(inputs)
+        command = inputs[:, 0]
+        if not self.codes:
+            return command
+        coded = np.isin(inputs[:, -1 - self.loaded], [code for code, _ in self.codes])
+        return np.where(coded, 0.0, command) if coded.any() else command
+
+    def check(self, inputs: Array) -> None:
+        """Refuse inputs (N, nu) of another number than command, codes and load have.
+
+        Raises:
+            DataError: for such inputs.
         """
         columns = 1 + bool(self.codes) + self.loaded
         if self.loaded and inputs.shape[1] < 2:
@@ -227,19 +176,6 @@ class Drive:
                 f"{inputs.shape[1]} inputs for a plant with one command; name the column that is the command, and "
                 "after it at most one with codes for the state of the bridge, and what the codes mean, and a load last"
             )
-        command = inputs[:, 0]
-        if not self.codes:
-            return command
-        coded = np.isin(self._coded(inputs), [code for code, _ in self.codes])
-        return np.where(coded, 0.0, command) if coded.any() else command
-
-    def _coded(self, inputs: Array) -> Array:
-        """(N,) the input that may hold codes: the last one that is no load."""
-        return inputs[:, -1 - self.loaded]
-
-    def loads(self, inputs: Array) -> Array:
-        """(N,) the load in inputs (N, nu); (0,) without one."""
-        return inputs[:, -1] if self.loaded else NO_LOAD
 
     def for_inputs(self, inputs: Array) -> Drive:
         """The drive as it is in a record with inputs (N, nu), where this differs by record."""
@@ -253,44 +189,28 @@ class Drive:
         """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), before any limit."""
         return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
 
-    def after_knee(self, wanted: Array) -> Array:
-        """Voltages (forces) after the knee, in V (N)."""
-        if not isfinite(self.knee):
-            return wanted
-        extra = wanted - np.clip(wanted, -self.knee, self.knee)
-        return wanted + (self.beyond - 1.0) * extra
+    @property
+    def numbers(self) -> tuple[Array, Array, int]:
+        """What `apply` takes: gain, offset, knee, factor beyond it, supply, loss, rise and freewheeling; (n, 2) the
+        codes, and what the bridge then conducts; 1 with a load among the inputs, else 0."""
+        switching = self.supply, self.loss, self.rise, self.freewheel
+        codes = [(code, 1.0 if bridge is Bridge.BRAKE else 0.0) for code, bridge in self.codes]
+        shape = np.array([self.gain, self.offset, self.knee, self.beyond, *switching])
+        return shape, np.array(codes).reshape(-1, 2), int(self.loaded)
 
     def applied(self, inputs: Array) -> tuple[Array, Array]:
         """Voltage (N,) and conducting fraction (N,) for inputs (N, nu), before the delay."""
-        voltage, conducts = self.after_knee(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
-        if isfinite(self.supply):
-            switching = np.abs(voltage) < FULL * self.supply
-            switched, open_ = self._switched(voltage)
-            voltage = np.where(switching, switched, np.clip(voltage, -self.supply, self.supply))
-            conducts = 1.0 - self.freewheel * (1.0 - np.where(switching, open_, 1.0))
-        for code, bridge in self.codes:
-            here = self._coded(inputs) == code
-            voltage = np.where(here, 0.0, voltage)
-            conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
-        return voltage, conducts
-
-    def _switched(self, voltage: Array) -> tuple[Array, Array]:
-        """Voltages below full duty after the loss and the rise of the current, and what an open bridge conducts."""
-        left = (1.0 - self.loss) * voltage
-        duty = np.minimum(np.abs(left) / self.supply, 1.0)
-        if not self.rise:
-            return left, duty
-        risen = -np.expm1(-duty / self.rise)
-        first, second = ((1.0 + e) * np.log1p(risen * (1.0 - e) / (1.0 + e)) for e in GAUSS)
-        slope = (first - second) / (GAUSS[1] - GAUSS[0])
-        missing = first + GAUSS[0] * slope
-        return np.sign(left) * self.supply * (duty - self.rise * missing), duty - self.rise * slope
+        self.check(inputs)
+        rows = np.empty((len(inputs), 2 + self.loaded))
+        apply_each(*self.numbers, np.array(inputs, dtype=float, order="C"), rows)
+        return rows[:, 0], rows[:, 1]
 
     def standing(self, command: Array, dt: float, most: int | None = None, holding: float | None = None) -> Array:
-        """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
+        """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,), and a third column of the
+        load where there is one.
 
         For a straight command there are two rows more: one for the sample before, and last one of NaN, which says that
-        no sample has been simulated yet; and with a load a third column with it.
+        no sample has been simulated yet.
 
         Args:
             command: the inputs of one sample.
@@ -309,112 +229,59 @@ class Drive:
             )
         straight = self.hold is not Hold.ZERO
         whole = int(samples) if most is None else int(min(samples, most))
-        on_their_way = np.empty((whole + 1 + 2 * straight, 2 + (straight and self.loaded)))
-        on_their_way[:, :2] = np.ravel(self.applied(command[None, :])) if holding is None else (holding, 1.0)
-        if straight and self.loaded:
-            on_their_way[:, 2] = command[-1]
+        on_their_way = np.empty((whole + 1 + 2 * straight, 2 + self.loaded))
+        apply_each(*self.numbers, np.array(command, dtype=float)[None, :], on_their_way[:1])
+        on_their_way[1:] = on_their_way[0]
+        if holding is not None:
+            on_their_way[:, :2] = holding, 1.0
         if straight:
             on_their_way[-1] = np.nan
         return on_their_way
 
-    def acting(self, inputs: Array, commands: Array, dt: float) -> Acting:
-        """What the drive does over a run.
 
-        Args:
-            inputs: (N, nu).
-            commands: the delayed commands before the first sample, the oldest first; see `standing`.
-            dt: sample time in s.
-        """
-        if self.hold is Hold.FIRST or (self.hold is Hold.RECORD and len(commands) > int(self.delay / dt) + 1):
-            return self._straight(inputs, commands, dt)
-        voltage, conducts = self.applied(inputs)
-        voltage, conducts = np.concatenate([commands[:, 0], voltage]), np.concatenate([commands[:, 1], conducts])
-        late = min(self.delay / dt - (len(commands) - 1), 1.0)
-        samples = len(inputs)
-        left = np.column_stack([voltage[samples:], conducts[samples:]])
-        kept = voltage[: samples + 1], conducts[: samples + 1]
-        load = self.loads(inputs)
-        return Acting(*kept, dt, late, slice(None, -1), None, left, np.append(load, load[-1:]))
+@njit(nogil=True, error_model="numpy")
+def apply(shape: Array, codes: Array, loaded: int, inputs: Array, k: int, rows: Array, at: int) -> None:
+    """Write voltage (force), conducting fraction and load, if there is one, for the inputs of a sample.
 
-    def acting_each(self, inputs: Sequence[Array], dt: float, holding: Sequence[float | None]) -> ActingEach:
-        """What the drive does over several runs.
-
-        Args:
-            inputs: (N, nu) of every run.
-            dt: sample time in s.
-            holding: the voltage before every run; None for that of its first command.
-        """
-        whole = int(self.delay / dt)
-        if self.hold is not Hold.ZERO or whole >= min(map(len, inputs)):
-            runs = [(self.for_inputs(each), each, before) for each, before in zip(inputs, holding, strict=True)]
-            return ActingEach.of([d.acting(u, d.standing(u[0], dt, len(u), before), dt) for d, u, before in runs])
-        voltage, conducts = self.applied(np.concatenate(inputs))
-        which, ends, samples = _delayed_rows(tuple(map(len, inputs)), whole)
-        voltage, conducts = voltage[which], conducts[which]
-        for begin, before in zip(ends.tolist(), holding, strict=False):
-            if before is not None:
-                voltage[begin : begin + whole + 1], conducts[begin : begin + whole + 1] = before, 1.0
-        late = np.full(len(inputs), self.delay / dt - whole)
-        load = np.concatenate([np.append(each, each[-1:]) for each in map(self.loads, inputs)])
-        return ActingEach(voltage, conducts, ends, np.full(len(inputs), dt), late, samples, load)
-
-    def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
-        """The same for a command that goes straight from sample to sample, simulated up to the last one."""
-        first = bool(np.isnan(commands[-1, 0]))
-        past = commands[:-1] if first else commands
-        loads = (self.loads(inputs),) if self.loaded else ()
-        rows = np.asfortranarray(np.concatenate([past, np.column_stack((*self.applied(inputs), *loads))]))
-        begin = 0 if first else -1
-        zero = len(past) - self.delay / dt  # the row that acts at the first sample
-        conducting = bool(np.all(rows[:, 1] == 1.0))  # as a plain drive always does
-
-        def at(instant: float, count: int) -> tuple[Array, Array]:
-            voltage = _read(rows[:, 0], zero + instant, count)
-            return voltage, np.ones(count) if conducting else _read(rows[:, 1], zero + instant, count)
-
-        now = at(0.0, len(inputs))
-        pieces = np.ones((2, 1 + (len(inputs) - 1 - begin) * PIECES))
-        load = np.zeros(pieces.shape[1] * self.loaded)
-        pieces[:, 0] = now[0][0], now[1][0]
-        for piece in range(PIECES):
-            into = pieces[:, 1 + piece :: PIECES]
-            into[0], into[1] = at(begin + (piece + 0.5) / PIECES, into.shape[1])
-            if self.loaded:  # without the delay of the drive
-                load[piece:-1:PIECES] = _read(rows[:, 2], len(past) + begin + (piece + 0.5) / PIECES, into.shape[1])
-        voltage, conducts = pieces
-        samples = slice(None if first else PIECES, None, PIECES)
-        return Acting(voltage, conducts, dt / PIECES, 0.0, samples, now, rows[len(rows) - len(past) :], load)
-
-    def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
-        """Voltage (M + 1,) and conducting fraction (M + 1,) of every piece, and their delay as a fraction of a piece.
-
-        The first value acts before the first sample, where the first command is assumed.
-        """
-        drive = self.for_inputs(inputs)
-        on = drive.acting(inputs, drive.standing(inputs[0], dt, len(inputs)), dt)
-        return on.voltage, on.conducts, on.late
+    Args:
+        shape, codes, loaded: `Drive.numbers`.
+        inputs, k: (N, nu), of which those of the sample.
+        rows, at: (M, 2), or (M, 3) with a load, and the row that is written.
+    """
+    gain, offset, knee, beyond = shape[0], shape[1], shape[2], shape[3]
+    supply, loss, rise, freewheel = shape[4], shape[5], shape[6], shape[7]
+    if loaded:
+        rows[at, 2] = inputs[k, inputs.shape[1] - 1]
+    for code in range(len(codes)):
+        if inputs[k, inputs.shape[1] - 1 - loaded] == codes[code, 0]:
+            rows[at, 0], rows[at, 1] = 0.0, codes[code, 1]
+            return
+    voltage, conducts = gain * (inputs[k, 0] + offset), 1.0
+    if np.isfinite(knee):
+        voltage += (beyond - 1.0) * (voltage - min(max(voltage, -knee), knee))
+    if np.isfinite(supply):
+        if abs(voltage) < _FULL * supply:
+            left = (1.0 - loss) * voltage
+            duty = open_ = min(abs(left) / supply, 1.0)
+            if rise > 0.0:
+                risen = -np.expm1(-duty / rise)
+                first = (1.0 + _EARLIER) * np.log1p(risen * (1.0 - _EARLIER) / (1.0 + _EARLIER))
+                second = (1.0 + _LATER) * np.log1p(risen * (1.0 - _LATER) / (1.0 + _LATER))
+                slope = (first - second) / (_LATER - _EARLIER)
+                missing = first + _EARLIER * slope
+                left = np.sign(left) * supply * (duty - rise * missing)
+                open_ = duty - rise * slope
+            voltage, conducts = left, 1.0 - freewheel * (1.0 - open_)
+        else:
+            voltage = min(max(voltage, -supply), supply)
+    rows[at, 0], rows[at, 1] = voltage, conducts
 
 
-@lru_cache(maxsize=4)
-def _delayed_rows(samples: tuple[int, ...], whole: int) -> tuple[NDArray[np.intp], NDArray[np.intp], list[slice]]:
-    """Which command acts at every sample of runs after a delay of ``whole`` samples, and `ActingEach.ends, samples`."""
-    firsts = np.cumsum([0, *samples[:-1]])
-    rows = [k + np.maximum(np.arange(-whole - 1, n - whole), 0) for k, n in zip(firsts, samples, strict=True)]
-    ends = np.cumsum([0, *(n + 1 for n in samples)])
-    return np.concatenate(rows), ends, [slice(k, k + n) for k, n in zip(ends.tolist(), samples, strict=False)]
-
-
-def _read(rows: Array, start: float, count: int) -> Array:
-    """(count,) rows read at ``start``, ``start`` + 1, …, straight between two; the first and the last row go on."""
-    start = max(start, -float(count + 1))  # long before the first row, all are equal to it
-    below = int(np.floor(start))
-    before, after = max(-below, 0), max(below + count + 1 - len(rows), 0)
-    if before or after:
-        rows = np.concatenate([np.full(before, rows[0]), rows, np.full(after, rows[-1])])
-    part, here = start - below, below + before
-    values: Array = (1.0 - part) * rows[here : here + count]
-    values += part * rows[here + 1 : here + 1 + count]
-    return values
+@njit(nogil=True, error_model="numpy")
+def apply_each(shape: Array, codes: Array, loaded: int, inputs: Array, rows: Array) -> None:
+    """`apply` for the inputs (N, nu) of every sample."""
+    for k in range(len(inputs)):
+        apply(shape, codes, loaded, inputs, k, rows, k)
 
 
 def outer_handles(unit: str, word: str, measure: Measure, motion: str, reading: Measure) -> dict[str, Handle]:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.plants.drive import Acting, Bridge, Drive, Hold
+from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.initial_state import initial_motion, starts_at_rest
-from emsid.models.plants.one_mass import Motion, OneMass, moved
+from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import BEGINNING, Limits, Plant, parameters_of
+from emsid.models.plants.sampling import DrivenSampler
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import HELD
+from emsid.models.plants.state import HELD, NO_LOAD, PlantState
 from emsid.plant.friction import find_law, law_name
 
 if TYPE_CHECKING:
@@ -110,8 +111,8 @@ class DrivenPlant(Plant):
 
     def commanded(self, segment: Record, position: Array, speed: Array) -> Array:
         """(N,) the command after codes and the knee of the drive, for regressions on positions and speeds (N,)."""
-        drive = self.drive
-        return drive.after_knee(drive.gain * drive.commands(segment.input)) / drive.gain
+        plain = Drive(self.drive.gain, knee=self.drive.knee, beyond=self.drive.beyond)
+        return plain.applied(self.drive.commands(segment.input)[:, None])[0] / plain.gain
 
     @property
     def turn(self) -> float:
@@ -140,67 +141,35 @@ class DrivenPlant(Plant):
         """The plant as it is in a record with inputs (N, nu), where its drive differs by record."""
         return self if self.hold is not Hold.RECORD else self.with_drive(hold=self.drive.for_inputs(inputs).hold)
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and position."""
+    def simulate(
+        self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal], drift: Array = NO_LOAD
+    ) -> Array:
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and position.
+
+        Args:
+            inputs, dt, state, signals: see `Plant.simulate`.
+            drift: (N,) a load besides the others, as a part of the largest force.
+        """
         plant = self.for_inputs(inputs)
-        return plant.run(plant.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+        begun = plant.start(state, inputs[0], dt, signals, len(inputs))
+        load = drift * self.largest_force(inputs) if len(drift) else drift
+        self.drive.check(inputs)
+        return plant.sampler(begun, signals).run(inputs, load)
 
-    def at_once(self, signals: Sequence[Signal]) -> bool:
-        """Whether it is one mass, of which no current is measured."""
-        return self.is_one_mass and Signal.CURRENT not in signals
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
+        self.drive.check(inputs)
+        sampler = self.sampler(state, signals)
+        return sampler.run(inputs), sampler.state
 
-    @staticmethod
-    def simulate_each(
-        plants: Sequence[Any],
-        inputs: Sequence[Array],
-        dt: float,
-        states: Sequence[Sequence[Array]],
-        signals: Sequence[Signal],
-        loads: Sequence[Array] = (),
-    ) -> list[Array]:
-        """See `Plant.simulate_each`; plants of one mass move in one compiled call."""
-        if not all(plant.at_once(signals) for plant in plants):
-            return Plant.simulate_each(plants, inputs, dt, states, signals, loads)
-        begin = np.array(states, dtype=float)
-        first = [each[0] for each in inputs]
-        before = [tuple(map(plant.before, each, first)) for plant, each in zip(plants, begin, strict=True)]
-        keys = [(id(plant.drive), each) for plant, each in zip(plants, before, strict=True)]
-        drives = dict(zip(keys, plants, strict=True))  # a derivative changes few of them
-        acting = {key: plant.drive.acting_each(inputs, dt, key[1]) for key, plant in drives.items()}
-        on = [acting[key] for key in keys]
-        masses = [plant._as_one_mass(each.voltage, each.conducts) for plant, each in zip(plants, on, strict=True)]
-        if loads:
-            against = on[0].held(loads)
-            for k, plant in enumerate(plants):
-                sizes = [np.full(len(u), plant.largest_force(u)) for u in inputs]
-                masses[k] = masses[k]._replace(force=masses[k].force - on[0].held(sizes) * against)
-        timing = on[0].dt, [each.late for each in on], plants[0].steps
-        *motion, _ = moved(masses, on[0].ends, *timing, begin[..., :2], on[0].load)
-        outputs = [np.empty((len(plants), len(each), len(signals))) for each in inputs]
-        sensors = {id(plant.sensor): plant.sensor for plant in plants}
-        for sensor in sensors.values():
-            every = len(sensors) == 1  # a slice takes no copy
-            same: Any = slice(None) if every else [k for k, plant in enumerate(plants) if plant.sensor is sensor]
-            for s, samples in enumerate(on[0].samples):
-                kept = sensor.first(signals, begin[same, s], dt)
-                speeds, positions = (each[same, samples] for each in motion)
-                outputs[s][same] = sensor.read(signals, speeds, positions, dt, kept)[0]
-        return outputs
+    @abstractmethod
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+        """See `Plant.sampler`."""
 
     @property
     @abstractmethod
     def is_one_mass(self) -> bool:
         """Whether the fast loop of one mass can simulate it."""
-
-    @abstractmethod
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
-        """The forces on one mass for an output of the drive (M,)."""
-
-    def _moved(self, mass: OneMass, on: Acting, motion: Array) -> tuple[Array, Array, Array]:
-        """Speeds, positions and forces of a drive that lags (M + 1,) of one mass from its motion (2,) or (3,)."""
-        ends = np.array([0, len(on.voltage)])
-        found = moved([mass], ends, [on.dt], [[on.late]], self.steps, motion[None, None], on.load)
-        return found[0][0], found[1][0], found[2][0]
 
     def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""

@@ -9,8 +9,8 @@ prediction would get its sign from the measured speed. Several outputs are each 
 that rad/s and A have equal weight. W may weight errors by their age, see `Recent`, or the load may drift, see
 `drifting_load`.
 
-The derivative of ŷ is a difference of free runs, which are computed in one call, and of long records in parallel
-threads. The motion is a continuous function of θ, because events are located, and a run takes microseconds.
+The derivative of ŷ is a difference of free runs, of long records in parallel threads. The motion is a continuous
+function of θ, because events are located, and a run takes microseconds.
 Differences are one-sided during a search, and central at its end, where they give the intervals. The initial states
 of all segments are changed together, because segments are independent; and so is a parameter that differs by record,
 whose column is zero in all other records.
@@ -108,8 +108,6 @@ def elsewhere(weighting: Weighting, plant: Plant, segments: Sequence[Record], si
 
 PRECISION = 1e-11
 """The relative precision of a free run: the tolerance of the simulation."""
-AT_ONCE = 10_000
-"""The most samples of free runs that are computed at once; more would leave the cache of a core."""
 SHARED_SAMPLES = 2_000
 """Fewer samples are searched in one thread: their runs are so short that threads wait for each other."""
 LOST, WIDER = 100.0, 1e3
@@ -159,9 +157,6 @@ class FreeRunError:
         channels = len(self.signals)  # 0 for samples whose errors do not count; None: all do
         self._counted = None if counted is None else [np.tile(some, channels) for some in counted]
         self._record_of = [plant.record_of(segment) for segment in self.segments]
-        self._alike: dict[tuple[int, float], list[int]] = {}  # the segments with the same record and sample time
-        for k, (record, segment) in enumerate(zip(self._record_of, self.segments, strict=True)):
-            self._alike.setdefault((record, segment.dt), []).append(k)
         self.control = FREE  # looked at before every free run; those of a plant with a stiff shaft take seconds
         self._initial = [state.copy() for state in states]
         self._places = [
@@ -257,60 +252,44 @@ class FreeRunError:
             plant = self.plant_at(theta)
         except ModelError as problem:
             raise Infeasible(str(problem)) from None
-        (found,) = self._run([plant], [self.states(theta)])
+        found = self._run(plant, self.states(theta))
         if isinstance(found, str):
             raise Infeasible(found)
         return found
 
-    def _run(self, plants: Sequence[Plant], states: Sequence[list[Array]]) -> list[list[Array] | str]:
-        """The residuals of every plant from its initial states, or the reason why there are none."""
-        found: list[list[Array] | str] = [""] * len(plants)
-        at_once = [plant.at_once(self.signals) for plant in plants]
-        groups = [[k] for k, some in enumerate(at_once) if not some]
-        groups += [np.flatnonzero(at_once).tolist()] * any(at_once)
-        for group in groups:
-            self.control.check()
-            try:
-                residuals = self._residuals([plants[k] for k in group], [states[k] for k in group])
-            except ModelError as problem:
-                for k in group:
-                    found[k] = str(problem)
-                continue
-            finite = np.all([np.isfinite(each).all(axis=1) for each in residuals], axis=0)
-            why = f"the free run of {self.plant.name} is not finite; check the start values and the plant"
-            for row, k in enumerate(group):
-                found[k] = [each[row] for each in residuals] if finite[row] else why
-        return found
+    def _run(self, plant: Plant, states: list[Array]) -> list[Array] | str:
+        """The residuals of a plant from its initial states, or the reason why there are none."""
+        self.control.check()
+        try:
+            with np.errstate(all="ignore"):
+                found = [self._weighed(self._simulate(plant, k, state), k) for k, state in enumerate(states)]
+        except ModelError as problem:
+            return str(problem)
+        if all(np.isfinite(each).all() for each in found):
+            return found
+        return f"the free run of {self.plant.name} is not finite; check the start values and the plant"
 
-    def _residuals(self, plants: Sequence[Plant], states: Sequence[list[Array]]) -> list[Array]:
-        """(P, n) of every segment: the residuals of P plants from their initial states, channel after channel."""
-        found: list[Array] = [np.empty(0)] * len(self.segments)
-        with np.errstate(all="ignore"):
-            for (record, dt), which in self._alike.items():
-                here = [plant.of_record(record) for plant in plants]
-                segments, begin = [self.segments[k] for k in which], [[each[k] for k in which] for each in states]
-                loads: list[Array] = []
-                if isinstance(self.weighting, tuple) and any(self.weighting[k].drifted.any() for k in which):
-                    loads = [by_sample(self.weighting[k].drifted, len(self.segments[k])) for k in which]
-                inputs = [segment.input for segment in segments]
-                runs = here[0].simulate_each(here, inputs, dt, begin, self.signals, loads)
-                for k, run in zip(which, runs, strict=True):
-                    found[k] = self._weighed(run, k)
-        return found
+    def _simulate(self, plant: Plant, k: int, state: Array) -> Array:
+        """(N, ny) the free run of a segment, from an initial state, under the load that has drifted there."""
+        segment, own = self.segments[k], plant.of_record(self._record_of[k])
+        if isinstance(self.weighting, tuple) and isinstance(own, DrivenPlant) and self.weighting[k].drifted.any():
+            drift = by_sample(self.weighting[k].drifted, len(segment))
+            return own.simulate(segment.input, segment.dt, state, self.signals, drift)
+        return own.simulate(segment.input, segment.dt, state, self.signals)
 
-    def _weighed(self, runs: Array, k: int) -> Array:
-        """(P, n) W·(ŷ − y) of runs (P, N, ny) of a segment."""
+    def _weighed(self, run: Array, k: int) -> Array:
+        """(n,) W·(ŷ − y) of a run (N, ny) of a segment, channel after channel."""
         segment = self.segments[k]
-        errors = (runs - segment.output) / self._scale
+        errors = (run - segment.output) / self._scale
         weigh = self.weighting[k] if isinstance(self.weighting, tuple) else self.weighting
-        weighed = np.concatenate([weigh(errors[..., j], segment.dt) for j in range(errors.shape[-1])], axis=1)
+        weighed = np.concatenate([weigh(error, segment.dt) for error in errors.T])
         return weighed if self._counted is None else weighed * self._counted[k]
 
     def _differentiated(self, theta: Array, central: bool) -> _Linearised:
         here = _Run(theta, self.plant_at(theta), self.states(theta), self.residuals(theta))
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
         moves = self._moved_together(theta + step <= self.upper)
-        size = max(min(AT_ONCE // sum(map(len, self.segments)), -(-len(moves) // self.threads)), 1)
+        size = max(-(-len(moves) // self.threads), 1)
         parts = [moves[k : k + size] for k in range(0, len(moves), size)]
         in_turn = short_tasks(self.threads) if self.threads > 1 else map  # a pool of one would be shared by all
         found = in_turn(lambda part: self._differences(here, part, step, central), parts)
@@ -367,9 +346,8 @@ class FreeRunError:
                 continue
             states = self.states(theta) if len(values) < len(move) else here.states
             runs.append(here if (theta == here.theta).all() else _Run(theta, plant, states, []))
-        moved = [k for k, run in enumerate(runs) if not run.residuals]
-        found = self._run([runs[k].plant for k in moved], [runs[k].states for k in moved])
-        for k, residuals in zip(moved, found, strict=True):
+        for k in [k for k, run in enumerate(runs) if not run.residuals]:
+            residuals = self._run(runs[k].plant, runs[k].states)
             if isinstance(residuals, str):
                 runs[k] = here._replace(why=residuals)
             else:

@@ -22,10 +22,10 @@ from emsid.models.plants.characteristics import dead_zone_over_command, friction
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import NEED_SUPPLY, DrivenPlant
-from emsid.models.plants.one_mass import Motion, OneMass, Sliding, check_steps
+from emsid.models.plants.one_mass import Motion, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Quantity, Sampler, StaticCharacteristic
-from emsid.models.plants.sampling import Inside, OneMassSampler, Outer
+from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
+from emsid.models.plants.sampling import DrivenSampler, Inside, Outer, one_mass_sampler
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.models.visited import Needs, RestsOn
@@ -164,23 +164,13 @@ class LinearAxis(DrivenPlant):
         commands = self.drive.standing(command, dt, samples, self.before(state, command))
         return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensor.first(signals, state, dt))
 
-    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The outputs (N, ny) for a command (N, 1), and the state after them."""
-        on = self.drive.acting(inputs, state.commands, state.dt)
-        speeds, positions, _ = self._moved(self._as_one_mass(on.voltage, on.conducts), on, state.motion)
-        motion = np.array([speeds[-1], positions[-1]])
-        measured = speeds[on.samples], positions[on.samples]
-        output, sensed = self.sensor.read(signals, *measured, state.dt, state.sensed)
-        return output, PlantState(state.dt, motion, on.left, sensed)
-
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
-        """See `Plant.sampler`; None with a load among the inputs."""
-        if self.drive.loaded:
-            return None
-        outer, mass = Outer.of(self.drive, self.sensor, state, signals), self._as_one_mass(np.zeros(1), np.ones(1))
-        zone, load = Inside.numbers_of(self.dead_zone), 1.0 * self.offset
-        inside = Inside(zone, 1.0, 1.0, 0.0, 0.0, load, 1.0 * self.mass, 1.0, 0.0)
-        return OneMassSampler(outer, inside, mass.law, mass.friction, self.steps, state)
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+        """See `Plant.sampler`."""
+        outer, zone = Outer.of(self.drive, self.sensor, state, signals), Inside.numbers_of(self.dead_zone)
+        inside = Inside(zone, 1.0, 1.0, 0.0, 1.0 * self.mass, 1.0, 0.0)
+        viscous: tuple[float, float] = self.viscous_friction  # type: ignore[assignment]
+        friction = Sliding.of(self.friction, viscous, self.quadratic_viscous, self.cogging.waves, self.offset)
+        return one_mass_sampler(outer, inside, type(self.friction).level, friction, self.steps, state)
 
     @property
     def is_one_mass(self) -> bool:
@@ -191,14 +181,6 @@ class LinearAxis(DrivenPlant):
         """The force that balances the offset and a load."""
         force = self.offset + load
         return force if self.dead_zone is None else float(self.dead_zone.inverse(force))
-
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
-        """The force after the dead zone and the offset; viscous friction depends on the direction."""
-        force = voltage if self.dead_zone is None else self.dead_zone(voltage)
-        viscous: tuple[float, float] = self.viscous_friction  # type: ignore[assignment]
-        law = Sliding.of(self.friction, viscous, self.quadratic_viscous, self.cogging.waves, self.offset)
-        level = type(self.friction).level
-        return OneMass(self.mass, level, law, force - self.offset, np.zeros(len(force)))
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """A mass with viscous friction, the mean of both directions."""

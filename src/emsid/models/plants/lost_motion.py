@@ -26,10 +26,8 @@ from numpy.typing import NDArray
 from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.models.plants.cogging import Cogging
-from emsid.models.plants.drive import Acting
 from emsid.models.plants.gravity import Gravity
-from emsid.models.plants.one_mass import OneMass, Sliding, compiled_with_law, move, one_of
-from emsid.models.plants.state import NO_LOAD
+from emsid.models.plants.one_mass import Sliding, move, one_of
 from emsid.plant.friction import Friction
 
 if TYPE_CHECKING:
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_NO_LOAD = NO_LOAD
 IMPACTS = 8
 """Impacts and separations within one step; with more, motor and load stay together until its end."""
 BISECTIONS = 50
@@ -86,20 +83,11 @@ def first_gap(segments: Sequence[Record]) -> float:
     return float(np.max(np.abs(np.concatenate(differences)))) / 3
 
 
-def moved_apart(plant: Any, torque: Array, braking: Array, on: Acting, motion: Array) -> tuple[Array, Array, Array]:
-    """Speeds and angles (M + 1,) of the motor at the ends of pieces, and the motion (5,) after them; see `begun`.
+class Body(NamedTuple):
+    """What `move` takes of a body."""
 
-    Args:
-        plant: the joint.
-        torque, braking: (M + 1,) of the drive at rest, and its decrease per rad/s.
-        on: what the drive applies.
-        motion: (5,) before the first piece.
-    """
-    mass, laws, friction, force, damping, _ = zip(*_bodies(plant, torque, braking), strict=True)
-    acting = (np.array(mass), Sliding.of_all(friction), np.array(force), np.array(damping), on.load)
-    speeds, angles, after = np.empty(len(torque)), np.empty(len(torque)), np.array(motion, dtype=float)
-    compiled_with_law(laws[0], _across)(*acting, on.dt, on.late, plant.steps, _half(plant), after, speeds, angles)
-    return speeds, angles, after
+    mass: float
+    lag: float
 
 
 class Apart(NamedTuple):
@@ -108,7 +96,6 @@ class Apart(NamedTuple):
     Attributes:
         zone, before, after, braking, per_ampere, lag, drop: see `emsid.models.plants.sampling.Inside`.
         masses: (4,) in kg·m².
-        shares, offsets: (4,) the force on a body is a share of that of the drive, and an offset.
         half: β on the side of the motor.
     """
 
@@ -120,8 +107,6 @@ class Apart(NamedTuple):
     lag: float
     drop: float
     masses: Array
-    shares: Array
-    offsets: Array
     half: float
 
 
@@ -132,11 +117,9 @@ def apart(plant: Any, inside: Any) -> tuple[Apart, Sliding]:
         plant: the joint.
         inside: what is between the drive and both bodies together.
     """
-    ends = [_bodies(plant, np.full(1, level), np.full(1, level)) for level in (0.0, 1.0)]
-    zero, one = (np.array([body.force[0] for body in bodies]) for bodies in ends)
-    masses, friction = np.array([body.mass for body in ends[0]]), Sliding.of_all([body.friction for body in ends[0]])
+    masses, friction = zip(*_bodies(plant), strict=True)
     drive = inside.zone, inside.before, inside.after, inside.braking, inside.per_ampere, 0.0, inside.drop
-    return Apart(*drive, masses, one - zero, zero, _half(plant)), friction
+    return Apart(*drive, np.array(masses), _half(plant)), Sliding.of_all(friction)
 
 
 def _half(plant: Any) -> float:
@@ -145,16 +128,16 @@ def _half(plant: Any) -> float:
     return half
 
 
-def _bodies(plant: Any, torque: Array, braking: Array) -> list[OneMass]:
-    """Motor, load, and both together with the motor ahead of the load, and behind it."""
-    motor, hangs, none = plant.motor, plant.gravity or Gravity(), np.zeros(len(torque))
-    law = motor.rotor_friction
+def _bodies(plant: Any) -> list[tuple[float, Sliding]]:
+    """Mass and friction of the motor, of the load, and of both with the motor ahead of the load, and behind it."""
+    motor, hangs = plant.motor, plant.gravity or Gravity()
+    law, inertia = motor.rotor_friction, motor.rotor_inertia
     alone = replace(
         plant,
         motor=replace(motor, load_viscous=0.0, load_friction=Friction()),
         gravity=replace(hangs, torque=0.0, mass=0.0),
         load_torque=0.0,
-    )._sliding(torque, braking)
+    )
     behind = replace(
         plant,
         motor=replace(motor, rotor_viscous=0.0, rotor_friction=type(law)()),
@@ -162,41 +145,33 @@ def _bodies(plant: Any, torque: Array, braking: Array) -> list[OneMass]:
         quadratic_viscous=0.0,
         viscous_backward=0.0,
         voltage_drop=0.0,
-    )._sliding(none, none)
-    load = behind._replace(mass=plant.inertia_of_all - motor.rotor_inertia, force=none - plant.load_torque)
+    )
     shift = 0.5 * plant.backlash * (1 if plant.sensor.ratio > 0 else -1)
     both = [replace(plant, gravity=replace(hangs, angle=hangs.angle + side * shift)) for side in (1, -1)]
-    return [alone._replace(mass=motor.rotor_inertia), load, *(each._sliding(torque, braking) for each in both)]
+    whole = plant.inertia_of_all
+    masses = inertia, whole - inertia, whole, whole
+    return [(mass, each.sliding) for mass, each in zip(masses, (alone, behind, *both), strict=True)]
 
 
 @njit(nogil=True, error_model="numpy")
 def _moved_alone(
-    body: int, mass: Array, friction: Sliding, force: Array, damping: Array, load: Array, h: float, begin: Any
+    body: int, inside: Apart, friction: Sliding, force: float, drag: float, more: float, h: float, begin: Any
 ) -> tuple[float, float]:
-    """Speed and position of a body after h seconds under the forces (4,) of now."""
+    """Speed and position of a body after h seconds under the forces of now; the load has none of the drive."""
+    if body == 1:
+        force, drag = 0.0, 0.0
+    elif body == 0:
+        more = 0.0
     own = one_of(friction, body, friction.servo[0] if body != 1 else friction.servo[0][:0])
-    pull, drag = np.full(2, force[body]), np.full(2, damping[body])
-    speeds, positions = np.empty(2), np.empty(2)
-    move(mass[body], own, pull, drag, load, h, 0.0, 1, 0.0, np.array(begin), speeds, positions, speeds[:0])
-    return speeds[1], positions[1]
+    motion, ends = np.array(begin), np.empty(2)
+    pull, drags, loads, alone = np.full(2, force), np.full(2, drag), np.full(1, more), Body(inside.masses[body], 0.0)
+    move(alone, own, pull, drags, loads, h, 0.0, 1, 0, motion, ends, ends, ends)
+    return motion[0], motion[1]
 
 
 @njit(nogil=True, error_model="numpy")
-def advance_apart(
-    inside: Apart, friction: Sliding, dt: float, late: float, steps: int, work: Array, motion: Array
-) -> None:
-    """Move motor and load over a time; see `emsid.models.plants.sampling.advance`, but for ``motion`` (5,)."""
-    force, drag = np.empty((4, 2)), np.empty((4, 2))
-    for body in range(4):
-        for k in range(2):
-            force[body, k] = inside.shares[body] * work[0, k] + inside.offsets[body]
-            drag[body, k] = inside.shares[body] * work[1, k]
-    _across(inside.masses, friction, force, drag, _NO_LOAD, dt, late, steps, inside.half, motion, work[2], work[3])
-
-
-@njit(nogil=True, error_model="numpy")
-def _across(
-    mass: Array,
+def move_apart(
+    inside: Apart,
     friction: Sliding,
     force: Array,
     damping: Array,
@@ -204,33 +179,33 @@ def _across(
     dt: float,
     late: float,
     steps: int,
-    half: float,
+    still: int,
     motion: Array,
     speeds: Array,
-    angles: Array,
+    positions: Array,
+    made: Array,
 ) -> None:
-    """See `moved_apart`; ``motion`` is replaced by that after the run."""
-    none = load[:0]
+    """`move` for motor and load, but for ``motion`` (5,), see `begun`; the results are those of the motor."""
+    half, mass = inside.half, inside.masses
     v, x, w, z, side = motion[0], motion[1], motion[2], motion[3], motion[4]
-    for k in range(force.shape[1] - 1):
-        speeds[k], angles[k] = v, x
-        more = load[k : k + 1]
+    for k in range(len(force) - 1):
+        speeds[k], positions[k] = v, x
         for part in range(2):
             whole = late * dt if part == 0 else (1.0 - late) * dt
-            if whole <= 0.0:
+            if whole <= 0.0 or k < still:
                 continue
-            pull, drag = force[:, k + part].copy(), damping[:, k + part].copy()
+            pull, drag, more = force[k + part], damping[k + part], load[k]
             for _ in range(steps):
                 left = whole / steps
                 for event in range(IMPACTS + 1):
-                    v1, x1 = _moved_alone(0, mass, friction, pull, drag, none, left, (v, x))
-                    w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, left, (w, z))
+                    v1, x1 = _moved_alone(0, inside, friction, pull, drag, more, left, (v, x))
+                    w1, z1 = _moved_alone(1, inside, friction, pull, drag, more, left, (w, z))
                     apart = x1 - z1
                     if side != 0.0 and (side * apart >= half * (1.0 - TOUCHING) or event == IMPACTS):
                         if side > 0.0:
-                            v, x = _moved_alone(2, mass, friction, pull, drag, more, left, (v, x))
+                            v, x = _moved_alone(2, inside, friction, pull, drag, more, left, (v, x))
                         else:
-                            v, x = _moved_alone(3, mass, friction, pull, drag, more, left, (v, x))
+                            v, x = _moved_alone(3, inside, friction, pull, drag, more, left, (v, x))
                         w, z = v, x - side * half
                         break
                     side = 0.0
@@ -241,8 +216,8 @@ def _across(
                     low, high = 0.0, left
                     for _ in range(BISECTIONS):
                         middle = 0.5 * (low + high)
-                        v1, x1 = _moved_alone(0, mass, friction, pull, drag, none, middle, (v, x))
-                        w1, z1 = _moved_alone(1, mass, friction, pull, drag, more, middle, (w, z))
+                        v1, x1 = _moved_alone(0, inside, friction, pull, drag, more, middle, (v, x))
+                        w1, z1 = _moved_alone(1, inside, friction, pull, drag, more, middle, (w, z))
                         if towards * (x1 - z1) > half:
                             high = middle
                         else:
@@ -254,4 +229,4 @@ def _across(
                     if left <= 0.0:
                         break
     motion[0], motion[1], motion[2], motion[3], motion[4] = v, x, w, z, side
-    speeds[-1], angles[-1] = v, x
+    speeds[-1], positions[-1] = v, x

@@ -9,7 +9,7 @@ which the fast loop of `one_mass` simulates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import copysign, inf
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -23,18 +23,18 @@ from emsid.findings import Finding
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, without_idle
-from emsid.models.plants.drive import Acting, Drive, Feed
+from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.gravity import CONSTANTS, Gravity
-from emsid.models.plants.lost_motion import apart, begun, check_gap, first_gap, moved_apart
+from emsid.models.plants.lost_motion import apart, begun, check_gap, first_gap
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
 from emsid.models.plants.motor_handles import RADIUS, USUAL_RADIUS, ZONES, feed_in, motor_channels, motor_handles
-from emsid.models.plants.motor_motion import MotorMotion, check_conducting, in_steady_state, two_masses, without_shaft
+from emsid.models.plants.motor_motion import in_steady_state, without_shaft
 from emsid.models.plants.motor_start import at_motor, by_torque, check_one_mass, hung, usual_free, with_motion
-from emsid.models.plants.one_mass import NO_WAVES, Motion, OneMass, Sliding, check_steps
+from emsid.models.plants.one_mass import NO_WAVES, Motion, Sliding, check_steps
 from emsid.models.plants.parameters import TINY, Handle, Signal
-from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sampler, Sizes, StaticCharacteristic, plausible
-from emsid.models.plants.sampling import Inside, MotorSampler, OneMassSampler, Outer
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
+from emsid.models.plants.sampling import DrivenSampler, Inside, Outer, motor_sampler, one_mass_sampler
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
 from emsid.models.plants.state import PlantState
@@ -285,84 +285,31 @@ class MotorPlant(DrivenPlant):
                 motion = np.array([speed, angle, self.motor.motor_constant * motion[0]])
         return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
-    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
-        dt = state.dt
-        on = self.drive.acting(inputs, state.commands, dt)
-        simulated = self._one_mass if self.is_one_mass or self.backlash else self._two_masses
-        at, motion = simulated(on, state.motion)
-        sensor = self.sensor
-        readings: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
-            Signal.SPEED: lambda kept: sensor.speed(at.speeds, at.positions, dt, kept),
-            Signal.POSITION: lambda kept: sensor.position(at.positions, dt, kept),
-            Signal.ROTOR_SPEED: lambda kept: sensor.speed(at.rotor_speeds, at.rotor_positions, dt, kept),
-            Signal.CURRENT: lambda kept: (at.current(), kept),
-        }
-        columns = [readings[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
-        sensed = np.array([kept for _, kept in columns])
-        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
-
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
-        """See `Plant.sampler`; None with a load among the inputs, or a sensor behind backlash."""
-        if self.drive.loaded or self.sensor.backlash:
-            return None
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+        """See `Plant.sampler`."""
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not (self.is_one_mass or self.backlash):
-            return MotorSampler(outer, *self._general, state)
+            return motor_sampler(outer, *self._general, state)
         volts, k = self.feed is Feed.VOLTAGE, motor.motor_constant
         slope = k / motor.resistance
         before, after = (1.0, slope) if volts else (k if self.feed is Feed.CURRENT else 1.0, 1.0)
         zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
-        mass = self._sliding(np.zeros(1), np.zeros(1))
-        load = 0.0 if self.follows else self.load_torque  # a servo has it after its controller
-        numbers = (before, after, slope * k if volts else 0.0, 0.0, load, mass.mass, k, mass.lag, self._force_dropped)
+        numbers = before, after, slope * k if volts else 0.0, self.inertia_of_all, k, self._lag, self._force_dropped
         inside = Inside(zone, *(1.0 * each for each in numbers))
-        both = apart(self, inside) if self.backlash else (inside, mass.friction)
-        return OneMassSampler(outer, both[0], mass.law, both[1], self.steps, state)
+        both = apart(self, inside) if self.backlash else (inside, self.sliding)
+        law = together(motor.rotor_friction, motor.load_friction)
+        return one_mass_sampler(outer, both[0], type(law).level, both[1], self.steps, state)
 
-    def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
-        """What is at the samples, and the motion after the run."""
-        torque, braking = self._torque(on.voltage, on.conducts)
-        if self.backlash:
-            speeds, positions, motion = moved_apart(self, torque, braking, on, motion)
-        else:
-            mass = self._as_one_mass(on.voltage, on.conducts)
-            speeds, positions, lagging = self._moved(mass, on, motion)
-            motion = np.array([speeds[-1], positions[-1], lagging[-1]][: len(motion)])
-        speeds, positions = speeds[on.samples], positions[on.samples]
-
-        def current() -> Array:
-            if self._lag:
-                return np.asarray(lagging[on.samples] / self.motor.motor_constant)
-            if on.now is None:
-                pull, drag = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
-            else:
-                pull, drag = self._torque(*on.now)
-            made, lost = pull - drag * speeds, self._force_dropped
-            return np.asarray((made - np.clip(made, -lost, lost)) / self.motor.motor_constant)
-
-        return MotorMotion(current, speeds, speeds, positions, positions), motion
-
-    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
-        """The torques of the drive, friction and load.
-
-        Raises:
-            ModelError: for a bridge that coasts beside an inductance.
-        """
-        if self._lag:
-            check_conducting(conducts)
-        return self._sliding(*self._torque(voltage, conducts))
-
-    def _sliding(self, torque: Array, braking: Array) -> OneMass:
-        """Motor and load as one mass, for torques of the drive and their decrease per rad/s."""
+    @property
+    def sliding(self) -> Sliding:
+        """The friction and the load on motor and load as one mass."""
         law = together(self.motor.rotor_friction, self.motor.load_friction)
         hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
         waves = np.concatenate([hung, self.cogging.waves])
         servo = self.servo.numbers(self.sensor.ratio) if self.servo is not None and self.follows else NO_SERVO
-        torques = self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped
-        friction = Sliding.of(law, self._viscous, *torques)
-        force = torque if self.follows else torque - self.load_torque
-        return OneMass(self.inertia_of_all, type(law).level, friction, force, braking, self._lag)
+        return Sliding.of(
+            law, self._viscous, self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped
+        )
 
     @property
     def _lag(self) -> float:
@@ -379,10 +326,6 @@ class MotorPlant(DrivenPlant):
     def _force_dropped(self) -> float:
         """The torque that the voltage drop takes."""
         return self.voltage_drop * self.torque_per_unit if self.feed is Feed.VOLTAGE else 0.0
-
-    def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
-        """The same for a motor that one mass does not describe."""
-        return two_masses(*self._general, on, motion)
 
     @property
     def _general(self) -> tuple[Motor, float, Extra]:
@@ -410,16 +353,6 @@ class MotorPlant(DrivenPlant):
         """True for a rigid motor without backlash, and for any other fed with a current or a torque."""
         plain = self.motor.is_rigid and self.motor.torque_dead_zone is None
         return not self.backlash and (plain or self.feed is not Feed.VOLTAGE)
-
-    def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:
-        """The torque on one mass at rest, and its decrease per rad/s, for an output of the drive."""
-        motor = self.motor
-        if self.feed is Feed.VOLTAGE:
-            slope = motor.motor_constant / motor.resistance
-            volts = made if motor.voltage_dead_zone is None else motor.voltage_dead_zone(made)
-            return slope * volts, slope * motor.motor_constant * conducts
-        torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
-        return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
 
     def holding(self, load: float, position: float) -> float:
         """The output of the drive that balances the load torque, one among the inputs, and the gravity on a joint."""

@@ -17,12 +17,12 @@ depends on speed, such as a Stribeck excess or quadratic friction, is evaluated 
 which is of second order in h; the tests compare it with `emsid.plant.simulate`. A force that repeats with position
 (`cogging`) counts with its mean over the way of the step, so that many periods in one step average out.
 
-The loop is the same for every friction law: `loop_for` replaces ``level``. A law may depend on the load: on the force
-of the drive, less the braking of the armature, and on that from outside, the waves and what is constant in F. At rest
-such a law holds the mass up to its level at these forces. A constant drop in the voltage of a bridge is a force U
-against that of the drive less the braking, T: what is left of it is T − U·sgn(T), and nothing where |T| < U, as where
-diodes block. One call simulates several plants, each in several runs, as a
-derivative by differences needs them.
+`move` is the only place where a mass moves: a free run, a live model and the texts in C and MATLAB reach it through
+`emsid.models.plants.sampling`, with many samples or one. It is the same for every friction law: `compiled_with_law`
+replaces ``level``. A law may depend on the load: on the force of the drive, less the braking of the armature, and on
+that from outside, the waves and the load. At rest such a law holds the mass up to its level at these forces. A constant
+drop in the voltage of a bridge is a force U against that of the drive less the braking, T: what is left of it is T −
+U·sgn(T), and nothing where |T| < U, as where diodes block.
 
 A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
 and every output is a continuous function of every parameter.
@@ -46,12 +46,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from emsid.compiled import njit, with_functions
 from emsid.errors import ModelError
 from emsid.models.plants.servo import NO_SERVO
-from emsid.models.plants.state import NO_LOAD
 from emsid.plant.friction import FrictionLaw, Level, of_forces
 from emsid.plant.friction import of_motion as level
 
@@ -92,9 +91,9 @@ class Sliding(NamedTuple):
         viscous: (2,) added to D in that direction, in N·s/m or N·m·s/rad.
         quadratic: friction by the square of the speed, in N·s²/m² or N·m·s²/rad².
         waves: (n, 3) 2π over the period, cosine and sine of every harmonic of the cogging.
-        load: the constant force from outside that F has, against the positive direction.
+        load: a constant force against the positive direction.
         drop: the force that a drop in the voltage of the drive takes from it.
-        servo: (4,) the controller of a servo, see `Servo.numbers`, whose targets stand for F; (0,) without one.
+        servo: (4,) the controller of a servo, see `Servo.numbers`, whose targets stand for forces; (0,) without one.
     """
 
     numbers: Array
@@ -134,29 +133,9 @@ class Sliding(NamedTuple):
         return cls(np.array(numbers), *both, *acting)
 
 
-class OneMass(NamedTuple):
-    """A plant that is one mass, and the forces on it in all runs, one after the other.
-
-    Attributes:
-        mass: M.
-        law: the friction law.
-        friction: its parameters.
-        force: (M,) F; the first value of a run acts before its first sample.
-        damping: (M,) D.
-        lag: the time constant in s with which the force of the drive follows; D is then the same everywhere.
-    """
-
-    mass: float
-    law: Level
-    friction: Sliding
-    force: Array
-    damping: Array
-    lag: float = 0.0
-
-
 @njit(nogil=True, error_model="numpy")
 def move(
-    mass: float,
+    body: Any,
     friction: Sliding,
     force: Array,
     damping: Array,
@@ -164,42 +143,43 @@ def move(
     dt: float,
     late: float,
     steps: int,
-    lag: float,
-    begin: Array,
+    still: int,
+    motion: Array,
     speeds: Array,
     positions: Array,
     made: Array,
 ) -> None:
-    """Fill ``speeds`` and ``positions`` (N,) with the motion at every sample, before the force of that sample acts.
+    """Fill ``speeds`` and ``positions`` (M + 1,) with the motion at every piece, before the force of that piece acts,
+    and at the end of the last one.
 
     Args:
-        mass: M.
-        friction: T_f and the direction-dependent part of D.
-        force, damping: (N + 1,) F and D; the first value acts before the first sample.
-        load: (≥ N,) a force against F over every sample; (0,) without one.
-        dt: sample time in s.
-        late: the fraction of a sample during which the previous force still acts, 0 to 1.
-        steps: steps per sample for the Stribeck excess.
-        lag: τ, or 0.
-        begin: (2,) v and x at the first sample, and behind them with a lag T, NaN for that of a steady speed.
-        speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
-        made: likewise T; (0,) without a lag.
+        body: with M as ``mass`` and τ as ``lag``, which is 0 without one.
+        friction: T_f, the direction-dependent part of D, and the constant load.
+        force, damping: (M + 1,) the force of the drive at rest, and its decrease per speed; the first value acts before
+            the first piece. For a servo its targets.
+        load: (M,) a load besides the constant one, over every piece.
+        dt: the time of a piece in s.
+        late: the fraction of a piece during which the previous force still acts, 0 to 1.
+        steps: steps per piece for friction that varies.
+        still: pieces at the start in which it does not move.
+        motion: (2,) v and x, and behind them with a lag T; it becomes that of the end.
+        speeds, positions, made: the results, with a lag also T.
     """
-    if lag > 0.0:
-        _move_lagging(mass, friction, force, damping, load, dt, late, steps, lag, begin, speeds, positions, made)
+    if body.lag > 0.0:
+        _move_lagging(body, friction, force, damping, load, dt, late, steps, still, motion, speeds, positions, made)
         return
-    v, x, per_mass = begin[0], begin[1], 1.0 / mass  # in every step the next one would wait for a division
+    v, x, per_mass = motion[0], motion[1], 1.0 / body.mass  # in every step the next one would wait for a division
+    most = steps if friction.varies[0] or friction.varies[1] or len(friction.servo) > 0 else 1
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
         for part in range(2):
             whole = late * dt if part == 0 else (1.0 - late) * dt
-            if whole <= 0.0:
+            if whole <= 0.0 or k < still:
                 continue
-            more = load[k] if len(load) > 0 else 0.0
-            drag, weight = damping[k + part], friction.load + more
-            for _ in range(steps):
-                drive, left = _driven(force[k + part], more, friction, v, x), whole / steps
+            drag, weight = damping[k + part], friction.load + load[k]
+            for _ in range(most):
+                drive, left = _driven(force[k + part], load[k], friction, v, x), whole / most
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
                     pulled, outside = drive + weight - drag * v, net - drive - weight
@@ -231,53 +211,13 @@ def move(
                     v = 0.0
                     left -= time
             known, other = other, known
-    if len(speeds) == len(force):
-        speeds[-1], positions[-1] = v, x
-
-
-@njit(nogil=True, error_model="numpy")
-def move_each(
-    mass: Array,
-    friction: Sliding,
-    force: Array,
-    damping: Array,
-    load: Array,
-    ends: NDArray[np.intp],
-    dt: Array,
-    late: Array,
-    steps: int,
-    lag: Array,
-    begin: Array,
-    speeds: Array,
-    positions: Array,
-    made: Array,
-) -> None:
-    """`move` for P plants in S runs; the forces of a run stand between two of ``ends`` (S + 1,).
-
-    Args:
-        mass, friction: (P,) of every plant.
-        force, damping: (P, M) of all runs, one after the other.
-        load: (M,) that of all plants, as in `move`, or (0,).
-        ends: where runs begin, and M.
-        dt: (S,) of every run.
-        late, begin: (P, S) and (P, S, 3) of every plant in every run; the second as in `move`.
-        steps: as in `move`; one is enough where friction is constant.
-        lag: (P,) of every plant.
-        speeds, positions, made: (P, M) the results.
-    """
-    for p in range(len(mass)):
-        varies = friction.varies[p]
-        own = one_of(friction, p, friction.servo[p])
-        most = steps if varies[0] or varies[1] or friction.servo.shape[1] > 0 else 1
-        for s in range(len(dt)):
-            a, b = ends[s], ends[s + 1]
-            acting, timing = (force[p, a:b], damping[p, a:b], load[a:b]), (dt[s], late[p, s], most, lag[p])
-            move(mass[p], own, *acting, *timing, begin[p, s], speeds[p, a:b], positions[p, a:b], made[p, a:b])
+    motion[0], motion[1] = v, x
+    speeds[-1], positions[-1] = v, x
 
 
 @njit(nogil=True, error_model="numpy")
 def _move_lagging(
-    mass: float,
+    body: Any,
     friction: Sliding,
     force: Array,
     damping: Array,
@@ -285,17 +225,15 @@ def _move_lagging(
     dt: float,
     late: float,
     steps: int,
-    lag: float,
-    begin: Array,
+    still: int,
+    motion: Array,
     speeds: Array,
     positions: Array,
     made: Array,
 ) -> None:
     """`move` with a force of the drive that follows with a lag; without a drop and a servo."""
-    drag = damping[0]
-    v, x, pull = begin[0], begin[1], begin[2]
-    if np.isnan(pull):
-        pull = force[0] + friction.load - drag * v
+    mass, lag, drag = body.mass, body.lag, damping[0]
+    v, x, pull = motion[0], motion[1], motion[2]
     rate, stiff, square, pieces = np.empty(2), np.empty(2), np.empty(2), np.empty(2, np.int64)
     for side in range(2):
         rate[side] = -0.5 * (friction.viscous[side] / mass + 1.0 / lag)
@@ -312,10 +250,10 @@ def _move_lagging(
             known[part, side, 2], known[part, side, 3] = _response(rate[side], square[side], h)
     for k in range(len(force) - 1):
         speeds[k], positions[k], made[k] = v, x, pull
-        weight = friction.load + load[k] if len(load) > 0 else friction.load
+        weight = friction.load + load[k]
         for part in range(2):
-            whole, ends = late * dt if part == 0 else (1.0 - late) * dt, force[k + part] + friction.load
-            if whole <= 0.0:
+            whole, ends = late * dt if part == 0 else (1.0 - late) * dt, force[k + part]
+            if whole <= 0.0 or k < still:
                 continue
             for _ in range(pieces[part]):
                 step = left = whole / pieces[part]
@@ -390,8 +328,8 @@ def _move_lagging(
                     v = 0.0 if rests else steady + y
                     pull = mass * slope + b * v + against
                     left -= time
-    if len(speeds) == len(force):
-        speeds[-1], positions[-1], made[-1] = v, x, pull
+    motion[0], motion[1], motion[2] = v, x, pull
+    speeds[-1], positions[-1], made[-1] = v, x, pull
 
 
 _QUARTER = 1.5
@@ -449,11 +387,6 @@ def one_of(friction: Sliding, p: int, servo: Array) -> Sliding:
     )
 
 
-def loop_for(law: Level) -> Callable[..., None]:
-    """`move_each` with another friction law: compiled if the law is, otherwise in plain Python."""
-    return compiled_with_law(law, move_each)
-
-
 def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
     """A kernel that calls `move`, with another friction law: compiled if the law is, otherwise in plain Python."""
     return with_functions(kernel, level=of_forces(law))  # type: ignore[no-any-return]
@@ -461,9 +394,9 @@ def compiled_with_law(law: Level, kernel: Any) -> Callable[..., None]:
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _driven(force: float, more: float, friction: Sliding, v: float, x: float) -> float:
-    """The force on the mass, less a load; of a servo from its target, where the mass is."""
+    """The force on the mass, less all loads; of a servo from its target, where the mass is."""
     if len(friction.servo) == 0:
-        return float(force - more)
+        return float(force - friction.load - more)
     gain, damping, limit, turns = friction.servo[0], friction.servo[1], friction.servo[2], friction.servo[3]
     torque = gain * (force - turns * x) - damping * turns * v
     return float(turns * min(max(torque, -limit), limit) - friction.load - more)
@@ -528,30 +461,3 @@ def check_steps(what: str, steps: int) -> None:
     """
     if not (isinstance(steps, int) and steps > 0):
         raise ModelError(f"{what} with {steps!r} steps per sample; give a positive whole number")
-
-
-def moved(
-    plants: Sequence[OneMass],
-    ends: NDArray[np.intp],
-    dt: ArrayLike,
-    late: ArrayLike,
-    steps: int,
-    begin: Array,
-    load: Array = NO_LOAD,
-) -> tuple[Array, Array, Array]:
-    """Speeds, positions and forces of drives that lag (P, M) of plants with one friction law, at every sample and at
-    the end of every run.
-
-    Args:
-        plants: P of them.
-        ends, dt, late, steps, load: as in `move_each`.
-        begin: (P, S, 2), or (P, S, 3) with the force of a drive that lags; by default that of a steady speed.
-    """
-    mass, laws, friction, force, damping, lag = zip(*plants, strict=True)
-    forces, lags, start = np.array(force), np.array(lag, dtype=float), np.full((*begin.shape[:2], 3), np.nan)
-    start[..., : begin.shape[-1]] = begin
-    speeds, positions, made = np.empty(forces.shape), np.empty(forces.shape), np.empty(forces.shape)
-    acting = (np.array(mass), Sliding.of_all(friction), forces, np.array(damping), load, ends)
-    timing = (np.array(dt, dtype=float), np.array(late, dtype=float), steps, lags, start)
-    loop_for(laws[0])(*acting, *timing, speeds, positions, made)
-    return speeds, positions, made

@@ -174,43 +174,6 @@ class Plant(ABC):
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
-    def at_once(self, signals: Sequence[Signal]) -> bool:
-        """Whether `simulate_each` computes the runs of several plants at once; no: one after the other."""
-        return False
-
-    @staticmethod
-    def simulate_each(
-        plants: Sequence[Any],
-        inputs: Sequence[Array],
-        dt: float,
-        states: Sequence[Sequence[Array]],
-        signals: Sequence[Signal],
-        loads: Sequence[Array] = (),
-    ) -> list[Array]:
-        """`simulate` for several plants of this kind and several inputs.
-
-        Args:
-            plants: P of them.
-            inputs: (N, nu) each.
-            dt: sample time in s.
-            states: of every plant the initial state for every input.
-            signals: of the outputs.
-            loads: (N,) for every input, held over every sample, besides that of the plant, as a part of the largest
-                force of each plant; of one mass only.
-
-        Returns:
-            (P, N, ny) for every input.
-
-        Raises:
-            ModelError: for loads on a plant that is not one mass, or with a current.
-        """
-        if loads:
-            raise ModelError(f"{plants[0].name}: a load that changes is simulated for one mass and its motion only")
-        return [
-            np.array([plant.simulate(u, dt, begin[k], signals) for plant, begin in zip(plants, states, strict=True)])
-            for k, u in enumerate(inputs)
-        ]
-
     def for_inputs(self, inputs: Array) -> Self:
         """The plant as it is in a record with inputs (N, nu); the same."""
         return self

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from emsid.compiled import njit
 from emsid.errors import ModelError
-from emsid.estimation.linear.filtering import filtered_from
 from emsid.models.plants.parameters import Signal
 
 Array = NDArray[np.float64]
@@ -77,77 +76,30 @@ class Sensor:
         """The motion per reading: the turns of the motor per turn measured, or per m of the way of a wheel."""
         return self.ratio / self.radius if self.radius else self.ratio
 
-    def first(self, signals: Sequence[Signal], states: Array, dt: float) -> Array:
-        """(ny, …, 2) its state before the first sample, for initial states (…, 2 or 3).
+    def first(self, signals: Sequence[Signal], state: Array, dt: float) -> Array:
+        """(ny, 2) its state before the first sample, for every output: the last position (NaN), and the state of its
+        filter, where a position reading lags by lag·reading.
 
         Args:
             signals: of the outputs.
-            states: speed, position, and the speed reading, by default the true speed.
+            state: speed, position, and the speed reading, by default the true speed.
             dt: sample time in s.
         """
-        reading, motion = states[..., 2 if states.shape[-1] > 2 else 0], states[..., :2]
-        return np.array([self._first(signal is Signal.POSITION, motion, dt, reading) for signal in signals])
-
-    def read(
-        self, signals: Sequence[Signal], speeds: Array, positions: Array, dt: float, kept: Array
-    ) -> tuple[Array, Array]:
-        """(…, N, ny) its readings of motions (…, N), and its state (ny, …, 2) after them; ``kept`` is that before."""
-        columns = [
-            self.position(positions, dt, before)
-            if signal is Signal.POSITION
-            else self.speed(speeds, positions, dt, before)
-            for signal, before in zip(signals, kept, strict=True)
-        ]
-        return np.stack([values for values, _ in columns], axis=-1), np.array([after for _, after in columns])
-
-    def _first(self, position: bool, motion: Array, dt: float, reading: Array) -> Array:
-        """(…, 2) its state before the first sample: the last position (NaN) and the state of its filter.
-
-        Args:
-            position: whether it measures a position, not a speed.
-            motion: (…, 2) speed and position at the first sample.
-            dt: sample time in s.
-            reading: (…) its speed reading at the first sample, before ratio and offset; a position reading lags by
-                lag·reading.
-        """
-        kept = np.full(motion.shape, np.nan)
-        kept[..., 1] = 0.0
+        kept = np.full((len(signals), 2), [np.nan, 0.0])
         if self.lag:
-            seen = motion[..., 1 if position else 0]
-            kept[..., 1] = (seen - self.lag * reading if position else reading) - self.weights(dt)[0] * seen
+            speed, position = float(state[0]), float(state[1])
+            reading = float(state[2]) if len(state) > 2 else speed
+            for k, signal in enumerate(signals):
+                of_position = signal is Signal.POSITION
+                seen, shown = (position, position - self.lag * reading) if of_position else (speed, reading)
+                kept[k, 1] = shown - self.weights(dt)[0] * seen
         return kept
 
-    def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(…, N) its readings of a speed, and its state (…, 2) after them; ``kept`` is the state before."""
-        seen, positions = speeds, self._behind_gap(positions, kept)
-        if self.average:
-            before = kept[..., :1]
-            start = np.where(np.isnan(before), speeds[..., :1], (positions[..., :1] - before) / dt)
-            mean = np.concatenate([start, np.diff(positions) / dt], axis=-1)
-            seen = mean if self.average == 1 else self.average * mean + (1 - self.average) * speeds
-        return self._shown(seen, positions, dt, kept)
-
-    def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(…, N) its readings of a position, and its state (…, 2) after them; ``kept`` is the state before."""
-        positions = self._behind_gap(positions, kept)
-        return self._shown(positions, positions, dt, kept)
-
-    def _behind_gap(self, positions: Array, kept: Array) -> Array:
-        """(…, N) the positions of a load behind the backlash; where it was before is a part of its state (…, 2)."""
-        if not self.backlash:
-            return positions
-        flat = np.array(positions, dtype=float).reshape(-1, positions.shape[-1])
-        before = np.broadcast_to(kept[..., 0], positions.shape[:-1]).ravel()
-        follow(flat, np.where(np.isnan(before), flat[:, 0], before), 0.5 * self.backlash * abs(self.scale))
-        return flat.reshape(positions.shape)
-
-    def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        lagging, after = values, kept.copy()
-        if self.lag:
-            newest, before, decay = self.weights(dt)
-            lagging, after[..., 1:] = filtered_from([newest, before], [1.0, -decay], values, kept[..., 1:])
-        after[..., 0] = positions[..., -1]
-        return lagging / self.scale + self.offset, after
+    def numbers(self, dt: float) -> Array:
+        """(8,) what `sense` takes: scale, offset, average, 1 with a lag, its weights, half the backlash."""
+        lag = self.weights(dt) if self.lag else (0.0, 0.0, 0.0)
+        gap = 0.5 * self.backlash * abs(self.scale) if self.backlash else 0.0
+        return np.array([self.scale, self.offset, self.average, float(self.lag > 0), *lag, gap])
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """The discrete 1/(1 + lag·s) for a piecewise linear signal: weights of the newest value, the previous one, and
@@ -158,10 +110,24 @@ class Sensor:
 
 
 @njit(nogil=True, error_model="numpy")
-def follow(positions: Array, before: Array, half: float) -> None:
-    """Replace positions (P, N) by those of loads behind a gap of this half width, which were ``before`` (P,)."""
-    for p in range(positions.shape[0]):
-        load = before[p]
-        for k in range(positions.shape[1]):
-            load = min(max(load, positions[p, k] - half), positions[p, k] + half)
-            positions[p, k] = load
+def sense(sensor: Array, dt: float, speed: float, position: float, of_speed: bool, kept: Array, n: int) -> float:
+    """The reading of a speed or a position.
+
+    Args:
+        sensor, dt: `Sensor.numbers`, and the sample time in s.
+        speed, position: of the motor.
+        of_speed: whether it reads a speed.
+        kept, n: (ny, 2) its state, see `Sensor.first`, and the output, whose state is changed.
+    """
+    if sensor[7] > 0.0 and not np.isnan(kept[n, 0]):
+        position = min(max(kept[n, 0], position - sensor[7]), position + sensor[7])
+    value = speed if of_speed else position
+    if of_speed and sensor[2] > 0.0:
+        mean = value if np.isnan(kept[n, 0]) else (position - kept[n, 0]) / dt
+        value = mean if sensor[2] == 1.0 else sensor[2] * mean + (1.0 - sensor[2]) * value
+    if sensor[3] > 0.0:
+        reading = sensor[4] * value + kept[n, 1]
+        kept[n, 1] = sensor[5] * value + sensor[6] * reading
+        value = reading
+    kept[n, 0] = position
+    return float(value / sensor[0] + sensor[1])

@@ -18,7 +18,7 @@ class PlantState(NamedTuple):
         motion: (n,) mechanical state: speed and position of one mass, the five numbers of `emsid.plant.State`, or the
             state of a user's plant.
         commands: (w + 1, 2) voltage (force) and conducting fraction of the delayed commands, the oldest first; with
-            a third column of the load where it goes straight from sample to sample.
+            a third column of the load, if there is one among the inputs.
         sensed: (ny, 2) for every output the last position at its sensor (NaN before the first sample) and the state of
             its filter.
     """

@@ -131,7 +131,7 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
     plant = fit.model.plant
     if plant.dead_zone_characteristic() is None or not isinstance(plant, DrivenPlant):
         return None
-    applied = np.concatenate([plant.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
+    applied = np.concatenate([plant.drive.applied(s.input)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
 

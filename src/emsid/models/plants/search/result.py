@@ -104,7 +104,7 @@ class GreyBoxFit(Fit[GreyBox]):
         for segment, state in zip(segments, self.states, strict=True):
             own = plant.for_segment(segment)
             if isinstance(own, DrivenPlant):
-                commands.append(own.drive.terminals(segment.input, segment.dt)[0])
+                commands.append(own.drive.applied(segment.input)[0])
             motion = own.motion(segment.input, segment.dt, state)
             speeds.append(np.empty(0) if motion is None else motion)
         return Visited(np.concatenate(commands), np.concatenate(speeds))

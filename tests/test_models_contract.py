@@ -44,7 +44,7 @@ from emsid.models.regression.structures import arx
 from emsid.plant import Friction, FrictionLaw, Measure, Motor
 from emsid.plant.friction import LawParameter, friction_law
 from emsid.plant.gaussian_stribeck import GaussianStribeck
-from model_examples import ALL, DT, MAPS, inputs, measured, plants
+from model_examples import ALL, DT, MAPS, inputs, measured
 
 every_model = pytest.mark.parametrize("model", ALL.values(), ids=ALL.keys())
 
@@ -203,36 +203,27 @@ def test_segments_run_as_they_do_alone(model: Model) -> None:
     np.testing.assert_array_equal(whole.counted, np.concatenate([run.counted for run in runs]))
 
 
-@pytest.mark.parametrize("model", [pytest.param(model, id=name) for name, model in plants()])
-def test_plants_run_several_inputs_at_once_as_one_after_the_other(model: GreyBox) -> None:
-    rng = np.random.default_rng(3)
-    inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7, 25)]
-    every = {name: (1 + 1e-3) * model.plant.value(name) for name in model.plant.default_free}
-    plants = [model.plant, *(model.plant.with_values({name: value}) for name, value in every.items())]
-    states = [[rng.uniform(-1.0, 1.0, model.plant.states) for _ in inputs] for _ in plants]
-    together = model.plant.simulate_each(plants, inputs, DT, states, model.signals)
-    for k, u in enumerate(inputs):
-        for run, plant, begin in zip(together[k], plants, states, strict=True):
-            assert np.array_equal(run, plant.simulate(u, DT, begin[k], model.signals))
-
-
 @pytest.mark.parametrize("plant", [MotorPlant(replace(Motor(), inductance=0.0).rigid()), LinearAxis()])
 @pytest.mark.parametrize("delay", [0.0, 1.4 * DT, 10 * DT])
 @pytest.mark.parametrize("hold", list(Hold))
-def test_plants_with_other_drives_and_sensors_run_at_once_as_alone(
+def test_plants_with_other_drives_and_sensors_run_at_once_as_sample_by_sample(
     plant: DrivenPlant, delay: float, hold: Hold
 ) -> None:
     rng = np.random.default_rng(4)
-    inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7)]
+    u = rng.uniform(-12.0, 12.0, (40, 1))
     late = plant.with_drive(delay=delay, hold=hold)
     slow = late.with_values({"sensor.lag": DT, "sensor.average": 0.3, late.load_name: 0.02})
-    plants = [late, slow, slow.with_drive(delay=delay + 1e-9), late.with_values({"cogging.sine_2": 0.01})]
-    states = [[np.append(rng.uniform(-1.0, 1.0, HELD), rng.integers(2)) for _ in inputs] for _ in plants]
     signals = (Signal.POSITION, Signal.SPEED)
-    together = late.simulate_each(plants, inputs, DT, states, signals)
-    for k, u in enumerate(inputs):
-        for run, each, begin in zip(together[k], plants, states, strict=True):
-            assert np.array_equal(run, each.simulate(u, DT, begin[k], signals))
+    for each in (late, slow, late.with_values({"cogging.sine_2": 0.01})):
+        begin, own, single = (
+            np.append(rng.uniform(-1.0, 1.0, HELD), rng.integers(2)),
+            each.for_inputs(u),
+            np.empty((40, 2)),
+        )
+        sampler = own.sampler(own.start(begin, u[0], DT, signals), signals)
+        for row, y in zip(u, single, strict=True):
+            sampler.advance(row, y)
+        assert np.array_equal(single, each.simulate(u, DT, begin, signals))
 
 
 @every_model

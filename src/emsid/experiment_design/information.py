@@ -88,9 +88,8 @@ class Sensitivities:
         """The outputs (N, ny) of several models for a command (N,), from rest."""
         inputs = np.ascontiguousarray(u[:, None])
         if hasattr(self.model, "plant"):
-            plants = [model.plant.for_inputs(inputs) for model in models]
-            begin = [[np.zeros(plant.states)] for plant in plants]
-            return list(plants[0].simulate_each(plants, [inputs], self.dt, begin, self.model.signals)[0])
+            plants = [model.plant for model in models]
+            return [plant.simulate(inputs, self.dt, np.zeros(plant.states), self.model.signals) for plant in plants]
         return [model.run(model.at_rest(0.0, self.dt), inputs)[0] for model in models]
 
     def jacobian(self, u: Array) -> Array:

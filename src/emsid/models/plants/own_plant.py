@@ -6,18 +6,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.arguments import did_you_mean
-from emsid.compiled import by_content, njit
+from emsid.compiled import by_content
 from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.interpolation import INTERPOLATION_REACH, between
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.own_sampling import OwnSampler, compiled, kernel_for
+from emsid.models.plants.own_sampling import OwnSampler, compiled, compiled_runge_kutta, runge_kutta
 from emsid.models.plants.parameters import Handle, Signal
 from emsid.models.plants.plant import BEGINNING, Plant, Sampler
 from emsid.models.plants.state import NO_ROWS, PlantState
@@ -194,7 +194,8 @@ class OwnPlant(Plant):
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for inputs (N, nu), `latency` samples late, and the state after them."""
-        compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
+        both = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
+        moving = compiled_runge_kutta if both else runge_kutta
         parameters, x = np.array(self.values), state.motion.copy()
         inputs = np.ascontiguousarray(inputs)
         with self._reporting("output"):
@@ -202,19 +203,17 @@ class OwnPlant(Plant):
         out = np.empty((len(inputs), width))
         reach = REACH[self.between]
         if reach is None:
-            loop = _compiled_runge_kutta if compiled else _runge_kutta
             with self._reporting("derivative or output"):
-                loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
+                moving(self.derivative, self.output, inputs, 0, parameters, x, state.dt, self.steps, out)
             return out, state._replace(motion=x)
         window = np.concatenate([state.commands, inputs])
         ready = max(len(window) - 2 * reach - 1, 0)
         waiting = len(inputs) - ready
         if waiting:  # the beginning of a run: what is not known yet repeats the first output
             out[:waiting] = np.asarray(self.output(x.copy(), inputs[0], parameters))
-        moving = _compiled_between if compiled else _between
         fine = self._fine(window, reach)[: 2 * self.steps * ready + 1]
         with self._reporting("derivative or output"):
-            moving(self.derivative, self.output, fine, parameters, x, state.dt, self.steps, out[waiting:])
+            moving(self.derivative, self.output, fine, 1, parameters, x, state.dt, self.steps, out[waiting:])
         return out, state._replace(motion=x, commands=window[max(len(window) - 2 * reach - 1, 0) :])
 
     def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler | None:
@@ -229,7 +228,7 @@ class OwnPlant(Plant):
         if reach is not None:
             units = np.eye(2 * reach + 2)
             taps = np.column_stack([self._fine(each[:, None], reach)[: 2 * self.steps + 1, 0] for each in units])
-        return OwnSampler(kernel_for(f, g), arguments[2], taps, self.steps, state, inputs)
+        return OwnSampler(f, g, arguments[2], taps, self.steps, state, inputs)
 
     def _fine(self, window: Array, reach: int) -> Array:
         """(k, nu) the inputs at every half step, from the row ``reach`` of a window on."""
@@ -245,49 +244,3 @@ class OwnPlant(Plant):
 def _measure(unit: str) -> Measure:
     """The most likely measure of a parameter with this unit."""
     return next((each for each in Measure if unit and unit in each.value), Measure.OTHER)
-
-
-def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
-    """Fill ``out`` (N, ny), and update ``state`` (n,) to the end of the last sample.
-
-    Numbers are copied one by one: Numba takes seconds to compile the assignment of an array to a slice.
-    """
-    x = state.copy()
-    h = dt / steps
-    for k in range(len(inputs)):
-        u = inputs[k]
-        y = np.asarray(g(x, u, p))
-        for i in range(out.shape[1]):
-            out[k, i] = y[i]
-        for _ in range(steps):
-            k1 = np.asarray(f(x, u, p))
-            k2 = np.asarray(f(x + 0.5 * h * k1, u, p))
-            k3 = np.asarray(f(x + 0.5 * h * k2, u, p))
-            k4 = np.asarray(f(x + h * k3, u, p))
-            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    for i in range(len(x)):
-        state[i] = x[i]
-
-
-def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
-    """As `_runge_kutta`, for inputs (2·steps·N + 1, nu) at every half step."""
-    x = state.copy()
-    h = dt / steps
-    for k in range(len(out)):
-        at = 2 * steps * k
-        y = np.asarray(g(x, fine[at], p))
-        for i in range(out.shape[1]):
-            out[k, i] = y[i]
-        for _ in range(steps):
-            k1 = np.asarray(f(x, fine[at], p))
-            k2 = np.asarray(f(x + 0.5 * h * k1, fine[at + 1], p))
-            k3 = np.asarray(f(x + 0.5 * h * k2, fine[at + 1], p))
-            k4 = np.asarray(f(x + h * k3, fine[at + 2], p))
-            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-            at += 2
-    for i in range(len(x)):
-        state[i] = x[i]
-
-
-_compiled_runge_kutta = njit(cache=False, nogil=True)(_runge_kutta)
-_compiled_between = njit(cache=False, nogil=True)(_between)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,30 +16,22 @@ Array = NDArray[np.float64]
 class OwnSampler:
     """A user's plant between two samples."""
 
-    __slots__ = ("_dt", "_filled", "_fine", "_kernel", "_numbers", "_steps", "_taps", "_window", "_x")
+    __slots__ = ("_dt", "_f", "_filled", "_g", "_numbers", "_steps", "_taps", "_window", "_x")
 
     def __init__(
-        self,
-        kernel: Callable[..., None],
-        numbers: Array,
-        taps: Array | None,
-        steps: int,
-        state: PlantState,
-        inputs: int,
+        self, f: Any, g: Any, numbers: Array, taps: Array | None, steps: int, state: PlantState, inputs: int
     ) -> None:
         """
         Args:
-            kernel: of `kernel_for`.
+            f, g: derivative and output, compiled.
             numbers: (p,) the parameters.
             taps: (2·steps + 1, w) the input at every half step as sums over the last w samples; None where it is held.
             steps: Runge–Kutta steps per sample.
             state: where it begins.
             inputs: nu.
         """
-        width = 1 if taps is None else taps.shape[1]
-        self._kernel, self._numbers, self._steps = kernel, numbers, steps
-        self._taps = np.ones((2 * steps + 1, 1)) if taps is None else taps
-        self._window, self._fine = np.zeros((width, inputs)), np.empty((2 * steps + 1, inputs))
+        self._f, self._g, self._numbers, self._taps, self._steps = f, g, numbers, taps, steps
+        self._window = np.zeros((1 if taps is None else taps.shape[1], inputs))
         self._filled = 0 if taps is None else len(state.commands)
         if self._filled:
             self._window[-self._filled :] = state.commands
@@ -49,10 +39,16 @@ class OwnSampler:
 
     def advance(self, u: Array, y: Array) -> None:
         """Write the outputs (ny,) for inputs (nu,), and change the state."""
-        ready = self._filled == len(self._window) - 1
-        self._kernel(self._taps, self._window, self._fine, ready, self._numbers, self._x, self._dt, self._steps, u, y)
-        if not ready:
+        self._window[:-1] = self._window[1:]
+        self._window[-1] = u
+        if self._filled < len(self._window) - 1:
             self._filled += 1
+            y[:] = self._g(self._x, u, self._numbers)
+            return
+        held = self._taps is None
+        fine = self._window if self._taps is None else self._taps @ self._window
+        how = self._numbers, self._x, self._dt, self._steps, y[None, :]
+        compiled_runge_kutta(self._f, self._g, fine, int(not held), *how)
 
     @property
     def state(self) -> PlantState:
@@ -71,48 +67,35 @@ def compiled(function: Any, *arguments: Any) -> Any:
     return found if isinstance(result, np.ndarray) and result.dtype == np.float64 else None
 
 
-@lru_cache(maxsize=16)
-def kernel_for(f: Any, g: Any) -> Callable[..., None]:
-    """One sample of the plant with compiled derivative f and output g, by the classical Runge–Kutta method."""
+def runge_kutta(
+    f: Any, g: Any, inputs: Array, apart: int, p: Array, state: Array, dt: float, steps: int, out: Array
+) -> None:
+    """Fill ``out`` (N, ny) by the classical Runge–Kutta method, and move ``state`` (n,) to the end of the last sample.
 
-    @njit(cache=False, nogil=True)
-    def sample(
-        taps: Array,
-        window: Array,
-        fine: Array,
-        ready: bool,
-        p: Array,
-        state: Array,
-        dt: float,
-        steps: int,
-        u: Array,
-        y: Array,
-    ) -> None:
-        for i in range(len(window) - 1):
-            for k in range(len(u)):
-                window[i, k] = window[i + 1, k]
-        for k in range(len(u)):
-            window[-1, k] = u[k]
-        for i in range(len(taps)):
-            for k in range(len(u)):
-                total = 0.0
-                for j in range(taps.shape[1]):
-                    total += taps[i, j] * window[j, k]
-                fine[i, k] = total
-        x = state.copy()
-        seen = g(x, fine[0] if ready else u, p)
-        for i in range(len(y)):
-            y[i] = seen[i]
-        if not ready:
-            return
-        h = dt / steps
-        for s in range(steps):
-            k1 = f(x, fine[2 * s], p)
-            k2 = f(x + 0.5 * h * k1, fine[2 * s + 1], p)
-            k3 = f(x + 0.5 * h * k2, fine[2 * s + 1], p)
-            k4 = f(x + h * k3, fine[2 * s + 2], p)
+    Numbers are copied one by one: Numba takes seconds to compile the assignment of an array to a slice.
+
+    Args:
+        f, g: derivative and output.
+        inputs, apart: (2·steps·N + 1, nu) at every half step, and 1; or (N, nu) where they are held, and 0.
+        p, state, dt, steps: parameters, where it begins, the sample time in s and steps per sample.
+        out: the outputs.
+    """
+    x = state.copy()
+    h = dt / steps
+    for k in range(len(out)):
+        at = 2 * steps * k if apart else k
+        y = np.asarray(g(x, inputs[at], p))
+        for i in range(out.shape[1]):
+            out[k, i] = y[i]
+        for _ in range(steps):
+            k1 = np.asarray(f(x, inputs[at], p))
+            k2 = np.asarray(f(x + 0.5 * h * k1, inputs[at + apart], p))
+            k3 = np.asarray(f(x + 0.5 * h * k2, inputs[at + apart], p))
+            k4 = np.asarray(f(x + h * k3, inputs[at + 2 * apart], p))
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        for i in range(len(x)):
-            state[i] = x[i]
+            at += 2 * apart
+    for i in range(len(x)):
+        state[i] = x[i]
 
-    return sample
+
+compiled_runge_kutta = njit(cache=False, nogil=True)(runge_kutta)

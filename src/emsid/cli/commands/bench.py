@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import Commands, app
-from emsid.cli.commands.track import Baud, Header, Patience
+from emsid.cli.commands.track import Baud, Header
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Force, Json, option, quantity
 from emsid.cli.terminal import progress_bar, say, say_json, warn
@@ -105,7 +105,9 @@ def run(
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the signal.", min=0)] = 1,
     header: Header = "",
     baud: Baud = 115200,
-    patience: Patience = 5.0,
+    patience: Annotated[
+        float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the port, and for a sample.")
+    ] = 5.0,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the record: .csv, .parquet, .npz.")] = Path(
         "record.csv"
     ),

@@ -8,7 +8,7 @@ zone, a delay, a bridge that coasts, a constant load, friction that differs by d
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +42,7 @@ class Case(NamedTuple):
         return float(np.sqrt(np.mean((record.output[:, 0] - run) ** 2)))
 
 
+@cache
 def motor(seed: int, samples: int = 4000) -> Case:
     """A motor: command to speed, 1 % noise."""
     rng = np.random.default_rng([1, seed])
@@ -73,6 +74,7 @@ def motor(seed: int, samples: int = 4000) -> Case:
     return Case(truth, fitted, unseen, False)
 
 
+@cache
 def axis(seed: int, drifts: bool, samples: int = 8000, judged: float = 1.0) -> Case:
     """An axis under position control: command to position, by an encoder of 0.2 mm with 0.3 mm noise.
 

@@ -45,7 +45,7 @@ export const select = (label, value, options, work, more = {}) => el("select", {
 export const labelled = (text, control) => el("label", { class: "field" }, el("span", {}, text), control);
 
 // What was typed and is not taken yet, and why it was refused, by the key of its field.
-export const drafts = new Map(), refused = new Map();
+export const drafts = new Map(), refused = new Map(), taking = new Set();
 
 // A field whose text is taken as it is left; text that is refused stays, marked, with the reason below it.
 export function field(key, label, value, take, { about = "", type = "input", list = null, now = null, ...more } = {}) {
@@ -59,12 +59,14 @@ export function field(key, label, value, take, { about = "", type = "input", lis
   box.addEventListener("input", () => { drafts.set(key, box.value); mark(); now?.(box.value); });
   box.addEventListener("change", async () => {
     if (!take) return;
-    const text = box.value.trim();
+    const text = box.value.trim(), work = take(text);
+    taking.add(work);
     try {
-      await take(text);
+      await work;
       if (box.value.trim() === text) drafts.delete(key);
       refused.delete(key);
     } catch (problem) { refused.set(key, problem.message); }
+    taking.delete(work);
     mark();
   });
   mark();

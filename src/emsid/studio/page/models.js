@@ -1,6 +1,6 @@
 // Models: which to fit and how on the left; the runs with their progress and ranked results on the right.
 import { get, post } from "./api.js";
-import { attempt, button, details, drafts, el, field, number, table, withUnit } from "./dom.js";
+import { attempt, button, details, drafts, el, field, number, refused, table, taking, withUnit } from "./dom.js";
 import { Chart, Group, color } from "./plot.js";
 
 export function side(app) {
@@ -20,16 +20,20 @@ export function side(app) {
     el("div", { class: "row sticky" }, el("button", { type: "button", class: "main", id: "fit", onclick: () => attempt(fit) }, "Fit"), el("span", { class: "quiet" }, step.models.length ? `${step.models.length} chosen` : "the usual models that suit the record")),
     field("unseen", "Part kept unseen", step.unseen, (text) => post("edit", { unseen: Number(text) }), { disabled: step.unseen_files.length > 0, about: "A fraction of the record, on which models are ranked" }),
     el("h2", {}, "Models"), el("div", { class: "models" }, usual.map(box)), details("Further models", others.some((each) => step.models.includes(each.name)), others.map(box)),
-    el("h2", {}, "Known values"), field("known", "Known values, one a line", fixed, (text) => options({ fixed: table_of(text) }), { type: "textarea", rows: 3, placeholder: "resistance = 2 ohm ± 5 %" }),
+    el("h2", {}, "Known values"), field("known", "Known values, one a line", fixed, async (text) => options({ fixed: table_of(text) }), { type: "textarea", rows: 3, placeholder: "resistance = 2 ohm ± 5 %" }),
     details("Names of parameters", false, el("p", { class: "quiet" }, catalogue.parameters.map((each) => withUnit(each.name, each.unit)).join(", "))),
     details("Options", Object.keys(step.options).some((name) => name !== "fixed") || fields.some((each) => drafts.has(`option ${each.name}`)), needed.map((each) => each.box), rest.length ? details("Options of other models", false, rest.map((each) => each.box)) : null),
     el("datalist", { id: "families" }, catalogue.static.map((name) => el("option", { value: name }))),
   ];
 }
 
-// The field that is left by pressing Fit is taken first.
+// The field that is left by pressing Fit is taken first; while one is refused, there is no fit without it.
 async function fit() {
   await new Promise((done) => setTimeout(done, 0));
+  await Promise.allSettled([...taking]);
+  await new Promise((done) => setTimeout(done, 0));
+  const wrong = [...refused].find(([key]) => /^(option|unseen|known)/.test(key));
+  if (wrong) throw new Error(wrong[1]);
   await post("run");
 }
 

@@ -86,7 +86,9 @@ def contents(paths: list[Path]) -> dict[str, str]:
 
 
 def test_what_is_physical_is_a_property_of_the_format() -> None:
-    assert set(PHYSICAL) == {*("fmu", "modelica", "mujoco", "isaac-lab", "mjlab", "csv", "odrive", "vesc", "moteus", "simplefoc")}
+    assert set(PHYSICAL) == {
+        *("fmu", "modelica", "mujoco", "isaac-lab", "mjlab", "csv", "odrive", "vesc", "moteus", "simplefoc")
+    }
 
 
 @pytest.mark.parametrize("name", PHYSICAL)

@@ -61,9 +61,9 @@ def fit_to_response(
         DataError: for several responses, records beside it, or a response without a sample time.
     """
     several = (records,) if isinstance(records, FrequencyResponse) else tuple(records)
-    if len(several) != 1 or not isinstance(several[0], FrequencyResponse):
+    measured = several[0] if len(several) == 1 else None
+    if not isinstance(measured, FrequencyResponse):
         raise DataError("a state space is fitted to one frequency response, or to records; a transfer function to both")
-    (measured,) = several
     if measured.dt is None:
         raise DataError(
             f"{measured.name} has no sample time; a state space is in discrete time: give the response one "
@@ -105,7 +105,7 @@ def _by_subspace(measured: FrequencyResponse, order: int, name: str) -> StateSpa
 
     eye = np.broadcast_to(np.eye(inputs, dtype=complex), (count, inputs, inputs))
     both = np.vstack([stacked(eye), stacked(g)])
-    lower = np.linalg.qr(both.T, mode="r").T[rows * inputs :, rows * inputs :]
+    lower = np.asarray(np.linalg.qr(both.T, mode="r")).T[rows * inputs :, rows * inputs :]
     observed = np.linalg.svd(lower, full_matrices=False)[0][:, :order]
     a = np.linalg.lstsq(observed[:-outputs], observed[outputs:], rcond=None)[0]
     poles, basis = np.linalg.eig(a)

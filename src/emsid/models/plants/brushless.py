@@ -43,10 +43,10 @@ from emsid.compiled import njit
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.gravity import Gravity, gravity_handles
-from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
+from emsid.models.plants.one_mass import Body, Sliding, compiled_with_law, move
 from emsid.models.plants.parameters import TINY, Handle, Signal, law_handles, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, plausible
-from emsid.models.plants.state import NO_LOAD, NO_ROWS, PlantState
+from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.friction import Friction, FrictionLaw, find_law, law_name
 from emsid.plant.parameter import Measure, Parameter
 from emsid.record import Record
@@ -73,7 +73,6 @@ INPUTS = {
 ANGLE, TEMPERATURE = "angle", "temperature"
 
 _kernel = njit(nogil=True, error_model="numpy")
-_NO_LOAD = NO_LOAD
 _CODES = {Signal.POSITION: 0, Signal.SPEED: 1, Signal.D_CURRENT: 2, Signal.Q_CURRENT: 3}
 _SPEED, _ANGLE, _D, _Q, _RISE, _READING, _BEGUN = range(7)
 """The state: speed in rad/s, angle in rad, currents in A, rise of temperature in K, reading of the speed, and whether a
@@ -542,7 +541,7 @@ class BrushlessSampler:
         """
         self._machine, self._law, self._friction = machine, law, friction
         self._rows = np.concatenate([state.commands[:1], state.commands])
-        self._motion, self._work = state.motion.copy(), np.empty((6, 2))
+        self._motion, self._work = state.motion.copy(), np.empty((7, 2))
 
     def advance(self, u: Array, y: Array) -> None:
         """Write the outputs (ny,) for inputs (nu,), and change the state."""
@@ -586,7 +585,7 @@ def brushless_sample(
         friction: as for `move`.
         rows: (w + 1, 3) voltages, and the electrical angles at which the controller gave them, the oldest first.
         motion: (7,) the state.
-        work: (6, 2) work array.
+        work: (7, 2) work array.
         u, y: inputs and outputs.
     """
     c, last = m.columns, len(rows) - 1
@@ -672,8 +671,9 @@ def _step(
                 more += m.ripple[k, 1] * np.cos(phase) + m.ripple[k, 2] * np.sin(phase)
             for k in range(2):
                 work[0, k], work[1, k] = torque * more - m.load, 0.0
-            move(m.inertia, friction, work[0], work[1], _NO_LOAD, h, 0.0, 1, 0.0, motion, work[2], work[3], work[4])
-            motion[_SPEED], motion[_ANGLE] = work[2, 1], work[3, 1]
+            work[6, 0] = 0.0
+            alone = Body(m.inertia, 0.0)
+            move(alone, friction, work[0], work[1], work[6], h, 0.0, 1, 0, motion, work[2], work[3], work[4])
 
 
 @_kernel

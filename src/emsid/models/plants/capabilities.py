@@ -57,15 +57,14 @@ class OfPlants(Capabilities[GreyBox]):
     physical = True
     takes_all_inputs = False
 
-    def inputs(self, model: GreyBox) -> int:
-        driven = model.plant.driven
-        return 1 if driven is None else 1 + driven.drive.loaded
-
     def stepper(self, model: GreyBox, state: Any, inputs: int) -> Stepper:
         return PlantStepper.of(model, state, inputs)
 
     def inputs(self, model: GreyBox) -> int:
-        return 1 if model.plant.channels is None else model.plant.channels.inputs
+        if model.plant.channels is not None:
+            return model.plant.channels.inputs
+        driven = model.plant.driven
+        return 1 if driven is None else 1 + driven.drive.loaded
 
     def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper, single=single, parameters=parameters)

@@ -42,14 +42,15 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
     assert cited == set(re.findall(r"@\w+\{(\w+),", works))
 
 
-def test_what_a_release_needs_is_there_and_names_no_other_address() -> None:
-    """Pythons in the classifiers begin with the oldest that is supported; addresses are those of the recipe."""
+def test_what_a_release_needs_is_there_and_names_no_address() -> None:
+    """Pythons in the classifiers begin with the oldest that is supported; the recipe builds the sdist of a release."""
     project = tomllib.loads((HOME / "pyproject.toml").read_text("utf-8"))["project"]
     recipe = (HOME / "conda-recipe" / "meta.yaml").read_text("utf-8")
-    assert set(project["urls"].values()) <= set(re.findall(r"home: (\S+)", recipe))
+    assert "urls" not in project
+    assert "://" not in recipe
     versions = [each.rpartition(" ")[2] for each in project["classifiers"] if re.search(r":: 3\.\d+$", each)]
     assert project["requires-python"] == f">={min(versions, key=lambda each: int(each[2:]))}"
     assert "make release" in (HOME / ".ci" / "run").read_text("utf-8")
     for name in ("SECURITY.md", "CODE_OF_CONDUCT.md", "CITATION.cff"):
         assert "@" not in (HOME / name).read_text("utf-8")
-    assert "source:\n  url:" in recipe
+    assert "source:\n  path: ../dist/emsid-" in recipe

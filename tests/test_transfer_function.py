@@ -139,3 +139,24 @@ def test_a_model_file_and_what_is_refused(tmp_path) -> None:  # type: ignore[no-
     )  # fmt: skip
     with pytest.raises(emsid.ModelError, match="one input and one output"):
         emsid.fit(transfer_function(2), wide)
+
+
+def test_a_state_space_is_fitted_to_a_response_of_several_inputs_and_outputs() -> None:
+    rng = np.random.default_rng(8)
+    at, ratio = 2 * np.pi * 30.0, 0.02
+    a = np.array([[-ratio * at, at], [-at, -ratio * at]])
+    true = emsid.LinearSystem(a, rng.standard_normal((2, 2)), rng.standard_normal((3, 2)), np.zeros((3, 2)), None)
+    f = np.arange(1.0, 200.0)
+    g = true.to_discrete(DT).response(f)
+    error = 0.01 * np.abs(g).max()
+    noise = error * (rng.standard_normal(g.shape) + 1j * rng.standard_normal(g.shape)) / np.sqrt(2)
+    measured = FrequencyResponse(f, g + noise, np.full(g.shape, error**2), dt=DT)
+    start = emsid.fit(emsid.state_space(2), measured, refine=False)
+    assert start.model.order == 2
+    fit = emsid.fit(emsid.state_space(2), measured)
+    assert fit.ending is emsid.Ending.CONVERGED
+    np.testing.assert_allclose(emsid.modes(fit).frequency, 30.0, rtol=2e-3)
+    missed = np.sqrt(np.mean(np.abs(fit.model.response(f) - g) ** 2)) / error
+    assert missed < 1.6 * np.sqrt((2 + 2 * 6 + 6) / (2 * g.size))  # as parameters add noise, and little more
+    with pytest.raises(emsid.DataError, match="has no sample time"):
+        emsid.fit(emsid.state_space(2), replace(measured, dt=None))

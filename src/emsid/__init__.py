@@ -36,7 +36,6 @@ OF_MATLAB = {
     "setpvec": "fit.with_parameters(…)",
     "setpar": "fit.with_parameters(…)",
     "idproc": "emsid.process_model()",
-    "idfrd": "emsid.spectrum(record)",
     "tfestimate": "emsid.spectrum(record)",
     "idinput": "a signal of emsid.excitation",
     "oe": FREE_RUN,

@@ -16,13 +16,14 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.models.linear.mixed_problem import LinearProblem
@@ -49,6 +50,9 @@ def fit_to_response(
 ) -> Fit[StateSpaceModel]:
     """A model in state space, in discrete time, from a frequency response of inputs that are held.
 
+    The search varies common poles and all residues, so that its result has the states of `state_space` once for every
+    output; the subspace method alone gives as many as were asked for.
+
     Args:
         structure: what `emsid.state_space` gives, with an order.
         records: one frequency response with a sample time.
@@ -61,8 +65,8 @@ def fit_to_response(
         DataError: for several responses, records beside it, or a response without a sample time.
     """
     several = (records,) if isinstance(records, FrequencyResponse) else tuple(records)
-    measured = several[0] if len(several) == 1 else None
-    if not isinstance(measured, FrequencyResponse):
+    measured = several[0]
+    if len(several) != 1 or not isinstance(measured, FrequencyResponse):
         raise DataError("a state space is fitted to one frequency response, or to records; a transfer function to both")
     if measured.dt is None:
         raise DataError(
@@ -80,7 +84,10 @@ def fit_to_response(
         begin, names, STEP * np.maximum(np.abs(theta), NEAR * np.abs(theta).max()), (), (measured,), _respond,
     )  # fmt: skip
     how: dict[str, Any] = {"names": names, "control": control}
-    return problem.fit(gauss_newton(problem, theta, max_iterations=max_iterations if refine else 0, **how))
+    found = problem.fit(gauss_newton(problem, theta, max_iterations=max_iterations if refine else 0, **how))
+    if refine:
+        return found
+    return replace(found, model=begin, ending=Ending.SOLVED, method="subspace", findings=())
 
 
 def _respond(model: StateSpaceModel, measured: FrequencyResponse) -> Complex:
@@ -105,7 +112,7 @@ def _by_subspace(measured: FrequencyResponse, order: int, name: str) -> StateSpa
 
     eye = np.broadcast_to(np.eye(inputs, dtype=complex), (count, inputs, inputs))
     both = np.vstack([stacked(eye), stacked(g)])
-    lower = np.asarray(np.linalg.qr(both.T, mode="r")).T[rows * inputs :, rows * inputs :]
+    lower = np.transpose(np.linalg.qr(both.T)[1])[rows * inputs :, rows * inputs :]
     observed = np.linalg.svd(lower, full_matrices=False)[0][:, :order]
     a = np.linalg.lstsq(observed[:-outputs], observed[outputs:], rcond=None)[0]
     poles, basis = np.linalg.eig(a)

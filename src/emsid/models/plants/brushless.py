@@ -43,7 +43,8 @@ from emsid.compiled import njit
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.gravity import Gravity, gravity_handles
-from emsid.models.plants.one_mass import Body, Sliding, compiled_with_law, move
+from emsid.models.plants.lost_motion import Body
+from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
 from emsid.models.plants.parameters import TINY, Handle, Signal, law_handles, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, plausible
 from emsid.models.plants.state import NO_ROWS, PlantState

@@ -173,6 +173,7 @@ def test_two_masses_are_fitted_to_a_frequency_response_alone_and_with_a_record()
 def test_what_a_response_does_not_determine_is_kept_and_named() -> None:
     fit = emsid.fit(emsid.plants.motor(), response_of_plant(0.01), signals="rotor speed")
     assert "resistance" not in fit.names
+    assert "kept-by-response" in {finding.code for finding in fit.findings}
     assert "does not determine resistance; kept at resistance = 2 Ω" in str(fit)
 
 

@@ -272,7 +272,7 @@ def test_a_session_is_open_in_one_studio_at_a_time(tmp_path: Path) -> None:
         before = (folder / "session.json").read_bytes()
         said = f"{folder}: another process (number {server.process.pid}) has this session open; use its page, or name"
         with pytest.raises(DataError, match=re.escape(said)):
-            serve(folder, [], browser=False, spelling=str, command=lambda *_: "", track=lambda *_: [], say=print)
+            serve(folder, [], browser=False, command=lambda *_: "", track=lambda *_: [], say=print)
         if uplot.is_there():
             refused = subprocess.run(second, capture_output=True, text=True, timeout=60, check=False)
             assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1)
@@ -296,7 +296,7 @@ def test_interrupting_a_studio_in_a_run_leaves_a_readable_session(tmp_path: Path
                 run = server.run(number)
                 assert run["state"] in ("ended", "done", "failed")
                 for name in run["models"]:
-                    assert server.ask(f"api/runs/{number}/sliders/{name}")[0] == 200
+                    assert server.ask(f"api/about?model={number}/{name}")[0] == 200
                 assert not list(folder.rglob("*.tmp"))
             else:
                 server.ask("api/files?name=log.csv", body=table(300))

@@ -361,7 +361,7 @@ def fitted_bench(
     per_volt = inside.after * inside.before
     friction = float(np.max(inverse.friction.breakaway))
     jump = max(zone.b_r, -zone.b_l) + friction / per_volt
-    damping = inside.braking + inside.viscous + float(np.max(inverse.friction.viscous))
+    damping = inside.braking + float(np.max(inverse.friction.viscous))
     tau = inside.mass / damping if damping > 0 else inf
     supply = float(inverse.outer.drive[4]) / abs(float(inverse.outer.drive[0]))
     if limit is not None and not (isfinite(limit) and limit > 0):

@@ -117,7 +117,7 @@ def plants_of(models: list[Any], inverses: list[Compensation], current: bool) ->
     for each, model in zip(inverses, models, strict=True):
         inside, friction = each.inside, each.friction
         braking, force = (0.0, inside.per_ampere) if current else (inside.braking, inside.after * inside.before)
-        viscous = inside.viscous + float(np.mean(friction.viscous))
+        viscous = float(np.mean(friction.viscous))
         stiffness = float(sum(k * np.hypot(c, s) for k, c, s in friction.waves.tolist()))
         changes = [
             (factor, way * stiffness)

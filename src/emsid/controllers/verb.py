@@ -396,7 +396,7 @@ def without_gains(
         current_dt: sample time of the current loop in s; 0 for none.
         amplitude: the largest speed of the bench in rad/s (m/s); by default one of its own.
     """
-    inside, zone, dt = inverse.inside, inverse.zone, inverse.dt
+    zone, dt = inverse.zone, inverse.dt
     gain, offset, _, _, _, loss, *_ = inverse.outer.drive.tolist()
     force, damping, mass = float(plants.force[0]), float(plants.damping[0]), float(plants.mass[0])
     bench = fitted_bench(model, inverse, plants, dt, limit, delay, current_dt, amplitude)
@@ -413,7 +413,7 @@ def without_gains(
     nothing = [[0.0] * 3] * WAVES
     settings = Settings(
         dt=dt, position=0.0, proportional=0.0, integral=0.0,
-        per_speed=damping / force, per_acceleration=mass * dt / hold / force, load=inside.load / force,
+        per_speed=damping / force, per_acceleration=mass * dt / hold / force, load=float(inverse.friction.load) / force,
         waves=tuple((k, c / force, s / force) for k, c, s in [*inverse.friction.waves.tolist(), *nothing][:WAVES]),
         friction=(table[0], table[1]), friction_speed=float(speeds[-1]),
         zone_low=zone.b_l, zone_high=zone.b_r, slope_low=zone.m_l, slope_high=zone.m_r,

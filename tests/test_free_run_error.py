@@ -37,9 +37,8 @@ def test_derivatives_are_one_sided_where_only_one_side_has_a_free_run(monkeypatc
 
 def test_derivatives_are_exact_where_a_search_ends_and_cheap_where_it_passes(monkeypatch):
     runs = []
-    simulate = DrivenMotor.simulate_each
-    counted = staticmethod(lambda plants, *rest: (runs.extend(plants), simulate(plants, *rest))[1])
-    monkeypatch.setattr(DrivenMotor, "simulate_each", counted)
+    simulate = DrivenMotor.simulate
+    monkeypatch.setattr(DrivenMotor, "simulate", lambda plant, *rest: (runs.append(plant), simulate(plant, *rest))[1])
     problem = problem_of(DrivenMotor(RIGID), USUAL)
     runs.clear()
     cheap = problem.linearised(problem.start)[0][1]
@@ -81,14 +80,14 @@ def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
 
 
 def test_a_bound_beside_which_there_is_no_free_run_has_a_zero_derivative(monkeypatch):
-    simulate = DrivenMotor.simulate_each
+    simulate = DrivenMotor.simulate
 
-    def only_rigid(plants, *arguments):
-        if any(plant.motor.inductance > 0 for plant in plants):
+    def only_rigid(plant, *arguments):
+        if plant.motor.inductance > 0:
             raise ModelError("out of all proportion")
-        return simulate(plants, *arguments)
+        return simulate(plant, *arguments)
 
-    monkeypatch.setattr(DrivenMotor, "simulate_each", staticmethod(only_rigid))
+    monkeypatch.setattr(DrivenMotor, "simulate", only_rigid)
     problem = problem_of(DrivenMotor(RIGID), ("inductance", *USUAL))
     assert problem.start[0] == 0.0
     slopes = problem.exactly(problem.start)[0][1]
@@ -100,7 +99,7 @@ def test_a_problem_with_another_start_reuses_its_free_run(monkeypatch):
     problem = problem_of(DrivenMotor(RIGID), USUAL)
     theta = problem.start * np.array([1.1, 0.9, 1.3])
     expected = problem.linearised(theta)
-    monkeypatch.setattr(DrivenMotor, "simulate_each", lambda *arguments: pytest.fail("simulated again"))
+    monkeypatch.setattr(DrivenMotor, "simulate", lambda *arguments: pytest.fail("simulated again"))
     moved = problem.begun_at(theta)
     assert np.array_equal(moved.start, theta)
     assert moved.linearised(theta) is expected

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from emsid import Record
-from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
@@ -239,15 +238,12 @@ def test_the_rate_of_a_drift_is_found_where_the_first_samples_show_the_speed_ine
 
 def test_a_load_that_does_not_change_is_that_of_the_plant():
     u, state = 3 * levels(300, np.random.default_rng(0), 30)[:, None], np.array([0.1, 0.2, 0.1])
-    for plant in (AXIS, AXIS.with_values({"drive.delay": 0.012}), AXIS.with_hold(Hold.FIRST)):
-        (under,) = plant.simulate_each(
-            [plant], [u], 5e-3, [[state]], (Signal.POSITION,), [np.full(300, 0.2 / plant.largest_force(u))]
-        )
-        loaded = plant.with_values({"offset": plant.value("offset") + 0.2})
-        assert np.allclose(under[0], loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
-    two = DrivenMotor(Motor())
-    with pytest.raises(ModelError, match="simulated for one mass"):
-        two.simulate_each([two], [u], 5e-3, [[np.zeros(4)]], (Signal.POSITION,), [np.zeros(300)])
+    late, straight = AXIS.with_values({"drive.delay": 0.012}), AXIS.with_hold(Hold.FIRST)
+    for plant, load in ((AXIS, 0.2), (late, 0.2), (straight, 0.2), (DrivenMotor(Motor()), 1e-3)):
+        drift = np.full(300, load / plant.largest_force(u))
+        under = plant.simulate(u, 5e-3, state, (Signal.POSITION,), drift)
+        loaded = plant.with_values({plant.load_name: plant.value(plant.load_name) + load})
+        assert np.allclose(under, loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
 
 
 def test_a_trial_without_free_parameters_is_not_begun_again():

@@ -89,7 +89,7 @@ def commands(model: Any) -> np.ndarray:
 
 def exported(model: Any, format: str, folder: Path) -> None:
     options: dict[str, Any] = {}
-    if format in ("odrive", "vesc", "simplefoc"):
+    if format in ("odrive", "vesc", "moteus", "simplefoc"):
         options = {"winding": "line", "pole_pairs": 7}
     if format in ROBOT:
         options = {"timestep": DT / 20}

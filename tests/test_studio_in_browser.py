@@ -221,6 +221,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory, downloads: Path) -> Iterat
 def page(browser: Any, address: str) -> Iterator[Page]:
     """The page without data; what it writes to the console fails the test."""
     page = Page(browser, address)
+    browser.get("about:blank")  # the page of the test before would ask for what is removed
     page.size(1280, 900)
     page.post("edit", {"files": [], "unseen_files": [], "other_files": [], "models": [], "options": {}, "unseen": 0.3})
     yield page

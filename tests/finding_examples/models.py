@@ -94,7 +94,7 @@ EXAMPLES: tuple[Finding, ...] = (
         "disc.csv",
         {"parameters": ["rotor_inertia"], "samples": 225, "rest": 525, "before": 81.23, "after": 97.5},
     ),
-    Finding("kept-by-response", "motor", {"parameters": ["resistance"], "kept": [("resistance", 2.0, "ohm")]}),
+    Finding("kept-by-response", "motor", {"parameters": ["resistance"], "kept": [["resistance", 2.0, "ohm"]]}),
     Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia"]}),
     Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia", "load_torque"]}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),

@@ -122,7 +122,7 @@ def fit_to_responses(
             raise ModelError(f"{plant.name}: the frequency response determines none of {', '.join(asked)}")
     found = problem.fit(minimum)
     if kept:
-        units = [(name, whole.value(name), whole.handles[name].parameter.unit) for name in kept]
+        units = [[name, whole.value(name), whole.handles[name].parameter.unit] for name in kept]
         note = Finding("kept-by-response", plant.name, {"parameters": kept, "kept": units})
         found = replace(found, findings=(*found.findings, note))
     return found

@@ -174,7 +174,7 @@ def test_what_a_response_does_not_determine_is_kept_and_named() -> None:
     fit = emsid.fit(emsid.plants.motor(), response_of_plant(0.01), signals="rotor speed")
     assert "resistance" not in fit.names
     assert "kept-by-response" in {finding.code for finding in fit.findings}
-    assert "does not determine resistance; kept at resistance = 2 Ω" in str(fit)
+    assert "the response does not determine resistance; kept at resistance = 2 Ω" in str(fit)
 
 
 def test_the_command_estimates_fits_and_writes(tmp_path: Path, run: Any) -> None:

@@ -259,8 +259,8 @@ def kept_by_response(f: Finding, argument: Spelling) -> str:
     """Data: parameters, and the values that were kept with their units."""
     at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in f.data["kept"])
     return (
-        f"the frequency response alone does not determine {listed(f.data['parameters'])}; kept at {at}; the estimates "
-        f"hold if these are right: fix what you know ({argument('fixed')}), or measure another output"
+        f"the response does not determine {listed(f.data['parameters'])}; kept at {at}; fix what you know "
+        f"({argument('fixed')}), or measure another output"
     )
 
 

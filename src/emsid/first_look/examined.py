@@ -66,14 +66,14 @@ def response_of(record: Record) -> Response | None:
         record: with an output.
     """
     if record not in _RESPONSES:
-        _RESPONSES[record] = _response(record)
+        _RESPONSES[record] = _examined(record)
     return _RESPONSES[record]
 
 
 _RESPONSES: WeakKeyDictionary[Record, Response | None] = WeakKeyDictionary()
 
 
-def _response(record: Record) -> Response | None:
+def _examined(record: Record) -> Response | None:
     if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
         return None
     table = np.column_stack([record.input[:, 0], without_outliers(record).output[:, 0]])

@@ -21,8 +21,7 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
 from emsid.exports.assumptions import assumed, sentences
 from emsid.io import origin
-from emsid.models.bands import Band as Computed
-from emsid.models.bands import with_error
+from emsid.models import bands
 from emsid.models.verbs import as_model
 from emsid.record import Record
 from emsid.record.holding_back import hold_back
@@ -348,8 +347,8 @@ def _curves_of(fit: Any, record: Record) -> list[Plot]:
         if declared is not None:
             reach = float(np.abs(over[:, 0]).max()) or 1.0
             x = np.linspace(-reach, reach, POINTS)
-            curve = with_error(fit, partial(_law, kind, x))
-            marks = curve_with_band(Computed(x, *curve, 0.95), fit.model.name)
+            curve = bands.with_error(fit, partial(_law, kind, x))
+            marks = curve_with_band(bands.Band(x, *curve, 0.95), fit.model.name)
             found.append(Plot(marks, Axis(*declared.x), Axis(*declared.y)))
     return found
 

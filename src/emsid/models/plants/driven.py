@@ -15,7 +15,7 @@ from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.initial_state import initial_motion, starts_at_rest
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import BEGINNING, Limits, Plant, parameters_of
+from emsid.models.plants.plant import BEGINNING, Limits, Plant, Sampler, parameters_of
 from emsid.models.plants.sampling import DrivenSampler
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import HELD, NO_LOAD, PlantState
@@ -154,16 +154,20 @@ class DrivenPlant(Plant):
         begun = plant.start(state, inputs[0], dt, signals, len(inputs))
         load = drift * self.largest_force(inputs) if len(drift) else drift
         self.drive.check(inputs)
-        return plant.sampler(begun, signals).run(inputs, load)
+        return plant._sampler(begun, signals).run(inputs, load)
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
         self.drive.check(inputs)
-        sampler = self.sampler(state, signals)
+        sampler = self._sampler(state, signals)
         return sampler.run(inputs), sampler.state
 
+    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> Sampler:
+        """See `Plant.sampler`."""
+        return self._sampler(state, signals)
+
     @abstractmethod
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+    def _sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
         """See `Plant.sampler`."""
 
     @property

@@ -164,7 +164,7 @@ class LinearAxis(DrivenPlant):
         commands = self.drive.standing(command, dt, samples, self.before(state, command))
         return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensor.first(signals, state, dt))
 
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+    def _sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
         """See `Plant.sampler`."""
         outer, zone = Outer.of(self.drive, self.sensor, state, signals), Inside.numbers_of(self.dead_zone)
         inside = Inside(zone, 1.0, 1.0, 0.0, 1.0 * self.mass, 1.0, 0.0)

@@ -150,7 +150,7 @@ def _bodies(plant: Any) -> list[tuple[float, Sliding]]:
     both = [replace(plant, gravity=replace(hangs, angle=hangs.angle + side * shift)) for side in (1, -1)]
     whole = plant.inertia_of_all
     masses = inertia, whole - inertia, whole, whole
-    return [(mass, each.sliding) for mass, each in zip(masses, (alone, behind, *both), strict=True)]
+    return [(mass, each._sliding) for mass, each in zip(masses, (alone, behind, *both), strict=True)]
 
 
 @njit(nogil=True, error_model="numpy")

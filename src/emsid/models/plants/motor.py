@@ -285,7 +285,7 @@ class MotorPlant(DrivenPlant):
                 motion = np.array([speed, angle, self.motor.motor_constant * motion[0]])
         return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
-    def sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
+    def _sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
         """See `Plant.sampler`."""
         outer, motor = Outer.of(self.drive, self.sensor, state, signals), self.motor
         if not (self.is_one_mass or self.backlash):
@@ -296,12 +296,12 @@ class MotorPlant(DrivenPlant):
         zone = Inside.numbers_of(motor.voltage_dead_zone if volts else motor.torque_dead_zone)
         numbers = before, after, slope * k if volts else 0.0, self.inertia_of_all, k, self._lag, self._force_dropped
         inside = Inside(zone, *(1.0 * each for each in numbers))
-        both = apart(self, inside) if self.backlash else (inside, self.sliding)
+        both = apart(self, inside) if self.backlash else (inside, self._sliding)
         law = together(motor.rotor_friction, motor.load_friction)
         return one_mass_sampler(outer, both[0], type(law).level, both[1], self.steps, state)
 
     @property
-    def sliding(self) -> Sliding:
+    def _sliding(self) -> Sliding:
         """The friction and the load on motor and load as one mass."""
         law = together(self.motor.rotor_friction, self.motor.load_friction)
         hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)

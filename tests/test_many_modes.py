@@ -68,9 +68,10 @@ def test_the_modal_form_is_the_same_system(a: Array) -> None:
 
 @pytest.mark.parametrize("free_run", [False, True])
 def test_the_rows_of_the_factor_have_the_same_sums(free_run: bool) -> None:
-    data = subspace_models(state_space(3, horizon=6), record_of(flexible(2), 300))
-    out = [np.arange(300) % 7 == 0]
-    problem = StateSpaceError(data.model(3), data, False, free_run, out)
+    out = [np.arange(300) % 50 == 0]
+    data = subspace_models(state_space(3, horizon=6), record_of(flexible(2), 300), out)
+    problem = StateSpaceError(data.model(3), data, False, free_run)
+    assert problem.samples == 2 * 294
     beta = 1e-3 * np.random.default_rng(0).standard_normal(problem.size)
     for row, (residual, slopes) in zip(problem.columns(beta), problem.linearised(beta), strict=True):
         few, reduced = row.block(problem.size)

@@ -156,14 +156,14 @@ def fit_state_space(
     Raises:
         ModelError: for records too short for the order, or without any output.
     """
-    start = subspace_models(structure, records)
+    start = subspace_models(structure, records, left_out)
     asked = structure.order or (None if free_run else start.order)
     vectors = start.resonant(asked, structure.direct) if refine else None
     order = asked or (start.order if vectors is None else vectors.order)
     begun = [] if vectors is None else [vectors]
     if order <= start.subspace.most:
         begun.append(start.model(order, structure.direct, noise=not free_run))
-    problems = [StateSpaceError(each, start, structure.direct, free_run, left_out) for each in begun]
+    problems = [StateSpaceError(each, start, structure.direct, free_run) for each in begun]
     problem = min(problems, key=lambda each: trial_cost(each, np.zeros(each.size), SQUARES))
     if not refine:
         return problem.fit(None)
@@ -178,12 +178,16 @@ class SubspaceModels:
     Attributes:
         subspace: of the scaled data.
         segments: outputs and inputs of all segments, less their means and divided by their scale.
+        kept: (N,) their samples that are fitted.
+        pieces: the parts of the segments that are fitted, as far as they are long enough for the horizon.
         means, scales: of outputs and inputs.
         first: the first record.
     """
 
     subspace: Subspace
     segments: tuple[Signals, ...]
+    kept: tuple[Mask, ...]
+    pieces: tuple[Signals, ...]
     means: Signals
     scales: Signals
     first: Record
@@ -200,10 +204,10 @@ class SubspaceModels:
             ModelError: for an order that the horizon does not show.
         """
         a, c, state = self.subspace.observability(order)
-        part = input_part(a, c, self.segments, direct)
+        part = input_part(a, c, self.pieces, direct)
         gain = np.zeros((order, len(c)))
         if noise:
-            gain = noise_gain(a, c, part, state, self.segments, self.subspace.horizon)
+            gain = noise_gain(a, c, part, state, self.pieces, self.subspace.horizon)
         scaled = StateSpaceModel(a, part.b, c, part.d, gain, part.level, self.first.dt)
         return self.in_units(scaled)
 
@@ -212,16 +216,16 @@ class SubspaceModels:
 
         Without an order that is given, it is the smallest one that leaves negligibly more than the best.
         """
-        pairs = min(MOST_PAIRS if order is None else order, most_pairs(self.segments))
+        pairs = min(MOST_PAIRS if order is None else order, most_pairs(self.pieces))
         if not pairs:
             return None
-        found = list(without_poles(fitted_poles(self.segments, pairs, direct), self.segments, direct))
+        found = list(without_poles(fitted_poles(self.pieces, pairs, direct), self.pieces, direct))
         least = min(error for error, _, _ in found)
         good = [(a, c) for error, a, c in found if (not matters(least, error) if order is None else len(a) == order)]
         if not good:
             return None
         a, c = good[-1]
-        part = input_part(a, c, self.segments, direct)
+        part = input_part(a, c, self.pieces, direct)
         gain = np.zeros((len(a), len(c)))
         return self.in_units(StateSpaceModel(a, part.b, c, part.d, gain, part.level, self.first.dt))
 
@@ -253,8 +257,10 @@ class SubspaceModels:
         )
 
 
-def subspace_models(structure: StateSpaceStructure, records: Record | Iterable[Record]) -> SubspaceModels:
-    """The models of all orders that a horizon shows, from one triangular factor of the data.
+def subspace_models(
+    structure: StateSpaceStructure, records: Record | Iterable[Record], left_out: Sequence[Mask] | None = None
+) -> SubspaceModels:
+    """The models of all orders that a horizon shows, from one triangular factor of the data that are not left out.
 
     Raises:
         ModelError: for records that are too short, or an input that never changes.
@@ -265,18 +271,31 @@ def subspace_models(structure: StateSpaceStructure, records: Record | Iterable[R
         check_same_channels(several[0], record)
         if not record.output.shape[1]:
             raise ModelError(f"{record.name} has no output to fit {structure.name} to")
-    outputs = np.concatenate([record.output for record in several])
-    inputs = np.concatenate([record.input for record in several])
+    every = [segment for record in several for segment in record.segments]
+    kept = [~out for out in left_out] if left_out else [np.ones(len(segment), dtype=bool) for segment in every]
+    outputs, inputs = (
+        np.concatenate([signals[own] for signals, own in zip(each, kept, strict=True)])
+        for each in ([segment.output for segment in every], [segment.input for segment in every])
+    )
     means = outputs.mean(axis=0), inputs.mean(axis=0)
     scales = _scale(outputs), _scale(inputs)
-    segments = tuple(
-        ((s.output - means[0]) / scales[0], (s.input - means[1]) / scales[1]) for r in several for s in r.segments
-    )
-    horizon = structure.horizon or _horizon(segments, structure.order or 1)
-    long = [(y, u) for y, u in segments if len(y) >= 2 * horizon]
+    segments = [((s.output - means[0]) / scales[0], (s.input - means[1]) / scales[1]) for s in every]
+    edges = [np.flatnonzero(np.diff(own, prepend=False, append=False)).reshape(-1, 2) for own in kept]
+    pieces = [(y[i:k], u[i:k]) for (y, u), some in zip(segments, edges, strict=True) for i, k in some]
+    horizon = structure.horizon or _horizon(pieces or segments, structure.order or 1)
+    long = [(y, u) for y, u in pieces if len(y) >= 2 * horizon]
     if not long:
         raise ModelError(f"{several[0].name}: no segment has {2 * horizon} samples; choose a smaller order or horizon")
-    return SubspaceModels(Subspace.of(long, horizon, structure.weighting), tuple(long), means, scales, several[0])
+    used = [k for k, (y, _) in enumerate(segments) if len(y) >= 2 * horizon]
+    return SubspaceModels(
+        Subspace.of(long, horizon, structure.weighting),
+        tuple(segments[k] for k in used),
+        tuple(kept[k] for k in used),
+        tuple(long),
+        means,
+        scales,
+        several[0],
+    )
 
 
 def _scale(signals: Array) -> Array:
@@ -310,21 +329,12 @@ class StateSpaceError(SparseProblem):
         data: the scaled segments.
         direct: whether D is varied.
         free_run: whether the free run is minimised; K is then zero.
-        left_out: (N,) the samples of every segment that are not fitted.
     """
 
-    def __init__(
-        self,
-        model: StateSpaceModel,
-        data: SubspaceModels,
-        direct: bool,
-        free_run: bool,
-        left_out: Sequence[Mask] | None = None,
-    ) -> None:
+    def __init__(self, model: StateSpaceModel, data: SubspaceModels, direct: bool, free_run: bool) -> None:
         self.data, self.direct, self.free_run = data, direct, free_run
         self.start = start = data.in_scale(replace(model, k=0.0 * model.k) if free_run else model)
-        out = left_out or [np.zeros(len(y), dtype=bool) for y, _ in data.segments]
-        self.kept = [~each for each in out]
+        self.kept = data.kept
         self.driving = [
             np.ascontiguousarray((u if free_run else np.hstack([u, y])).T) for y, u in data.segments
         ]  # (nv, N)
@@ -333,8 +343,8 @@ class StateSpaceError(SparseProblem):
         self.modal = Modal.of(a, b[:, :inputs], start.c, d[:, :inputs], level)
         m = len(self.modal.centre)
         self.first = np.zeros((len(data.segments), m, 2))
-        for own, v, (y, _) in zip(self.first, self.driving, data.segments, strict=True):
-            own[:] = self._first_state(v[:, : start.memory], y[: start.memory])
+        for own, v, (y, _), kept in zip(self.first, self.driving, data.segments, self.kept, strict=True):
+            own[:] = self._first_state(v[:, : start.memory], y[: start.memory], kept[: start.memory])
         self.theta = np.concatenate([np.ravel(each) for each in (*self.modal.varied, self.first)])
         fixed = list(self.modal.fixed)
         fixed[-2][:, :] = not direct
@@ -343,14 +353,15 @@ class StateSpaceError(SparseProblem):
         self.free = ~np.concatenate([np.ravel(each) for each in (*fixed, alone)])
         self.weight = np.eye(1) if len(start.level) == 1 else self._weight()
 
-    def _first_state(self, v: Array, y: Array) -> Array:
+    def _first_state(self, v: Array, y: Array, kept: Mask) -> Array:
         """(m, 2) the initial state of a segment by least squares on its first samples."""
         modal = self.modal
         signals = modal.signals(v)
         rest = np.zeros((len(modal.centre), 2))
         left = y.T - modal.c.reshape(len(y.T), -1) @ modal.states(signals, rest).reshape(-1, v.shape[1]) - modal.d @ v
         by_state = np.stack([modal.derivatives(w, rest, signals, signals[:, :2], v)[1] for w in np.eye(len(left))])
-        rows = by_state.reshape(len(left), -1, v.shape[1]).transpose(0, 2, 1).reshape(-1, rest.size)
+        rows = by_state.reshape(len(left), -1, v.shape[1])[:, :, kept].transpose(0, 2, 1).reshape(-1, rest.size)
+        left = left[:, kept]
         return np.asarray(
             np.linalg.lstsq(rows, (left - modal.level[:, None]).ravel(), rcond=LEAST)[0].reshape(rest.shape)
         )
@@ -400,7 +411,8 @@ class StateSpaceError(SparseProblem):
 
     def _weight(self) -> Array:
         """(ny, ny) W so that the residuals W (ŷ − y) of the start are uncorrelated between outputs."""
-        errors = np.concatenate([error for _, _, error in self._runs(np.zeros(self.size))], axis=1)
+        runs = zip(self._runs(np.zeros(self.size)), self.kept, strict=True)
+        errors = np.concatenate([error[:, kept] for (_, _, error), kept in runs], axis=1)
         covariance = errors @ errors.T / errors.shape[1]
         if self.free_run:
             covariance = np.diag(np.diag(covariance))

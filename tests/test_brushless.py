@@ -112,10 +112,9 @@ def test_inputs_are_read_by_their_number_and_units() -> None:
     n = 400
     rng = np.random.default_rng(0)
     v, angle, warm = np.repeat(rng.normal(0, 1, n // 20), 20), np.zeros(n), np.full(n, 60.0)
-    outputs = {"output_names": ("iq",), "output_units": ("A",)}
 
     def motor(units: tuple[str, ...], *columns: np.ndarray) -> Brushless:
-        record = emsid.Record(np.column_stack(columns), v, dt=1e-4, input_units=units, **outputs)
+        record = emsid.Record(np.column_stack(columns), v, dt=1e-4, input_units=units, output_units=("A",))
         return emsid.plants.brushless().for_command(record)
 
     assert motor(("V",), v).roles == ("v_q",)

@@ -114,9 +114,7 @@ def _check(
     given = "electrical" if electrical else "mechanical"
     for letter, abc in measured.items():
         steps = {
-            way: float(
-                np.mean(np.diff(axes(abc, np.asarray(np.unwrap(theta), dtype=float) * factor - offset), axis=0) ** 2)
-            )
+            way: float(np.mean(np.diff(axes(abc, np.asarray(np.unwrap(theta) * factor - offset)), axis=0) ** 2))
             for way, factor in ways.items()
         }
         best = min(steps, key=lambda way: steps[way])

@@ -180,7 +180,7 @@ def phases(log: Log, offset: float = 0.0, sign: float = 1.0) -> emsid.Record:
 
 def test_phases_become_axes_in_the_convention_that_is_said_and_another_one_is_noticed() -> None:
     n = 2000
-    log = logged(DRIVE, np.zeros(n), np.zeros(n), np.full(n, 150.0), 0, added=0.0)
+    log = logged(DRIVE, np.full(n, 4.0), np.zeros(n), np.full(n, 150.0), 0, added=0.0)
     record = phases(log)
     found = emsid.plants.park(record, {"i": ("ia", "ib", "ic")}, "theta", 7)
     assert found.output_names == ("i_d", "i_q", "theta", "speed")

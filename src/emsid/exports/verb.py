@@ -90,7 +90,7 @@ def export(
     return write_new(files, out, force=force)
 
 
-COMMENTS = {".xml": "<!-- {} -->", ".mo": "// {}", ".h": "// {}", ".py": "# {}", ".yaml": "# {}"}
+COMMENTS = {".xml": "<!-- {} -->", ".mo": "// {}", ".h": "// {}", ".py": "# {}", ".yaml": "# {}", ".cfg": "# {}"}
 """How a line of a comment is written, by the ending of the file."""
 
 

@@ -265,18 +265,18 @@ static inline void tune_current_loop() {{
 
 
 def moteus(export: Export) -> tuple[Files, list[str]]:
-    """The motor of a moteus, as lines of its configuration, for ``moteus_tool --write-config``.
+    """The motor of a moteus, as lines for ``moteus_tool --restore-config``, which skips comments.
 
     Raises:
         ModelError: as `odrive`.
     """
     found, bandwidth, notes = _brushless(export)
     lines = [
-        f"conf set motor.poles {2 * found.pole_pairs}",
-        f"conf set motor.resistance_ohm {found.resistance!r}",
-        f"conf set motor.Kv {found.kv!r}",
+        f"motor.poles {2 * found.pole_pairs}",
+        f"motor.resistance_ohm {found.resistance!r}",
+        f"motor.Kv {found.kv!r}",
     ]
     if found.inductance is not None:
-        lines.append(f"conf set servo.pid_dq.kp {bandwidth * found.inductance!r}")
-        lines.append(f"conf set servo.pid_dq.ki {found.gains(bandwidth)[2]!r}")
+        lines.append(f"servo.pid_dq.kp {bandwidth * found.inductance!r}")
+        lines.append(f"servo.pid_dq.ki {found.gains(bandwidth)[2]!r}")
     return {f"{export.name}_moteus.cfg": "\n".join(lines) + "\n"}, notes

@@ -249,3 +249,13 @@ def test_the_command_writes_c_and_a_figure_and_overwrites_nothing(tmp_path, run)
     status, _, err = run("compensate", model, "--out", tmp_path / "other", "--dt", "2ms", "--limit", "0.5V")
     assert (status, err.count("\n"), "limit of 0.5" in err) == (2, 1, True)
     assert not (tmp_path / "other").exists()
+
+
+def test_the_command_takes_a_plant_with_neither_friction_nor_dead_zone(tmp_path, run):
+    """Nothing of it can be off on the bench, so that one sentence says what the compensation is worth."""
+    emsid.save(motor(rotor_viscous=0.0), tmp_path / "motor.json")
+    files = "compensate", tmp_path / "motor.json", "--out", tmp_path / "inverse", "--dt", "2ms", "--limit", "6V"
+    status, out, err = run(*files)
+    assert status == 0, err
+    assert "error at a reversal is" in out
+    assert "as identified. It is" not in out

@@ -61,11 +61,11 @@ def gain_at_reversal(bench: ControlBench) -> list[str]:
         for (name, reference, plant), run in bench.runs.items()
         if (name, reference) == (CASCADE, "reversal")
     }
-    others = listed([f"{smaller(ratio)} with {plant}" for plant, ratio in ratios.items() if plant != AS_IS])
-    return [
-        f"On the bench, the error at a reversal is {smaller(ratios[AS_IS])} with the compensation than without it.",
-        f"That is with friction and dead zone as identified. It is {others}.",
-    ]
+    others = [f"{smaller(ratio)} with {plant}" for plant, ratio in ratios.items() if plant != AS_IS]
+    known = f"On the bench, the error at a reversal is {smaller(ratios[AS_IS])} with the compensation than without it."
+    if not others:  # nothing that can be off
+        return [known]
+    return [known, f"That is with friction and dead zone as identified. It is {listed(others)}."]
 
 
 def inverse_figure(found: Compensation | MapInverse, bench: ControlBench | None = None) -> Figure:

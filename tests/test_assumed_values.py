@@ -22,8 +22,8 @@ from emsid.fleets.work import FleetRow, estimates_of
 from emsid.io.model_file import _checksum, _Document, _read
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
-from emsid.studio.studio import exported
-from emsid.studio.worker import parameter
+from emsid.studio.use import exported
+from emsid.studio.views import parameter
 
 TRUE = Motor(
     resistance=0.7,
@@ -230,10 +230,10 @@ def test_a_compensation_says_what_is_assumed(guessed: emsid.plants.GreyBoxFit, t
 def test_studio_exports_and_lists_it_alike(guessed: emsid.plants.GreyBoxFit, guessed_file: Path) -> None:
     with pytest.raises(emsid.ModelError, match="assumed, not measured"):
         exported(guessed_file, "mujoco")
-    archive = zipfile.ZipFile(BytesIO(bytes(exported(guessed_file, "mujoco", ["resistance"]).body)))
+    archive = zipfile.ZipFile(BytesIO(exported(guessed_file, "mujoco", ["resistance"])))
     assert SAID in archive.read(README).decode()
-    texts = {row.name: parameter(row)["text"] for row in guessed.table}
-    assert texts["rotor_inertia"].endswith("(assuming rotor_viscous, resistance)")
+    status = {row.name: parameter(row)["status"] for row in guessed.table}
+    assert status["rotor_inertia"] == "assuming rotor_viscous, resistance"
 
 
 def test_a_fleet_marks_what_depends_on_an_assumed_value(

@@ -72,7 +72,7 @@ def test_a_datasheet_gives_the_start_and_the_bounds_of_a_search():
 
 
 def test_refinements_keep_to_a_datasheet():
-    truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), drive=Drive(delay=0.02))
+    truth = LinearAxis(80.0, (140.0, 230.0), Friction(25.0), drive=Drive(delay=0.02))
     record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-4, unit="m", signals=(Signal.POSITION,))
     sheet = datasheet(
         "linear-axis",

@@ -101,8 +101,7 @@ def test_every_model_alone_reaches_its_end(run, files, tmp_path, name) -> None:
 @pytest.mark.parametrize("record", [*DEMO, *ODD])
 def test_every_record_reaches_the_end_of_the_default_models(run, files, tmp_path, record) -> None:
     words: tuple[str, ...] = () if record != "gaps" else ("--skip-bad-rows",)
-    found = identified(run, files[record], tmp_path / "out", *words, "--budget", "2")
-    assert found == (record != "two outputs")  # of which one is to be chosen
+    assert identified(run, files[record], tmp_path / "out", *words, "--budget", "2")
 
 
 @pytest.mark.long

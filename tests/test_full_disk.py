@@ -70,7 +70,7 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in paths}
 
 
-MOTOR, OTHER_MODELS = ("MODELS/motor.json", "--dt", "2ms"), {"fixed-point", "odrive", "vesc", "simplefoc"}
+MOTOR, OTHER_MODELS = ("MODELS/motor.json", "--dt", "2ms"), {"fixed-point", "odrive", "vesc", "moteus", "simplefoc"}
 ONE_SET: dict[str, tuple[str, ...]] = {
     **{
         each: ("export", *MOTOR, "--to", each, "--out", "OUT", "--force")

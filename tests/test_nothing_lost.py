@@ -91,7 +91,9 @@ PARTS = {
     "band of the free run": "emsid.validation.bands.free_run_band",
     "section of a model": "emsid.report.views.model_section",
     "section of figures": "emsid.report.identification_page.in_detail",
-    "facts": "emsid.report.identification_page.facts",
+    "values": "emsid.report.identification_page.values",
+    "first figure": "emsid.report.identification_page._opening",
+    "responses of the models": "emsid.report.identification_page.responses",
     "figure on the page": "emsid.report.page.page_figure",
     "figure as a file": "emsid.report.figures.draw",
     "page": "emsid.report.identification_page.report",
@@ -221,7 +223,7 @@ def test_debug_prints_the_traceback_of_a_study(run, tmp_path, monkeypatch) -> No
     monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {"rigid-motor": fails})
     status, out, err = run("study", "--duration", "2", "--debug", "--out", tmp_path / "out")
     assert status == 0
-    assert "rigid-motor could not be fitted in the simulation study: an error inside the program" in out
+    assert "rigid-motor could not be fitted in simulation: an error inside the program" in out
     assert 'raise RuntimeError("of the test")' in err
 
 

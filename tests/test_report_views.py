@@ -332,8 +332,9 @@ def test_an_axis_has_the_unit_that_only_the_name_of_its_column_gives():
 def test_an_estimate_outside_the_range_is_not_drawn_at_its_edge() -> None:
     estimate = np.concatenate([np.zeros(3), np.linspace(1.8, 1.9, 97)])[:, None]
     history = SimpleNamespace(time=0.1 * np.arange(100), estimate=estimate, half_width=np.full((100, 1), 0.05))
-    fit = SimpleNamespace(names=("b1",), model=SimpleNamespace(name="arx"))
-    figure = tracking_page.convergence(SimpleNamespace(history=history, fit=fit, changes=[]))
+    fit = SimpleNamespace(names=("b1",), model=SimpleNamespace(name="arx", structure=emsid.arx(0, 1)))
+    session = SimpleNamespace(history=history, fit=fit, changes=[], recent=[(drive(),)])
+    figure = tracking_page.convergence(session)
     _, line = figure.plots[0].marks
     np.testing.assert_array_equal(line.y, estimate[:, 0])
     assert figure.plots[0].y.range[0] > 1

@@ -401,7 +401,7 @@ def test_a_trial_begins_no_free_run_after_the_search_was_ended():
 def test_a_fit_that_is_interrupted_before_its_first_step_takes_few_free_runs(monkeypatch):
     """It has no stages, needs no exact derivatives, and says which values it has."""
     runs, run = [], FreeRunError._run
-    monkeypatch.setattr(FreeRunError, "_run", lambda self, *args: runs.extend(args[0]) or run(self, *args))
+    monkeypatch.setattr(FreeRunError, "_run", lambda self, *args: runs.append(args[0]) or run(self, *args))
     u = 8 * levels(150, np.random.default_rng(3), 15)
     record = Record(u, simulate(Motor(), u, 2e-3).load_speed, 2e-3, output_units="rad/s")
     free = ("motor_constant", "load_inertia", "shaft_stiffness", "rotor_friction.coulomb")

@@ -478,7 +478,8 @@ def test_drafts_scroll_and_zoom_survive_what_another_page_does(page: Page) -> No
     page.until(
         lambda: page.browser.execute_script("return document.activeElement.getAttribute('aria-label')") == "Filter [Hz]"
     )
-    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "12"
+    value = "return document.querySelector(\"[aria-label='Filter [Hz]']\").value"  # at once, as the page is drawn anew
+    assert page.browser.execute_script(value) == "12"
     assert page.browser.execute_script("return document.getElementById('side').scrollTop") >= 200
     page.press("Models")
     page.until(lambda: page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.41")

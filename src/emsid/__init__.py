@@ -36,7 +36,7 @@ OF_MATLAB = {
     "setpvec": "fit.with_parameters(…)",
     "setpar": "fit.with_parameters(…)",
     "idproc": "emsid.process_model()",
-    "tfestimate": "emsid.spectrum(record)",
+    "tfestimate": "emsid.frequency_response(record)",
     "idinput": "a signal of emsid.excitation",
     "oe": FREE_RUN,
     "output_error": FREE_RUN,

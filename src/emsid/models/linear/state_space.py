@@ -234,13 +234,16 @@ class StateSpaceModel(RunMethods):
         Raises:
             ModelError: for the names of other parameters.
         """
-        n, (outputs, inputs) = self.order, self.d.shape
+        outputs, inputs = self.d.shape
         own = self.parameter_values()
         if set(names) < own.keys():
             own |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
             names, values = tuple(own), np.array(list(own.values()))
-        for direct, noise in product((False, True), (False, True)):
-            if tuple(names) == coefficient_names(n, outputs, inputs, direct, noise and outputs == 1):
+        # it may be such a form already, with n states for every output
+        for n, direct, noise in product((self.order, self.order // outputs), (False, True), (False, True)):
+            whole = coefficient_names(n, outputs, inputs, direct, noise and outputs == 1)
+            if tuple(names) in (whole, whole[:-outputs]):  # a frequency response shows no level
+                values = np.append(values, self.level[: len(whole) - len(names)])
                 break
         else:
             raise ModelError(f"{self.name}: {', '.join(names)} are not its coefficients, so it has no band")
@@ -253,11 +256,11 @@ class StateSpaceModel(RunMethods):
         for k in range(0, n, 2):  # the observer form of every section
             a[k : k + 2, k], one[k] = -below[k : k + 2], 1.0
             a[k : k + 1, k + 1 : k + 2] = 1.0
-        whole, places = np.zeros((outputs, n, outputs, n)), np.arange(outputs)
-        whole[places, :, places] = a
+        every, places = np.zeros((outputs, n, outputs, n)), np.arange(outputs)
+        every[places, :, places] = a
         return replace(
             self,
-            a=whole.reshape(n * outputs, n * outputs),
+            a=every.reshape(n * outputs, n * outputs),
             b=rows[:, :, direct:].transpose(0, 2, 1).reshape(n * outputs, inputs),
             c=np.asarray(np.kron(np.eye(outputs), one), dtype=float),
             d=rows[:, :, 0] if direct else np.zeros_like(self.d),

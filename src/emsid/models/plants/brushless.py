@@ -47,7 +47,7 @@ from emsid.models.plants.lost_motion import Body
 from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
 from emsid.models.plants.parameters import TINY, Handle, Signal, law_handles, scalar
 from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, plausible
-from emsid.models.plants.state import NO_ROWS, PlantState
+from emsid.models.plants.state import NO_LOAD, NO_ROWS, PlantState
 from emsid.plant.friction import Friction, FrictionLaw, find_law, law_name
 from emsid.plant.parameter import Measure, Parameter
 from emsid.record import Record
@@ -530,7 +530,7 @@ class Machine(NamedTuple):
 class BrushlessSampler:
     """A brushless motor between two samples."""
 
-    __slots__ = ("_friction", "_law", "_machine", "_motion", "_rows", "_work")
+    __slots__ = ("_friction", "_law", "_machine", "_motion", "_rows")
 
     def __init__(self, machine: Machine, law: Callable[..., Any], friction: Sliding, state: PlantState) -> None:
         """
@@ -542,25 +542,21 @@ class BrushlessSampler:
         """
         self._machine, self._law, self._friction = machine, law, friction
         self._rows = np.concatenate([state.commands[:1], state.commands])
-        self._motion, self._work = state.motion.copy(), np.empty((7, 2))
+        self._motion = state.motion.copy()
 
     def advance(self, u: Array, y: Array) -> None:
         """Write the outputs (ny,) for inputs (nu,), and change the state."""
-        kernel = compiled_with_law(self._law, brushless_sample)
-        kernel(self._machine, self._friction, self._rows, self._motion, self._work, u, y)
+        self.run(u[None], y[None])
 
     def run(self, inputs: Array, outputs: Array) -> None:
         """Fill outputs (N, ny) for inputs (N, nu), and change the state."""
-        kernel = compiled_with_law(self._law, _samples)
-        kernel(self._machine, self._friction, self._rows, self._motion, self._work, inputs, outputs)
+        kernel = compiled_with_law(self._law, brushless_run)
+        kernel(self._machine, self._friction, self._rows, self._motion, NO_LOAD, inputs, outputs)
 
-    def written(
-        self, single: bool
-    ) -> tuple[Any, tuple[Any, ...], tuple[int, ...], tuple[tuple[str, NDArray[Any]], ...]]:
-        """See `emsid.models.plants.sampling.OneMassSampler.written`."""
+    def written(self, single: bool) -> tuple[Any, tuple[Any, ...], bool, tuple[tuple[str, NDArray[Any]], ...]]:
+        """See `emsid.models.plants.sampling.DrivenSampler.written`."""
         named = ("rows", self._rows.copy()), ("motion", self._motion.copy())
-        kernel = compiled_with_law(self._law, brushless_sample)
-        return kernel, (self._machine, self._friction), (*self._work.shape,), named
+        return compiled_with_law(self._law, brushless_run), (self._machine, self._friction), False, named
 
     @property
     def state(self) -> PlantState:
@@ -569,8 +565,11 @@ class BrushlessSampler:
 
 
 @_kernel
-def _samples(m: Machine, friction: Sliding, rows: Array, motion: Array, work: Array, inputs: Array, out: Array) -> None:
-    """`brushless_sample` for every row of inputs and outputs."""
+def brushless_run(
+    m: Machine, friction: Sliding, rows: Array, motion: Array, load: Array, inputs: Array, out: Array
+) -> None:
+    """`brushless_sample` for every row of inputs (N, nu) and outputs (N, ny); there is no ``load``, which is (0,)."""
+    work = np.empty((7, 2))
     for k in range(len(inputs)):
         brushless_sample(m, friction, rows, motion, work, inputs[k], out[k])
 

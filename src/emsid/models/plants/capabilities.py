@@ -61,10 +61,8 @@ class OfPlants(Capabilities[GreyBox]):
         return PlantStepper.of(model, state, inputs)
 
     def inputs(self, model: GreyBox) -> int:
-        if model.plant.channels is not None:
-            return model.plant.channels.inputs
-        driven = model.plant.driven
-        return 1 if driven is None else 1 + driven.drive.loaded
+        channels, driven = model.plant.channels, model.plant.driven
+        return (1 if channels is None else channels.inputs) + (driven is not None and driven.drive.loaded)
 
     def c_form(self, stepper: Any, *, single: bool = False, parameters: Sequence[str] = ()) -> CForm:
         return c_form(stepper, single=single, parameters=parameters)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from emsid.estimation.borders import border
 from emsid.report.document import Figure, Section, Table
@@ -74,15 +72,7 @@ class Parts:
 
 
 def _of_equation(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
-    def poles() -> Figure | None:
-        from emsid.report.views.analysis import poles_and_zeros
-        from emsid.validation.analysis import pole_map
-
-        found = pole_map(fit)
-        drawn = replace(poles_and_zeros([found], [found.of]), name=f"{prefix}-poles")
-        return drawn if np.isfinite(found.standard_error).any() else None
-
-    return Parts((fit.model.equation(),), (parameter_table(fit, columns=regressor_column(fit)),), (poles,))
+    return Parts((fit.model.equation(),), (parameter_table(fit, columns=regressor_column(fit)),))
 
 
 def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:

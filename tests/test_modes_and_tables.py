@@ -12,7 +12,7 @@ import pytest
 import emsid
 from emsid import FrequencyResponse, Record, TransferFunction, transfer_function
 
-ANTI, RESONANCE, DAMPING, INERTIA, FRICTION, CONSTANT = 40.0, 62.0, 0.01, 6e-5, 2e-4, 0.05
+ANTI, RESONANCE, DAMPING, INERTIA, FRICTION, CONSTANT, DT = 40.0, 62.0, 0.01, 6e-5, 2e-4, 0.05, 5e-4
 
 
 def axis() -> TransferFunction:
@@ -20,7 +20,7 @@ def axis() -> TransferFunction:
     below, above = 2 * np.pi * ANTI, 2 * np.pi * RESONANCE
     pair = np.array([1.0, 2 * DAMPING * below, below**2])
     whole = np.polymul([1.0, FRICTION / INERTIA], [1.0, 2 * DAMPING * above, above**2])
-    return TransferFunction(CONSTANT * (above / below) ** 2 / INERTIA * pair, whole, 0.0, 0.0, 5e-4)
+    return TransferFunction(CONSTANT * (above / below) ** 2 / INERTIA * pair, whole, 0.0, 0.0, DT)
 
 
 def measured(error: float = 0.01, dt: float | None = None) -> FrequencyResponse:
@@ -195,3 +195,14 @@ def test_the_command_estimates_fits_and_writes(tmp_path: Path, run: Any) -> None
     assert code == 0
     columns = json.loads(printed)["columns"]
     assert 10 <= columns["frequency"][0] < columns["frequency"][-1] <= 100
+
+
+def test_a_mode_has_a_peak_or_a_dip() -> None:
+    """Neither a pair of damping ratio 0.8 has one, nor a pole of a sampled model on the negative real axis."""
+    found = [
+        len(emsid.modes(TransferFunction(np.ones(1), np.array([1.0, 2 * ratio, 1.0]), 0.0, 0.0, DT)).frequency)
+        for ratio in (0.6, 0.8)
+    ]
+    assert found == [1, 0]
+    sampled = emsid.LinearSystem(np.diag([-0.5, 0.9]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), DT)
+    assert not len(emsid.modes(sampled).frequency)

@@ -40,8 +40,8 @@ Complex = NDArray[np.complex128]
 NUDGE = 1e-3
 """The move of a measured output that shows how the forecast follows it, in standard deviations of the noise."""
 
-OSCILLATES = 1e-6
-"""A pole with a smaller imaginary part, relative to its size, is a real one with the rounding of a double one."""
+PEAKS = 0.5**0.5
+"""Im s/|s| of a pair of poles of damping ratio 1/√2; with more damping its response has no peak."""
 
 
 # --- linear parts ----------------------------------------------------------------------------------------------------
@@ -119,7 +119,8 @@ def pole_map(model: Any, at: float = 0.0) -> PoleMap:
 def modes(model: Any, at: float = 0.0, level: float = 0.95) -> ModeTable:
     """Resonances and antiresonances of `linearize`: natural frequency and damping, with intervals where it is a fit.
 
-    Those of a model in discrete time are what its samples say in continuous time, s = ln(z)/dt.
+    These are pairs of poles and zeros with a damping ratio between −1/√2 and 1/√2, as others make no peak and no dip.
+    Those of a model in discrete time are what its samples say in continuous time, s = ln(z)/dt; a real z has none.
 
     Args:
         model: a model, a fit, a plant or a `LinearSystem`; or several in a list.
@@ -133,8 +134,8 @@ def modes(model: Any, at: float = 0.0, level: float = 0.95) -> ModeTable:
         square = part.d.shape[0] == part.d.shape[1]
         several = [part.poles, part.zeros if square else np.zeros(0, dtype=complex)]
         if part.dt is not None:
-            several = [np.log(each[np.abs(each) > 0]) / part.dt for each in several]
-        return [each[each.imag > OSCILLATES * np.abs(each)] for each in several]
+            several = [np.log(each[each.imag != 0]) / part.dt for each in several]
+        return [each[each.imag > PEAKS * np.abs(each)] for each in several]
 
     here = pairs(model)
     order = np.argsort(np.abs(np.concatenate(here)))

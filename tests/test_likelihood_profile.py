@@ -129,6 +129,10 @@ def test_intervals_of_an_excess_contain_the_true_value_in_heavy_noise(count):
 def test_curves_standstills_and_profile_of_a_fit():
     fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3)), free=FREE)
     friction = friction_curve(fit, 51)
+    assert repr(friction).endswith("friction torque, 51 points)")
+    assert friction.to_frame()["y"].to_list() == friction.y.tolist()
+    (axes,) = friction.plot().axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Speed ω [rad/s]", "Friction torque [N·m]")
     assert np.all((friction.low <= friction.y) & (friction.y <= friction.high))
     assert friction.y[25] == 0
     zone = dead_zone_curve(fit, 51)

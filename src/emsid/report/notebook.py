@@ -21,6 +21,7 @@ from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.first_look import FirstLook
 from emsid.identification import Identification
+from emsid.models.plants.search.diagnostics import Curve
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import FrequencyResponse, Record
 from emsid.report.document import Axis, Bars, Figure, Plot, Table
@@ -29,7 +30,7 @@ from emsid.report.numbers import estimate, less_than, number
 from emsid.report.views import analysis, first_look
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.front import results_table
-from emsid.report.views.grey_box import dead_zone, friction, sticking
+from emsid.report.views.grey_box import characteristic, dead_zone, friction, sticking
 from emsid.report.views.record import measured_and_simulated, responses
 from emsid.report.views.residuals import residuals
 from emsid.units import readable_unit
@@ -126,6 +127,11 @@ def _(result: Identification) -> Figure | None:
 @figure.register
 def _(assessment: Assessment) -> Figure:
     return measured_and_simulated(assessment)
+
+
+@figure.register
+def _(curve: Curve) -> Figure:
+    return characteristic(curve)
 
 
 @figure.register

@@ -137,6 +137,13 @@ def dead_zone(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     )
 
 
+def characteristic(curve: Curve) -> Figure:
+    """A characteristic of a plant with its band."""
+    x, y = curve.axes
+    plot = Plot(tuple(_characteristic(curve, 1.0, y[0].lower())), _reaching(Axis(*x), curve), Axis(*y), height=1.6)
+    return Figure("characteristic", f"{y[0]} of {curve.of}, {_with_band(curve)}.", (plot,))
+
+
 def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
     """Measured and simulated outputs on the records used in the fit, residuals, and times at which the motor sticks.
 

@@ -18,20 +18,24 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, threads_for
 from emsid.models.plants.initial_state import begun
-from emsid.models.plants.plant import Plant
+from emsid.models.plants.plant import Plant, StaticCharacteristic
 from emsid.models.plants.search.result import GreyBoxFit
+from emsid.presentation import Presented
+from emsid.record.frames import frame
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+@dataclass(frozen=True, eq=False, repr=False)
+class Curve(Presented):
     """A characteristic with its confidence band.
 
     Attributes:
         x, y: (n,) the curve.
         low, high: (n,) its band.
         support: (n,) how many samples of the record lie nearest to each point.
+        of: the model.
+        axes: name and unit of x and of y.
     """
 
     x: Array
@@ -39,6 +43,19 @@ class Curve:
     low: Array
     high: Array
     support: NDArray[np.int64]
+    of: str
+    axes: tuple[tuple[str, str], tuple[str, str]]
+
+    def __repr__(self) -> str:
+        return f"Curve({self.of}: {self.axes[1][0].lower()}, {len(self.x)} points)"
+
+    def to_frame(self, library: str = "polars") -> Any:
+        """A data frame with ``x``, ``y``, the ends of the band, and the support.
+
+        Args:
+            library: ``"polars"`` or ``"pandas"``.
+        """
+        return frame({name: getattr(self, name) for name in ("x", "y", "low", "high", "support")}, library)
 
 
 class Stop(NamedTuple):
@@ -105,19 +122,32 @@ def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> C
         level: of the band, by the covariance to first order.
 
     Raises:
-        ModelError: for a plant whose friction or motion is not known.
+        ModelError: for a plant whose friction or motion is not known, or a fit from a file, which has no records.
     """
+    declared = fit.model.plant.friction_characteristic()
+    if declared is None:
+        raise ModelError(f"{fit.model.name} declares no friction")
+    _check_records(fit)
     speeds = np.concatenate([_speeds(fit, k) for k in range(len(fit.segments))])
     reach = float(np.max(np.abs(speeds))) or 1.0
     x = np.linspace(-reach, reach, points)
 
     def law(plant: Plant) -> Array:
         friction = plant.friction_characteristic()
-        if friction is None:
-            raise ModelError(f"{plant.name} declares no friction")
+        assert friction is not None
         return friction.law(x)
 
-    return _with_band(fit, x, law, speeds[speeds != 0], level, fit.model.plant)
+    return _with_band(fit, x, law, speeds[speeds != 0], level, declared)
+
+
+def _check_records(fit: GreyBoxFit) -> None:
+    """Refuse a fit without the records that it was fitted to.
+
+    Raises:
+        ModelError: for such a fit.
+    """
+    if not hasattr(fit, "segments"):
+        raise ModelError(f"{fit.model.name} comes from a file, which has no records to show a curve over; fit it again")
 
 
 def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve | None:
@@ -127,10 +157,15 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
         fit: of a plant.
         points: of the curve.
         level: of the band, by the covariance to first order.
+
+    Raises:
+        ModelError: for a fit from a file, which has no records.
     """
     plant = fit.model.plant
-    if plant.dead_zone_characteristic() is None or not isinstance(plant, DrivenPlant):
+    declared = plant.dead_zone_characteristic()
+    if declared is None or not isinstance(plant, DrivenPlant):
         return None
+    _check_records(fit)
     applied = np.concatenate([plant.drive.applied(s.input)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
@@ -139,7 +174,7 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
         zone = p.dead_zone_characteristic()
         return x if zone is None else zone.law(x)
 
-    return _with_band(fit, x, through, applied, level, plant)
+    return _with_band(fit, x, through, applied, level, declared)
 
 
 def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
@@ -284,8 +319,9 @@ def _speeds(fit: GreyBoxFit, segment: int) -> Array:
 
 
 def _with_band(
-    fit: GreyBoxFit, x: Array, law: Callable[[Plant], Array], seen: Array, level: float, plant: Plant
+    fit: GreyBoxFit, x: Array, law: Callable[[Plant], Array], seen: Array, level: float, declared: StaticCharacteristic
 ) -> Curve:
+    plant = fit.model.plant
     y = law(plant)
     slopes = np.zeros((len(fit.names), len(x)))
     for k, name in enumerate(fit.names):
@@ -297,4 +333,5 @@ def _with_band(
     variance = np.einsum("in,ij,jn->n", slopes, fit.covariance, slopes)
     half = float(ndtri(0.5 + level / 2)) * np.sqrt(np.maximum(variance, 0.0))
     edges = np.concatenate([[-np.inf], 0.5 * (x[1:] + x[:-1]), [np.inf]])
-    return Curve(x, y, y - half, y + half, np.histogram(seen, edges)[0].astype(np.int64))
+    support = np.histogram(seen, edges)[0].astype(np.int64)
+    return Curve(x, y, y - half, y + half, support, fit.model.name, (declared.x, declared.y))

@@ -340,7 +340,8 @@ def test_a_file_of_each_kind(
         monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
     record = emsid.read(path, input=input, output=output, time=time)
     np.testing.assert_allclose(record.input[:, 0], U)
-    np.testing.assert_allclose(record.output[:, 0], Y, rtol=1e-6)
+    exact = 1e-6 if path.suffix == ".ulg" else 1e-7  # its numbers are of single precision
+    np.testing.assert_allclose(record.output[:, 0], Y, rtol=exact)
     assert record.dt == pytest.approx(0.01)
     assert (*record.input_units, *record.output_units) == units
     look = emsid.describe(path)

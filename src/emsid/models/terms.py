@@ -1,8 +1,9 @@
-"""Checks of numbers and arrays, and sums as text, for the blocks."""
+"""Checks of numbers, arrays and parameters by name, and sums as text, for several kinds of models."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,3 +49,19 @@ def sum_of_terms(terms: Sequence[tuple[float, str]]) -> str:
     ]
     joined = " ".join(parts) or "0"
     return joined[2:] if joined.startswith("+") else joined.replace("- ", "-", 1) if joined[0] == "-" else joined
+
+
+def with_known(model: Any, names: Sequence[str], values: ArrayLike) -> dict[str, float]:
+    """The parameters of a model by name, some of them with other values.
+
+    Args:
+        model: with `parameter_values`.
+        names, values: (k,) those that change.
+
+    Raises:
+        ModelError: for the names of other parameters.
+    """
+    known: dict[str, float] = model.parameter_values()
+    if not set(names) <= known.keys():
+        raise ModelError(f"{model.name}: {', '.join(names)} are not its parameters")
+    return known | dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))

@@ -37,6 +37,7 @@ from emsid.models.linear.mixed_problem import LinearProblem
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.system import LinearSystem
 from emsid.models.linear.through_state_space import ThroughStateSpace, as_form
+from emsid.models.terms import with_known
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -143,10 +144,7 @@ class ProcessModel(ThroughStateSpace):
         Raises:
             ModelError: for the names of other parameters, or impossible values.
         """
-        known = self.parameter_values()
-        if not set(names) <= known.keys():
-            raise ModelError(f"{self.name}: {', '.join(names)} are not its parameters")
-        known |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
+        known = with_known(self, names, values)
         times = tuple(known[f"T{k + 1}"] for k in range(len(self.time_constants)))
         return replace(
             self,

@@ -38,7 +38,7 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.system import LinearSystem
 from emsid.models.linear.through_state_space import ThroughStateSpace, as_form
 from emsid.models.measured_response import frequency_response
-from emsid.models.terms import check_whole
+from emsid.models.terms import check_whole, with_known
 from emsid.record import FrequencyResponse, Record
 
 Array = NDArray[np.float64]
@@ -155,10 +155,7 @@ class TransferFunction(ThroughStateSpace):
         Raises:
             ModelError: for the names of other parameters, or impossible values.
         """
-        known = self.parameter_values()
-        if not set(names) <= known.keys():
-            raise ModelError(f"{self.name}: {', '.join(names)} are not its parameters")
-        known |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
+        known = with_known(self, names, values)
         m, n = len(self.numerator) - 1, len(self.denominator) - 1
         return replace(
             self,

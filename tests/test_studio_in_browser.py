@@ -303,19 +303,21 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     page.press("Undo")
     page.until(lambda: "filter" not in next(iter(page.state()["step"]["given"].values())))
     page.press("Models")
-    for model in ("arx", "output-error"):
-        page.click(f"input[value={model}]")
-        page.until(lambda model=model: model in page.state()["step"]["models"])
+    both = "document.querySelectorAll('input[value=arx], input[value=output-error]').forEach((each) => each.click())"
+    page.find("input[value=output-error]")
+    page.browser.execute_script(both)  # faster than the server answers: no change is lost
+    page.until(lambda: {*page.state()["step"]["models"]} == {"arx", "output-error"})
     page.open_all()
     for order in ("na", "nb", "nk"):
         page.type(order, "1")
-        page.until(lambda order=order: page.state()["step"]["options"].get(order) == 1)
+    page.until(lambda: page.state()["step"]["options"] == {"na": 1, "nb": 1, "nk": 1})
     page.fits()
     page.press("Fit")
     assert finished(page, runs + 1)["state"] == "done"
     page.find("#stage .card table")
     page.picture("models")
-    page.post("edit", {"models": ["wiener-hammerstein"], "options": {}})
+    page.post("edit", {"models": ["wiener-hammerstein"], "options": {}})  # as another tab does; this one follows
+    page.until(lambda: page.find("input[value=wiener-hammerstein]").is_selected())
     page.press("Fit")
     page.press("Cancel")
     assert finished(page, runs + 2)["state"] in ("done", "failed", "ended")
@@ -326,10 +328,16 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     page.press("Compare")
     number = page.state()["runs"][1]["number"]
     wanted = {f"arx (run {number})", f"output-error (run {number})"}
-    for model in page.state()["models"]:
-        box = page.find(f".chosen input[value='{model['id']}']")
-        if box.is_selected() is not (model["run"] == number):
-            page.click(f".chosen input[value='{model['id']}']")
+    of_run = {model["id"] for model in page.state()["models"] if model["run"] == number}
+
+    def chosen() -> bool:
+        boxes = page.all(".chosen input")
+        other = [box for box in boxes if box.is_selected() is not (box.get_attribute("value") in of_run)]
+        for box in other[:1]:
+            box.click()  # the list is sorted anew as errors arrive, which may move another box there
+        return bool(boxes) and not other
+
+    page.until(chosen)
     page.find("#shown .uplot", 2)
     page.says("Free run on " + other.name)
     page.picture("compare", dark=True)

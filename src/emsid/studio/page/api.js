@@ -1,6 +1,7 @@
 // Requests to the server, relative to the address of the page, which contains the token.
 
-const shown = { version: null };
+// The state that is shown, and the version that the page's own changes have made since.
+const shown = { state: null, version: null };
 
 async function checked(response) {
   if (response.status === 409) window.dispatchEvent(new Event("stale"));
@@ -20,18 +21,27 @@ async function ask(path, options) {
 
 export async function get(path) {
   const found = await (await ask(path)).json();
-  if (path === "state") shown.version = found.version;
+  if (path === "state") { shown.state = found; shown.version = found.version; }
   return found;
 }
 
-// A change, made on the version that is shown.
-export async function post(path, content = {}) {
-  const headers = shown.version === null ? {} : { "If-Match": `${shown.version}` };
-  const found = await (await ask(path, { method: "POST", body: JSON.stringify(content), headers })).json();
-  shown.version = found?.version ?? shown.version;
-  return found;
+// A change, made on the version that is shown. Changes of this page wait for each other, as one can leave fields faster
+// than the server answers; content that depends on the step is a function of it.
+let last = Promise.resolve();
+export function post(path, content = {}) {
+  const work = last.then(async () => {
+    const depends = typeof content === "function", known = shown.state?.version === shown.version;
+    const body = JSON.stringify(depends ? content((known ? shown.state : await get("state")).step) : content);
+    const headers = shown.version === null ? {} : { "If-Match": `${shown.version}` };
+    const found = await (await ask(path, { method: "POST", body, headers })).json();
+    shown.version = found?.version ?? shown.version;
+    return found;
+  });
+  last = work.catch(() => {});
+  return work;
 }
 
+// Questions and orders that change no step.
 const sent = (path, content) => ask(path, { method: "POST", body: JSON.stringify(content) });
 export const question = async (path, content) => (await sent(path, content)).json();
 export const binary = async (path, content) => (await sent(path, content)).arrayBuffer();

@@ -68,11 +68,13 @@ function target(kind, element, onName = null) {
   return element;
 }
 
-function assign(app, name, kind) {
-  const lists = Object.fromEntries(Object.keys(KINDS).map((key) => [key, app.state.step[key].filter((each) => each !== name)]));
-  if (kind) lists[kind].push(name);
-  if (!lists.files.length && lists.other_files.length && !lists.unseen_files.length) lists.files = [lists.other_files.shift()];
-  return post("edit", lists);
+function assign(name, kind) {
+  return post("edit", (step) => {
+    const lists = Object.fromEntries(Object.keys(KINDS).map((key) => [key, step[key].filter((each) => each !== name)]));
+    if (kind) lists[kind].push(name);
+    if (!lists.files.length && lists.other_files.length && !lists.unseen_files.length) lists.files = [lists.other_files.shift()];
+    return lists;
+  });
 }
 
 function datasets(app) {
@@ -82,11 +84,11 @@ function datasets(app) {
       return el("li", { draggable: true, class: current ? "current" : "", ondragstart: (event) => event.dataTransfer.setData("text/plain", name) },
         button(name, () => { app.file = name; app.draw(); }, { "aria-pressed": `${current}`, class: "plain" }),
         el("span", { class: "quiet" }, record.samples ? `${record.samples.toLocaleString("en")} samples` : ""),
-        select(`Use ${name}`, kind, Object.entries(KINDS), (value) => assign(app, name, value)),
-        button("×", () => assign(app, name, null), { "aria-label": `Remove ${name}`, title: "Remove" }));
+        select(`Use ${name}`, kind, Object.entries(KINDS), (value) => assign(name, value)),
+        button("×", () => assign(name, null), { "aria-label": `Remove ${name}`, title: "Remove" }));
     });
     return target(kind, el("section", { class: "group", "aria-label": `Data ${title}` }, el("h3", {}, title),
-      items.length ? el("ul", {}, items) : el("p", { class: "quiet" }, "drop data here")), (name) => assign(app, name, kind));
+      items.length ? el("ul", {}, items) : el("p", { class: "quiet" }, "drop data here")), (name) => assign(name, kind));
   });
   return el("div", { class: "groups" }, groups);
 }

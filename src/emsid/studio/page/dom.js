@@ -77,7 +77,8 @@ export function field(key, label, value, take, { about = "", type = "input", lis
 const opened = new Map();
 export function details(title, open, ...children) {
   const box = el("details", { open: opened.get(title) ?? open }, el("summary", {}, title), children);
-  box.addEventListener("toggle", () => opened.set(title, box.open));
+  // The event "toggle" would come after a redraw that is already waiting, which would close it again.
+  new MutationObserver(() => opened.set(title, box.open)).observe(box, { attributes: true, attributeFilter: ["open"] });
   return box;
 }
 

@@ -1,5 +1,5 @@
 // Live: a running source with its parameters over time, alarms, and the state of the connection.
-import { post } from "./api.js";
+import { question } from "./api.js";
 import { attempt, button, el, field, drafts, labelled, number, table, withUnit } from "./dom.js";
 import { Chart, Group, color } from "./plot.js";
 
@@ -32,10 +32,10 @@ export function message(app, news) {
 export function side(app) {
   const begin = (event) => {
     event.preventDefault();
-    attempt(() => post("live", Object.fromEntries(FIELDS.map(([name]) => [name, drafts.get(`live ${name}`) ?? ""]))));
+    attempt(() => question("live", Object.fromEntries(FIELDS.map(([name]) => [name, drafts.get(`live ${name}`) ?? ""]))));
   };
   return [el("h2", {}, "A running source"), el("form", { onsubmit: begin }, FIELDS.map(([name, text, placeholder, about]) => field(`live ${name}`, text, "", null, { placeholder, about })),
-    el("div", { class: "row" }, el("button", { class: "main" }, "Follow"), button("Stop", () => post("live/stop")), button("Fit this record", async () => { await post("live/take"); app.go("data"); }, { title: "Adds the record of the source to the data" }))),
+    el("div", { class: "row" }, el("button", { class: "main" }, "Follow"), button("Stop", () => question("live/stop")), button("Fit this record", async () => { await question("live/take"); app.go("data"); }, { title: "Adds the record of the source to the data" }))),
   app.state.live.problem ? el("p", { class: "problem" }, app.state.live.problem) : null];
 }
 

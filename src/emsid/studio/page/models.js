@@ -1,15 +1,16 @@
 // Models: which to fit and how on the left; the runs with their progress and ranked results on the right.
-import { get, post } from "./api.js";
+import { get, post, question } from "./api.js";
 import { attempt, button, details, drafts, el, field, number, refused, table, taking, withUnit } from "./dom.js";
 import { Chart, Group, color } from "./plot.js";
 
 export function side(app) {
   const { state, catalogue } = app, step = state.step;
   if (!step.files.length) return [el("p", {}, "There are no data yet: load a record in the part Data.")];
+  const change = (work) => post("edit", work);
   const box = (model) => el("label", { class: "check", title: model.summary }, el("input", { type: "checkbox", value: model.name, checked: step.models.includes(model.name),
-    onchange: (event) => attempt(() => post("edit", { models: event.target.checked ? [...step.models, model.name] : step.models.filter((each) => each !== model.name) })) }),
+    onchange: (event) => attempt(() => change(({ models }) => ({ models: event.target.checked ? [...models, model.name] : models.filter((each) => each !== model.name) }))) }),
   el("span", {}, model.name, " ", el("span", { class: "quiet" }, model.summary)));
-  const options = (change) => post("edit", { options: { ...step.options, ...change } });
+  const options = (some) => change((now) => ({ options: { ...now.options, ...some } }));
   const fixed = Object.entries(step.options.fixed ?? {}).map(([name, value]) => `${name} = ${value}`).join("\n");
   const usual = catalogue.models.filter((model) => model.usual), others = catalogue.models.filter((model) => !model.usual);
   const used = new Set(step.models.length ? catalogue.models.filter((each) => step.models.includes(each.name)).flatMap((each) => each.uses) : catalogue.options.map((each) => each.name));
@@ -74,7 +75,7 @@ const clockOf = (seconds) => `${Math.floor(seconds / 60)}:${`${Math.floor(second
 
 function running(card, run, bars, closes) {
   const bar = el("progress", { "aria-label": "Progress" }), doing = el("span", {}), fits = el("ul", { "aria-label": "Best so far" }), box = el("div", { class: "plot" });
-  card.append(el("div", { class: "row" }, bar, doing, button("Cancel", () => post("cancel", { run: run.number }), { title: "Ends with the best so far; a second time, at once" })), fits, box);
+  card.append(el("div", { class: "row" }, bar, doing, button("Cancel", () => question("cancel", { run: run.number }), { title: "Ends with the best so far; a second time, at once" })), fits, box);
   let last = run, came = performance.now(), chart = null, names = [];
   const update = (now) => {
     if (now) { last = now; came = performance.now(); }

@@ -173,7 +173,8 @@ def _best_of(d: Mapping[str, Any]) -> str:
         against += ["an unfinished search"] if d["unfinished"] else []
         percent = f"{100 * (1 - 1 / d['ratio']):.2g} % smaller{_SAME_IN[d['same_in']]}"
         by = f", with {listed(against)}" if against else ""
-        return f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
+        folds = f" in {d['folds']}-fold cross-validation" if d["folds"] > 1 else ""
+        return f"preferred{folds}{about} to {d['instead_of']}, whose error is {percent}{by}"
     if d["models"] > 1:
         by = "" if d["ahead"] is None else f", by prediction {d['ahead']} samples ahead"
         on = f"in {d['folds']}-fold cross-validation" if d["folds"] > 1 else f"on {where}"

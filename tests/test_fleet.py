@@ -185,7 +185,7 @@ def test_a_poisoned_file_fails_alone(hive: Path, threads: Executor, tmp_path: Pa
     assert len(result.rows) == 36
     assert [row.motor for row in result.failed] == ["M01", "M02", "M03"]
     assert "constant" in result.failed[2].reason
-    assert [finding.code for finding in result.findings if not finding.subject] == ["motors-failed"]
+    assert [each.code for each in result.findings if not each.subject] == ["fleet-too-short", "motors-failed"]
 
 
 def test_a_poisoned_table_does_not_stop_the_division(tmp_path: Path) -> None:
@@ -286,6 +286,13 @@ def test_a_change_of_a_motor_is_a_finding(tmp_path: Path, threads: Executor) -> 
     found = {finding.code: finding for finding in result.findings}
     assert found["changed-over-periods"].data["since"] == "5"
     assert found["fleet-too-small"].data["motors"] == 1
+    assert result.tested == {"differs from the others": False, "has changed": True}
+    assert fleet_report(result, "motors").summary[0].startswith("M (")
+    for day in range(3, 10):
+        (tmp_path / f"M-{day}.parquet").unlink()
+    result = emsid.fleet(f"{tmp_path}/{{motor}}-{{day}}.parquet", ARX, threads, period="day", **READING)
+    assert [finding.code for finding in result.findings] == ["fleet-too-small", "fleet-too-short"]
+    assert fleet_report(result, "motors").summary[0] == "No motors were compared."
 
 
 @pytest.mark.parametrize(
@@ -561,7 +568,7 @@ def test_what_differs_in_a_motor_is_named_by_its_cause() -> None:
     }
     page = fleet_report(result, "motors")
     named = page.summary[0]
-    assert named.endswith("; no motor has changed.")
+    assert "changed" not in named  # there is one record of each
     assert all(each in named for each in ("M02 (ratio of resistance to torque constant)", "M08 (rotor_inertia)"))
     plots = [plot for figure in page.figures for plot in figure.plots]
     (first,) = page.opening.figures

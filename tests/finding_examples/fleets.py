@@ -62,6 +62,7 @@ EXAMPLES = (
     Finding("motors-failed", data={"failed": 1, "rows": 24}),
     Finding("motors-failed", data={"failed": 3, "rows": 1200}),
     Finding("fleet-too-small", data={"motors": 5, "least": 8}),
+    Finding("fleet-too-short", data={"periods": 3, "least": 5}),
     Finding("fleet-unfinished", data={"rows": 1200, "asked": 4000}),
     Finding("rows-dropped", data={"dropped": 1}),
     Finding("rows-dropped", data={"dropped": 12}),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
-from emsid.fleets.spread import FEWEST_PERIODS, Series, reasons
+from emsid.fleets.spread import Series, long_enough, reasons
 from emsid.fleets.verb import Fleet
 from emsid.fleets.work import FleetRow
 from emsid.report.document import (
@@ -52,7 +52,7 @@ def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> 
     good = len(result.rows) - len(result.failed)
     motors = {row.motor for row in result.rows}
     named = {outlier.motor for outlier in result.outliers} | {change.motor for change in result.changes}
-    changed = [each for each in result.series if len(each.periods) >= FEWEST_PERIODS]
+    changed = long_enough(result.series)
     different = {outlier.parameter for outlier in result.outliers}
     series = [*result.series, *([result.noise] if result.noise is not None else [])]
     first, others = ([each for each in series if (each.parameter in different) is named] for named in (True, False))
@@ -68,6 +68,7 @@ def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> 
             _named(result),
             f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. In a healthy "
             "fleet at most one run in 20 names any motor as different, and one in 20 as changed.",
+            *(sentence(each, argument) for each in result.findings if each.code.startswith("fleet-too-")),
         ),
         facts=(
             Fact(f"{len(motors):,}", "motors"),
@@ -90,9 +91,10 @@ def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> 
 
 
 def _named(result: Fleet) -> str:
-    """The motors that differ or have changed, with the parameters in which they do."""
+    """The motors that differ or have changed, with the parameters in which they do; nothing where it was not tested."""
     parts, explained = [], {(each.motor, name) for each in result.causes for name in each.parameters}
-    for found, what in ((result.outliers, "differ from the others"), (result.changes, "have changed")):
+    plural = {"differs from the others": "differ from the others", "has changed": "have changed"}
+    for found, (what, tested) in zip((result.outliers, result.changes), result.tested.items(), strict=True):
         of: dict[str, list[str]] = {}
         for cause in result.causes if found is result.outliers else ():
             of[cause.motor] = [FACTORS[cause.causes[0]]]
@@ -100,11 +102,9 @@ def _named(result: Fleet) -> str:
             if found is result.changes or (each.motor, each.parameter) not in explained:
                 of.setdefault(each.motor, []).append(each.parameter)
         names = shortened([f"{motor} ({listed(parameters)})" for motor, parameters in of.items()])
-        parts.append(f"{names} {what if len(of) > 1 else SINGULAR[what]}" if of else f"no motor {SINGULAR[what]}")
-    return f"{first_up('; '.join(parts))}."
-
-
-SINGULAR = {"differ from the others": "differs from the others", "have changed": "has changed"}
+        if of or tested:
+            parts.append(f"{names} {plural[what] if len(of) > 1 else what}" if of else f"no motor {what}")
+    return f"{first_up('; '.join(parts) or 'no motors were compared')}."
 
 
 def _causes(result: Fleet) -> Table | None:

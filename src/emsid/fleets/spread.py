@@ -331,11 +331,16 @@ def _unexplained(d: Array, powers: Array, weights: Array) -> tuple[float, float]
     return float(np.sum(weights * (d - size * powers) ** 2)), size
 
 
+def long_enough(series: Sequence[Series]) -> list[Series]:
+    """The series in which a motor has enough periods to tell whether it has changed."""
+    return [each for each in series if (np.isfinite(each.values).sum(axis=1) >= FEWEST_PERIODS).any()]
+
+
 def changes(series: Sequence[Series], alpha: float = ALPHA) -> list[Change]:
     """The motors that have changed, the clearest change first; at most one for each motor and parameter."""
     from scipy.special import ndtri
 
-    long = [each for each in series if len(each.periods) >= FEWEST_PERIODS]
+    long = long_enough(series)
     steps = sum(int(np.maximum(np.isfinite(each.values).sum(1) - 2 * EITHER_SIDE + 1, 0).sum()) for each in long)
     if not steps:
         return []

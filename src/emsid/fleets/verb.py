@@ -33,6 +33,7 @@ from emsid.fleets.engine import Engine
 from emsid.fleets.sources import Batch, Found, batches, divided, found_files
 from emsid.fleets.spread import (
     FEWEST_MOTORS,
+    FEWEST_PERIODS,
     NOISE,
     Cause,
     Change,
@@ -41,6 +42,7 @@ from emsid.fleets.spread import (
     Spread,
     causes,
     changes,
+    long_enough,
     noise_of,
     outliers,
     series_of,
@@ -106,6 +108,11 @@ class Fleet:
     def changes(self) -> list[Change]:
         """The motors that have changed over the periods, the clearest first."""
         return changes(self.series)
+
+    @cached_property
+    def tested(self) -> dict[str, bool]:
+        """Whether there were enough motors to say which differ, and enough periods to say which have changed."""
+        return {"differs from the others": bool(self.ordinary), "has changed": bool(long_enough(self.series))}
 
     @property
     def failed(self) -> list[FleetRow]:
@@ -354,6 +361,9 @@ def findings_of(result: Fleet, asked: int) -> list[Finding]:
     motors = len({row.motor for row in result.rows if not row.reason})
     if motors < FEWEST_MOTORS:
         found.append(Finding("fleet-too-small", data={"motors": motors, "least": FEWEST_MOTORS}))
+    periods = len({row.period for row in result.rows if not row.reason})
+    if periods > 1 and not result.tested["has changed"]:
+        found.append(Finding("fleet-too-short", data={"periods": periods, "least": FEWEST_PERIODS}))
     if result.assuming:
         names = list(dict.fromkeys(name for each in result.assuming.values() for name in each))
         found.append(Finding("fleet-assumes", data={"parameters": list(result.assuming), "assumed": names}))

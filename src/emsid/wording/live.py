@@ -181,6 +181,7 @@ def rows_dropped(f: Finding, argument: Spelling) -> str:
 sentences("""
 fleet-too-small info: {motors} motors are too few to say which of them differ; {least} are needed to know their
     ordinary spread
+fleet-too-short info: {periods} periods are too few to say which motor has changed; {least} are needed
 """)
 
 

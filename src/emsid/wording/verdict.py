@@ -165,7 +165,8 @@ def best_not_recommended(f: Finding, argument: Spelling) -> str:
 def _best_of(d: Mapping[str, Any]) -> str:
     """Among which models, and on which data, a model is the best, or to which one it is preferred."""
     where = "the data they were fitted to" if d["seen"] else "unseen data"
-    about = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
+    fit = "cross-validated fit" if d["folds"] > 1 and "instead_of" in d else "a fit of"
+    about = "" if d["fit_percent"] is None else f" ({fit} {d['fit_percent']:.1f} %)"
     if "instead_of" in d:
         own, other = d["parameters"]
         against = [f"{other} parameters instead of {own}"] if other > own else []
@@ -173,8 +174,7 @@ def _best_of(d: Mapping[str, Any]) -> str:
         against += ["an unfinished search"] if d["unfinished"] else []
         percent = f"{100 * (1 - 1 / d['ratio']):.2g} % smaller{_SAME_IN[d['same_in']]}"
         by = f", with {listed(against)}" if against else ""
-        folds = f" in {d['folds']}-fold cross-validation" if d["folds"] > 1 else ""
-        return f"preferred{folds}{about} to {d['instead_of']}, whose error is {percent}{by}"
+        return f"preferred{about} to {d['instead_of']}, whose error is {percent}{by}"
     if d["models"] > 1:
         by = "" if d["ahead"] is None else f", by prediction {d['ahead']} samples ahead"
         on = f"in {d['folds']}-fold cross-validation" if d["folds"] > 1 else f"on {where}"

@@ -128,8 +128,8 @@ def _print(result: "Fleet") -> None:
     say(*(f"- {sentence(finding, option)}" for finding in single[:MOST_SHOWN]))
     if len(single) > MOST_SHOWN:
         say(f"- in the report: {len(single) - MOST_SHOWN} more such findings")
-    if not single:
-        say("- no motor differs from the others or has changed")
+    if not single and (tested := [what for what, was in result.tested.items() if was]):
+        say(f"- no motor {' or '.join(tested)}")
     say(*(f"- {sentence(finding, option)}" for finding in result.findings if not finding.subject))
     for rows in reasons(result.rows).values():
         names = ", ".join(row.motor for row in rows[:5]) + ", …" * (len(rows) > 5)

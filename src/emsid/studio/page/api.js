@@ -31,7 +31,7 @@ let last = Promise.resolve();
 export function post(path, content = {}) {
   const work = last.then(async () => {
     const depends = typeof content === "function", known = shown.state?.version === shown.version;
-    const body = JSON.stringify(depends ? content((known ? shown.state : await get("state")).step) : content);
+    const body = JSON.stringify(depends ? await content((known ? shown.state : await get("state")).step) : content);
     const headers = shown.version === null ? {} : { "If-Match": `${shown.version}` };
     const found = await (await ask(path, { method: "POST", body, headers })).json();
     shown.version = found?.version ?? shown.version;

@@ -10,7 +10,11 @@ const six = (x) => Number(x.toPrecision(7)).toString();
 const looks = { key: null, data: null };
 
 const chosen = (app) => app.state.records.find((record) => record.file === app.file) ?? app.state.records[0];
-const edit = (app, given) => post("edit", { given, file: chosen(app).file });
+const read = (file) => get(`data?${new URLSearchParams({ file })}`);
+
+// Correct how the chosen file is read; a correction that depends on the reading is a function of it, as it may have changed
+// since it was drawn.
+const edit = (app, given, { file } = chosen(app)) => post("edit", async () => ({ file, given: typeof given === "function" ? given((await read(file)).reading) : given }));
 const known = (app, file) => (app.known[file] ??= {});
 
 // The look at the chosen file is fetched apart from the state, which is there at once.
@@ -19,7 +23,7 @@ async function look(app) {
   if (looks.key === key) return;
   looks.key = key;
   await attempt(async () => {
-    const found = await get(`data?${new URLSearchParams({ file: record.file })}`);
+    const found = await read(record.file);
     if (looks.key !== key) return;
     looks.data = found;
     if (app.part === "data") app.draw();
@@ -102,14 +106,16 @@ function roleOf(name, reading) {
   return reading.time === name ? "time" : "";
 }
 
-function correctRole(app, name, role, reading) {
-  const without = (values) => list(values).filter((each) => each !== name && each !== `d(${name})`), given = {};
-  const set = (key, values) => { if (`${values}` !== `${list(reading[key])}`) given[key] = values.length > 1 ? values : values[0] ?? null; };
-  set("input", [...without(reading.input), ...(role === "input" ? [name] : [])]);
-  set("output", [...without(reading.output), ...(role === "output" ? [name] : role === "derivative" ? [`d(${name})`] : [])]);
-  if (role === "time") Object.assign(given, { time: name, dt: null });
-  else if (reading.time === name) given.time = null;
-  return edit(app, given);
+function correctRole(app, name, role) {
+  return edit(app, (reading) => {
+    const without = (values) => list(values).filter((each) => each !== name && each !== `d(${name})`), given = {};
+    const set = (key, values) => { if (`${values}` !== `${list(reading[key])}`) given[key] = values.length > 1 ? values : values[0] ?? null; };
+    set("input", [...without(reading.input), ...(role === "input" ? [name] : [])]);
+    set("output", [...without(reading.output), ...(role === "output" ? [name] : role === "derivative" ? [`d(${name})`] : [])]);
+    if (role === "time") Object.assign(given, { time: name, dt: null });
+    else if (reading.time === name) given.time = null;
+    return given;
+  });
 }
 
 function columns(app, record, data) {
@@ -120,12 +126,12 @@ function columns(app, record, data) {
       known(app, record.file).columns = event.target.checked ? [...shown, name] : shown.filter((each) => bare(each) !== name);
       app.draw();
     } });
-    const unit = field(`unit ${record.file} ${name}`, `Unit of ${name}`, units[name] ?? "", (text) => {
-      const { [name]: _, ...others } = units;
-      return edit(app, { units: text ? { ...others, [name]: text } : others });
-    }, { placeholder: data.units[name] || "SI", list: "units", size: 6 });
+    const unit = field(`unit ${record.file} ${name}`, `Unit of ${name}`, units[name] ?? "", (text) => edit(app, (reading) => {
+      const { [name]: _, ...others } = reading.units ?? {};
+      return { units: text ? { ...others, [name]: text } : others };
+    }), { placeholder: data.units[name] || "SI", list: "units", size: 6 });
     return el("tr", { title: row.slice(1).join(" · ") }, el("td", {}, toggle), el("td", {}, name),
-      el("td", {}, select(`Role of ${name}`, roleOf(name, data.reading), ROLES, (role) => correctRole(app, name, role, data.reading))), el("td", { class: "bare" }, unit));
+      el("td", {}, select(`Role of ${name}`, roleOf(name, data.reading), ROLES, (role) => correctRole(app, name, role))), el("td", { class: "bare" }, unit));
   });
   return [el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "Columns" }, el("table", {},
     el("thead", {}, el("tr", {}, ["Plot", "Column", "Use as", "Unit"].map((text) => el("th", { scope: "col" }, text)))), el("tbody", {}, rows))),

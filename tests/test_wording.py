@@ -18,6 +18,7 @@ import emsid
 from emsid.cli.options import option
 from emsid.findings import Finding
 from emsid.wording import CATALOGUE, Severity, sentence, severity
+from emsid.wording.catalogue import filled
 from emsid.wording.claims import claim
 from finding_examples import EXAMPLES
 from source_tree import nodes_of
@@ -141,6 +142,34 @@ def test_a_code_has_one_wording() -> None:
 
     with pytest.raises(ValueError, match="two wordings for 'few-samples'"):
         words("few-samples", Severity.INFO)(lambda f, argument: "")
+
+
+@pytest.mark.parametrize(
+    ("template", "said"),
+    [
+        ("{step:.2g[unit]} in {share:.0f %}", "0.5 rad/s in 25 %"),
+        ("{names} {names:step/steps}, {one} {one:step/steps}", "['a', 'b'] steps, 1 step"),
+        ("{absent:?there|{side:upper=>above|below}}{unit:? {side}}", "below lower"),
+        (
+            "{names:list}, {names:or}, {rows:list {name} = {value:.3g[unit]}}",
+            "a and b, a or b, x = 2 rad/s and y = 3 rad/s",
+        ),
+        ("{pairs:commas {0} = {1:.1f[2]}}", "k = 1.0 V"),
+        ("{name:assign {one}}, {wait:duration}", "'Voltage (V)=1', 10.5 ms"),
+    ],
+)
+def test_a_row_is_filled_with_the_data_of_a_finding(template: str, said: str) -> None:
+    data = {
+        "step": 0.5, "unit": "rad/s", "share": 0.25, "names": ["a", "b"], "one": 1, "side": "lower", "wait": 0.0105,
+        "rows": [{"name": "x", "value": 2.0}, {"name": "y", "value": 3.0}], "pairs": [["k", 1.0, "V"]],
+        "name": "Voltage (V)",
+    }  # fmt: skip
+    assert filled(template, data) == said
+
+
+def test_a_row_needs_its_data() -> None:
+    with pytest.raises(KeyError, match="no value for 'level'"):
+        filled("at {level:.3g}", {})
 
 
 def test_the_model_stands_before_the_sentence_once() -> None:

@@ -1,14 +1,14 @@
 """Findings as sentences: the only place where sentences about results are made.
 
-Each file holds the sentences of one subject. A table has those that are templates, one code a row::
+Each file holds the sentences of one subject, as a table with one code a row, see `emsid.wording.catalogue.filled`::
 
-    free-run-diverged problem: on {data}, the free run diverges
+    input-constant warning: on {data}, {inputs:list {name} is constant at {level:g}}, which tests only the steady state
 
-Every other code has a function, registered under it::
+A code whose sentence needs a computation has a function, registered under it::
 
-    @words("input-constant", Severity.WARNING)
-    def input_constant(f: Finding, argument: Spelling) -> str:
-        return f"{f.subject} is constant, so these data test only the steady state"
+    @words("nonlinear-likely")
+    def nonlinear_likely(f: Finding, argument: Spelling) -> str:
+        return f"a nonlinear model should leave {100 * (1 - f.data['of_residual']):.2g} % of the squared error"
 
 ``argument`` spells the name of an argument: as in Python by default (``mask``), as an option on the command line
 (``--mask``). `sentence` puts the name of the model in front of a finding about a model.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from emsid.findings import Finding
 from emsid.units import in_unit, with_unit
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
-from emsid.wording.lists import duration, ordinal, sample_time
+from emsid.wording.lists import duration
 
 CAUSES = {
     "delay": "log with one clock",
@@ -57,38 +57,18 @@ def channels_differ(f: Finding, argument: Spelling) -> str:
     return f"the model was identified with the {f.data['what']} {mine}; {f.subject} has {theirs}"
 
 
-@words("sample-time-differs", Severity.WARNING)
-def sample_time_differs(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: identified_with, dt, in s."""
-    return (
-        f"the model was identified at a sample time of {sample_time(f.data['identified_with'])}; {f.subject} has "
-        f"{sample_time(f.data['dt'])}"
-    )
-
-
-@words("output-clipped", Severity.WARNING)
-def output_clipped(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: lower, upper, unit, share, mask (a condition; absent or empty where none is known)."""
-    d = f.data
-    condition = f" {d['mask']!r}" if d.get("mask") else ""
-    upper = with_unit(f"{d['upper']:.4g}", d["unit"])
-    return (
-        f"{f.subject} is clipped to {d['lower']:.4g} … {upper} in {100 * d['share']:.2g} % of the samples; leave them "
-        f"out with {argument('mask')}{condition}"
-    )
-
-
-@words("input-logged-slower", Severity.WARNING)
-def input_logged_slower(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: output, factor, dt (s)."""
-    d = f.data
-    return (
-        f"{f.subject} changes at every {ordinal(d['factor'])} row, and {d['output']} does not follow the rows between; "
-        f"log both at one rate, or keep every {ordinal(d['factor'])} row with {argument('decimate')} {d['factor']}"
-    )
-
-
-sentences("""
+sentences(
+    __name__,
+    """
+sample-time-differs warning: the model was identified at a sample time of {identified_with:sample_time}; {subject} has
+    {dt:sample_time} # Subject: the record. Data: identified_with, dt, in s.
+output-clipped warning: {subject} is clipped to {lower:.4g} … {upper:.4g[unit]} in {share:.2g %} of the samples; leave
+    them out with {argument[mask]}{mask:? {mask!r}}
+    # Subject: the output. Data: lower, upper, unit, share, mask (a condition; absent or empty where none is known).
+input-logged-slower warning: {subject} changes at every {factor:ordinal} row, and {output} does not follow the rows
+    between; log both at one rate, or keep every {factor:ordinal} row with {argument[decimate]} {factor}
+    # Subject: the input. Data: output, factor, dt (s).
 few-output-levels warning: {subject} has {levels} values only, which show no dynamics; measure it with a finer sensor
 output-is-input warning: {subject} is {factor:.4g} times {input} in every row: one signal twice; check the columns
-""")
+""",
+)

@@ -7,7 +7,41 @@ from collections.abc import Sequence
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
-from emsid.wording.lists import LISTED, chance, shortened
+from emsid.wording.lists import LISTED, shortened
+
+sentences(
+    __name__,
+    """
+dictionary-rank-deficient warning: too few input levels for this degree: only {rank} of {terms} terms are independent;
+    lower the degree, or record more levels # Data: rank, terms.
+forgetting-limited warning: in {samples:,} samples the input did not excite all parameters{parameters:?, at the end
+    {parameters:some}}; excite them all the time, or use a larger forgetting factor
+    # Data: samples, parameters (those at the limit in the end).
+regression-biased warning: its one-step errors are correlated ({correlated}), so its coefficients are biased and have no
+    intervals; fit the free run instead # Data: lags, p_value, largest, lag.
+intervals-allow-for-colour info: the residual of the fit is correlated ({correlated}), and the intervals allow for that
+    # Data: lags, p_value, largest, lag.
+intervals-by-bootstrap info: {model}: intervals and bands are those of {count} fits to {pieces} pieces drawn from the
+    data ({samples:,} samples or more each)
+no-bootstrap warning: {model}: its intervals are those of its fit and not by bootstrap: {reason}
+few-samples warning: {parameters} parameters were estimated from only {samples:g} samples; record longer, or choose a
+    smaller structure
+
+search-stalled problem: the search stalled before a minimum ({so_far}){starts:?, where {agreeing} of {starts} searches
+    end}; the estimates are not reliable
+steps-used-up warning: the search ended at its limit of steps, before a minimum ({so_far}); the estimates may still
+    change
+time-used-up warning: the search ended at its time limit, before a minimum ({so_far}); allow more time
+search-cancelled warning: the search was interrupted before a minimum ({so_far}); the best estimate so far is kept
+cost-hardly-falls info: the last {last_steps} steps lowered the cost by less than {least_saving:g %}; the search ended
+    there ({so_far})
+minimum-not-smooth info: the error is not smooth at the minimum; {agreeing} of {starts} searches from around it end
+    there, and the intervals cover their estimates
+""",
+    correlated="{largest:.2f} at lag {lag}, Ljung–Box p {p_value:chance}",
+    so_far="{offset:None=>{counted}|{steps:?{counted}, }{offset:.2g} standard errors above it}",
+    counted="{steps} {steps:step/steps}",
+)
 
 
 @words("rank-deficient", Severity.WARNING)
@@ -25,63 +59,8 @@ def rank_deficient(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("dictionary-rank-deficient", Severity.WARNING)
-def dictionary_rank_deficient(f: Finding, argument: Spelling) -> str:
-    """Data: rank, terms."""
-    rank, terms = f.data["rank"], f.data["terms"]
-    return (
-        f"too few input levels for this degree: only {rank} of {terms} terms are independent; lower the degree, or "
-        "record more levels"
-    )
-
-
-@words("forgetting-limited", Severity.WARNING)
-def forgetting_limited(f: Finding, argument: Spelling) -> str:
-    """Data: samples, parameters (those at the limit in the end)."""
-    at_limit = f.data["parameters"]
-    now = f", at the end {shortened(at_limit)}" if at_limit else ""
-    return (
-        f"in {f.data['samples']:,} samples the input did not excite all parameters{now}; excite them all the time, or "
-        "use a larger forgetting factor"
-    )
-
-
-@words("regression-biased", Severity.WARNING)
-def regression_biased(f: Finding, argument: Spelling) -> str:
-    """Data: lags, p_value, largest, lag."""
-    return (
-        f"its one-step errors are correlated ({_correlated(f)}), so its coefficients are biased and have no "
-        "intervals; fit the free run instead"
-    )
-
-
-@words("intervals-allow-for-colour")
-def intervals_allow_for_colour(f: Finding, argument: Spelling) -> str:
-    """Data: lags, p_value, largest, lag."""
-    return f"the residual of the fit is correlated ({_correlated(f)}), and the intervals allow for that"
-
-
-def _correlated(f: Finding) -> str:
-    return f"{f.data['largest']:.2f} at lag {f.data['lag']}, Ljung–Box p {chance(f.data['p_value'])}"
-
-
-sentences("""
-intervals-by-bootstrap info: {model}: intervals and bands are those of {count} fits to {pieces} pieces drawn from the
-    data ({samples:,} samples or more each)
-no-bootstrap warning: {model}: its intervals are those of its fit and not by bootstrap: {reason}
-few-samples warning: {parameters} parameters were estimated from only {samples:g} samples; record longer, or choose a
-    smaller structure
-""")
-
-
 SHOW_ZONE = "let it coast at zero command"
 """What to record where the two are inseparable."""
-
-
-@words("search-stalled", Severity.PROBLEM)
-def search_stalled(f: Finding, argument: Spelling) -> str:
-    others = f", where {f.data['agreeing']} of {f.data['starts']} searches end" if "starts" in f.data else ""
-    return f"the search stalled before a minimum ({_so_far(f)}){others}; the estimates are not reliable"
 
 
 @words("searches-agreeing")
@@ -95,30 +74,6 @@ def searches_agreeing(f: Finding, argument: Spelling) -> str:
     return (
         f"only one search{best} ran to its end; give what is known ({argument('fixed')}, {argument('datasheet')}) to "
         "be sure"
-    )
-
-
-@words("steps-used-up", Severity.WARNING)
-def steps_used_up(f: Finding, argument: Spelling) -> str:
-    return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); the estimates may still change"
-
-
-@words("time-used-up", Severity.WARNING)
-def time_used_up(f: Finding, argument: Spelling) -> str:
-    return f"the search ended at its time limit, before a minimum ({_so_far(f)}); allow more time"
-
-
-@words("search-cancelled", Severity.WARNING)
-def search_cancelled(f: Finding, argument: Spelling) -> str:
-    return f"the search was interrupted before a minimum ({_so_far(f)}); the best estimate so far is kept"
-
-
-@words("cost-hardly-falls", Severity.INFO)
-def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
-    data = f.data
-    return (
-        f"the last {data['last_steps']} steps lowered the cost by less than {100 * data['least_saving']:g} %; the "
-        f"search ended there ({_so_far(f)})"
     )
 
 
@@ -176,16 +131,3 @@ def _joined(groups: Sequence[Sequence[str]]) -> list[list[str]]:
         joined = [each for each in joined if each not in sharing]
         joined.insert(at, list(names))
     return joined
-
-
-def _so_far(f: Finding) -> str:
-    steps, offset = f.data["steps"], f.data["offset"]
-    counted = [f"{steps} step{'s' * (steps != 1)}"] if steps or offset is None else []
-    short = [] if offset is None else [f"{offset:.2g} standard errors above it"]
-    return ", ".join(counted + short)
-
-
-sentences("""
-minimum-not-smooth info: the error is not smooth at the minimum; {agreeing} of {starts} searches from around it end
-    there, and the intervals cover their estimates
-""")

@@ -62,6 +62,16 @@ def chance(p: float) -> str:
     return f"= {p:.2g}" if p >= SMALLEST else f"< {SMALLEST:g}"
 
 
+def short(value: float) -> str:
+    """A number of three digits; thousands are written out.
+
+    >>> short(12345.6), short(0.123456)
+    ('12300', '0.123')
+    """
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.0f}" if 1e3 <= abs(rounded) < 1e6 else f"{rounded:.3g}"
+
+
 def duration(seconds: float) -> str:
     """A time in s, ms or µs.
 

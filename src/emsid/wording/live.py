@@ -7,13 +7,52 @@ from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import listed
 
-CAUSES = {
-    "lost": "the source has left them out",
-    "unusable": "the lines between cannot be read",
-    "backwards": "the time of the source has stepped back, as after a reset",
-    "disconnected": "the source was disconnected",
-    "skipped": "the tracker was too slow for them",
-}
+sentences(
+    __name__,
+    """
+change-detected warning: at {time:.6g} s the {what:level=>level|size} of the prediction error of {subject} has changed,
+    since about {since:.6g} s: load or motor is different now
+    # Subject: the output. Data: time, since, delay, what (level or spread), false_alarm (mean time between them).
+source-gap warning: {samples:None=>samples are|{samples} {samples:sample is/samples are}} missing before {time:.6g} s:
+    {cause:lost=>the source has left them out|unusable=>the lines between cannot be read|backwards=>the time of the
+    source has stepped back, as after a reset|disconnected=>the source was disconnected|skipped=>the tracker was too
+    slow for them}; the estimate continues after the gap
+    # Subject: the source. Data: time, samples (None where not known), cause.
+source-awaited info: waiting for {subject}: {lines:?{lines} lines have come and none is a sample, such as {example!r};
+    check the baud rate and the header|it has sent nothing yet; check that the board runs, that its lines end with a
+    line break, and the baud rate}
+    # Subject: the source. Data: lines (that have come and are no samples), example (one of them).
+nothing-excites warning: {inputs:list {name} stays at {level:.4g[unit]}}, which excites nothing: the gain is not
+    determined; change the input while tracking # Subject: the source. Data: inputs (name, level, unit), samples.
+lines-not-used warning: {subject}: {lines:?{lines} lines are no samples, such as {example!r}{not_finite:? and
+    }}{not_finite:?{not_finite} samples are not finite}; they are in the log only
+    # Subject: the source. Data: lines (malformed), not_finite, example (a malformed line).
+samples-not-tracked warning: {samples:,} samples of {subject} came faster than they were tracked; they are in the log
+    only
+source-silent warning: {subject} has sent nothing for {seconds:.3g} s
+log-not-written problem: {subject} cannot be written ({reason}); {bytes:,} bytes wait in memory; free space on the disk
+tracking-errors-coloured warning: neighbouring prediction errors correlate by {correlation:.2f}: intervals are too
+    narrow; choose a larger structure
+motor-not-at-zero problem: {subject} has not confirmed zero volts; switch the motor off by hand
+
+fleet-assumes warning: {parameters:list} {parameters:depends/depend} on {assumed:list}, assumed and not measured: they
+    compare motors only if it is the same in all of them; measure it: {assumed:spaced {argument[fixed]} {0}=…}
+    # Data: parameters (that depend on assumed values), assumed (the names of these).
+motors-failed warning: {failed:,} of {rows:,} rows {failed:has/have} no model; their reasons are listed
+    # Data: failed, rows.
+fleet-unfinished warning: {rows:,} of {asked:,} rows are finished and kept; the same command again goes on from there
+    # Data: rows, asked.
+rows-dropped info: {dropped:1=>1 row of an earlier run was|{dropped:,} rows of an earlier run were} dropped, as the
+    files have changed or are gone # Data: dropped.
+fleet-too-small info: {motors} motors are too few to say which of them differ; {least} are needed to know their ordinary
+    spread
+fleet-too-short info: {periods} periods are too few to say which motor has changed; {least} are needed
+not-separable warning: {names:list} cannot be separated by any input at one load; {remedies:?record {remedies:or
+    {0:current=>the current|inertia=>a second inertia that is known}}|fix {directions} of them ({argument[fixed]})}
+    # Subject: the model. Data: names, directions, remedies (of ``current`` and ``inertia``).
+design-gains-nothing info: nothing is gained by a design of its own: {signal} is as good within these limits
+""",
+)
 
 
 def _duration(seconds: float) -> str:
@@ -24,74 +63,10 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
-@words("change-detected", Severity.WARNING)
-def change_detected(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: time, since, delay, what (level or spread), false_alarm (mean time between them)."""
-    what = "level" if f.data["what"] == "level" else "size"
-    return (
-        f"at {f.data['time']:.6g} s the {what} of the prediction error of {f.subject} has changed, since about "
-        f"{f.data['since']:.6g} s: load or motor is different now"
-    )
-
-
-@words("source-gap", Severity.WARNING)
-def source_gap(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: time, samples (None where not known), cause."""
-    count = f.data["samples"]
-    missing = (
-        "samples are missing" if count is None else f"{count} {'samples are' if count != 1 else 'sample is'} missing"
-    )
-    return f"{missing} before {f.data['time']:.6g} s: {CAUSES[f.data['cause']]}; the estimate continues after the gap"
-
-
 @words("source-disconnected", Severity.WARNING)
 def source_disconnected(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: wait (seconds in which it may come back)."""
     return f"{f.subject} was disconnected; the tracking ends if it is not back within {_duration(f.data['wait'])}"
-
-
-@words("source-awaited")
-def source_awaited(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: lines (that have come and are no samples), example (one of them)."""
-    if f.data["lines"]:
-        came = f"{f.data['lines']} lines have come and none is a sample, such as {f.data['example']!r}"
-        return f"waiting for {f.subject}: {came}; check the baud rate and the header"
-    return (
-        f"waiting for {f.subject}: it has sent nothing yet; check that the board runs, that its lines end with a line "
-        "break, and the baud rate"
-    )
-
-
-@words("nothing-excites", Severity.WARNING)
-def nothing_excites(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: inputs (name, level, unit), samples."""
-    stays = listed(
-        [f"{x['name']} stays at {with_unit(format(x['level'], '.4g'), x['unit'])}" for x in f.data["inputs"]]
-    )
-    return f"{stays}, which excites nothing: the gain is not determined; change the input while tracking"
-
-
-@words("lines-not-used", Severity.WARNING)
-def lines_not_used(f: Finding, argument: Spelling) -> str:
-    """Subject: the source. Data: lines (malformed), not_finite, example (a malformed line)."""
-    parts = []
-    if f.data["lines"]:
-        parts.append(f"{f.data['lines']} lines are no samples, such as {f.data['example']!r}")
-    if f.data["not_finite"]:
-        parts.append(f"{f.data['not_finite']} samples are not finite")
-    return f"{f.subject}: {' and '.join(parts)}; they are in the log only"
-
-
-sentences("""
-samples-not-tracked warning: {samples:,} samples of {subject} came faster than they were tracked; they are in the log
-    only
-source-silent warning: {subject} has sent nothing for {seconds:.3g} s
-log-not-written problem: {subject} cannot be written ({reason}); {bytes:,} bytes wait in memory; free space on the
-    disk
-tracking-errors-coloured warning: neighbouring prediction errors correlate by {correlation:.2f}: intervals are too
-    narrow; choose a larger structure
-motor-not-at-zero problem: {subject} has not confirmed zero volts; switch the motor off by hand
-""")
 
 
 @words("differs-from-fleet", Severity.WARNING)
@@ -141,62 +116,3 @@ def changed_over_periods(f: Finding, argument: Spelling) -> str:
         f"{with_unit(change, f.data['unit'])}, a change of {f.data['after'] - f.data['before']:+.2g} ± "
         f"{f.data['half_width']:.2g}"
     )
-
-
-@words("fleet-assumes", Severity.WARNING)
-def fleet_assumes(f: Finding, argument: Spelling) -> str:
-    """Data: parameters (that depend on assumed values), assumed (the names of these)."""
-    names, assumed = f.data["parameters"], f.data["assumed"]
-    given = " ".join(f"{argument('fixed')} {name}=…" for name in assumed)
-    return (
-        f"{listed(names)} depend{'s' * (len(names) == 1)} on {listed(assumed)}, assumed and not measured: they compare "
-        f"motors only if it is the same in all of them; measure it: {given}"
-    )
-
-
-@words("motors-failed", Severity.WARNING)
-def motors_failed(f: Finding, argument: Spelling) -> str:
-    """Data: failed, rows."""
-    failed = f.data["failed"]
-    return (
-        f"{failed:,} of {f.data['rows']:,} rows {'has' if failed == 1 else 'have'} no model; their reasons are listed"
-    )
-
-
-@words("fleet-unfinished", Severity.WARNING)
-def fleet_unfinished(f: Finding, argument: Spelling) -> str:
-    """Data: rows, asked."""
-    done = f"{f.data['rows']:,} of {f.data['asked']:,}"
-    return f"{done} rows are finished and kept; the same command again goes on from there"
-
-
-@words("rows-dropped")
-def rows_dropped(f: Finding, argument: Spelling) -> str:
-    """Data: dropped."""
-    count = f.data["dropped"]
-    rows = "1 row of an earlier run was" if count == 1 else f"{count:,} rows of an earlier run were"
-    return f"{rows} dropped, as the files have changed or are gone"
-
-
-sentences("""
-fleet-too-small info: {motors} motors are too few to say which of them differ; {least} are needed to know their
-    ordinary spread
-fleet-too-short info: {periods} periods are too few to say which motor has changed; {least} are needed
-""")
-
-
-REMEDIES = {"current": "the current", "inertia": "a second inertia that is known"}
-
-
-@words("not-separable", Severity.WARNING)
-def not_separable(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: names, directions, remedies (of ``current`` and ``inertia``)."""
-    count = f.data["directions"]
-    remedies = " or ".join(REMEDIES[each] for each in f.data["remedies"])
-    advice = f"record {remedies}" if remedies else f"fix {count} of them ({argument('fixed')})"
-    return f"{listed(f.data['names'])} cannot be separated by any input at one load; {advice}"
-
-
-sentences("""
-design-gains-nothing info: nothing is gained by a design of its own: {signal} is as good within these limits
-""")

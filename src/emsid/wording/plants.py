@@ -11,6 +11,71 @@ from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.linear import SHOW_ZONE
 from emsid.wording.lists import assigned, shortened
 
+sentences(
+    __name__,
+    """
+command-may-be-duty info: {channel} looks like a PWM duty, in whole numbers up to {full:g}; for volts give its unit pwm
+    ({argument[units]}{full:255.0=>|255=>|, {argument[pwm_full_scale]}}, {argument[supply_voltage]})
+codes-without-bridge info: {subject} has no bridge here, so the code {codes:list g} means zero {nothing}
+input-taken-as-constant warning: {subject} is simulated as constant {other_hold}
+    # Subject: the input. Data: between (the hold that fits better), ratio (of the errors).
+input-taken-as-linear warning: {subject} is simulated as linear {other_hold}
+    # Subject: the input. Data: between (the course that fits better), ratio (of the errors).
+alternatives-fit-as-well info: {late:?these data show a short delay that the model does not have; the intervals cover
+    {instead:or}|{instead:or}{of:? in place of {of}} explains these data equally well; the intervals cover both}
+    # Data: instead (parameters), of (the one that they replace; None if there is none), late (a delay is missing).
+error-above-rounding warning: the error is {ratio:.2g} times what rounding to {step:.3g[unit]} makes: an effect is
+    missing; the intervals hold all parameters whose largest error is no larger
+    # Subject: the plant. Data: ratio (of the error to that of rounding), step, unit.
+within-rounding info: the intervals hold what keeps the model within half a step ({step:.3g[unit]}) of every reading;
+    they are {narrower:.2g} times narrower than by least squares
+    # Subject: the plant. Data: step, unit, narrower (the intervals than those of least squares).
+outside-rounding info: no parameters keep the model within half a step ({step:.3g[unit]}) of each reading, at best
+    {least:.3g}: an effect is missing or there is other noise
+    # Subject: the plant. Data: step, unit, least (the largest error in steps of the values where it is smallest).
+parameter-changes warning: {subject} changes during the record: {halves[0]:.4g[unit]} in its first half and
+    {halves[1]:.4g[unit]} in its second would lower the squared error by {share:.0f %}
+    # Subject: a parameter. Data: halves, unit, share (of the squared error), or (effects).
+parameter-drifts info: {subject} is {halves[0]:.4g[unit]} in the first half of the record and {halves[1]:.4g[unit]} in
+    the second, so it drifts slowly; the intervals include that
+    # Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit.
+parameters-reestimated info: {subject}: with {parameters:list} from its first {samples:,} samples, the fit on the other
+    {rest:,} goes from {before:None=>none|{before:.1f} %} to {after:None=>none|{after:.1f} %}
+    # Subject: the record. Data: parameters, samples (they are estimated from), rest, before, after (fit in %).
+single-record warning: {subject} is the only record, so {parameters:list} {parameters:has/have} one value
+    ({argument[per_record]} is for several records)
+    # Subject: the record. Data: parameters (those that were to differ by record).
+nothing-identifiable problem: from {channels:list} alone, no parameter of {subject} is identifiable; check the columns,
+    or fix what you know ({argument[fixed]})
+kept-by-response warning: the response does not determine {parameters:list}; kept at {kept:commas {0} = {1:.4g[2]}}; fix
+    what you know ({argument[fixed]}), or measure another output
+    # Data: parameters, and the values that were kept with their units.
+intervals-include-zero warning: the 95 % {parameters:interval/intervals} of {parameters:list}
+    {parameters:includes/include} zero{without:?; without {without:or} the model fits as well}; give what you know
+    ({argument[fixed]}) # Data: parameters, without (those of them without which a refit is as good).
+damping-open info: {subject} is not determined; the intervals of {parameters:list} include 0 to {most:.2g[unit]} of it;
+    give it if you know it ({argument[fixed]} {subject}=…)
+    # Subject: viscous friction. Data: parameters (whose intervals include it), most, unit.
+free-run-drifts info: errors of the free run of {subject} add up: {error:.3g[unit]} RMS over {seconds:.3g} s,
+    {whole:.3g[unit]} over the whole record; trust it for up to {seconds:.3g} s
+    # Data: seconds, error, whole, unit (RMS errors of free runs of this length, and of that of the whole record).
+probably-another-system info: the search of extra effects stopped after the first: its free run leaves {left:.2g %} of
+    the variance, a {regression:None=>linear model {linear:.2g %}|polynomial regression {regression:.2g %}}
+speed-is-a-mean info: the data show that {subject} is the mean over the sample before it, as an encoder counts, and it
+    is simulated so ({argument[average]})
+friction-fades-as-gaussian info: the friction of {subject} near rest fades as exp(−(rate·speed)²), not as
+    exp(−rate·speed)
+residual-slow warning: the residual changes slowly (about {values:.0f} independent values in {samples:,}); the intervals
+    may be too narrow: record longer
+no-shaft-seen warning: the data show no shaft flexibility: one mass ({simpler}) describes them as well; use {simpler}
+no-shaft-needed warning: one mass ({simpler}) with its refinements has {ratio:.2g} times the error of a motor with a
+    shaft, so it is taken instead
+choice-interrupted warning: the choice of refinements was stopped before its end; the best model so far is kept
+""",
+    other_hold="between samples; with a {between} input the error is {ratio:.3g} times smaller: give "
+    "between={between!r} or {argument[hold]}",
+)
+
 
 @words("unit-assumed", Severity.WARNING)
 def unit_assumed(f: Finding, argument: Spelling) -> str:
@@ -34,22 +99,6 @@ def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     return f"{d['channel']} {given} and is read as {d['unit']}{_give_unit(f, argument)} or drive.gain"
 
 
-@words("command-may-be-duty", Severity.INFO)
-def command_may_be_duty(f: Finding, argument: Spelling) -> str:
-    d = f.data
-    scale = "" if d["full"] == 255 else f", {argument('pwm_full_scale')}"
-    return (
-        f"{d['channel']} looks like a PWM duty, in whole numbers up to {d['full']:g}; for volts give its unit pwm "
-        f"({argument('units')}{scale}, {argument('supply_voltage')})"
-    )
-
-
-@words("codes-without-bridge", Severity.INFO)
-def codes_without_bridge(f: Finding, argument: Spelling) -> str:
-    codes = listed([f"{code:g}" for code in f.data["codes"]])
-    return f"{f.subject} has no bridge here, so the code {codes} means zero {f.data['nothing']}"
-
-
 @words("input-between-samples")
 def input_between_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: straight, held (the numbers of segments with this hold)."""
@@ -59,36 +108,6 @@ def input_between_samples(f: Finding, argument: Spelling) -> str:
         f"the data show that {f.subject} changes linearly between samples{some if held else ''}, and it is simulated "
         f"so ({argument('hold')})"
     )
-
-
-@words("input-taken-as-constant", Severity.WARNING)
-def input_taken_as_constant(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: between (the hold that fits better), ratio (of the errors)."""
-    return _taken_as(f, argument, "constant")
-
-
-@words("input-taken-as-linear", Severity.WARNING)
-def input_taken_as_linear(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: between (the course that fits better), ratio (of the errors)."""
-    return _taken_as(f, argument, "linear")
-
-
-def _taken_as(f: Finding, argument: Spelling, course: str) -> str:
-    between, ratio = f.data["between"], f.data["ratio"]
-    return (
-        f"{f.subject} is simulated as {course} between samples; with a {between} input the error is {ratio:.3g} times "
-        f"smaller: give between={between!r} or {argument('hold')}"
-    )
-
-
-@words("alternatives-fit-as-well")
-def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
-    """Data: instead (parameters), of (the one that they replace; None if there is none), late (a delay is missing)."""
-    others, of = " or ".join(f.data["instead"]), f.data["of"]
-    if f.data["late"]:
-        return f"these data show a short delay that the model does not have; the intervals cover {others}"
-    replaced = f" in place of {of}" if of else ""
-    return f"{others}{replaced} explains these data equally well; the intervals cover both"
 
 
 EFFECTS = {
@@ -137,38 +156,6 @@ def effects_alike(f: Finding, argument: Spelling) -> str:
     return f"these data do not tell {f.subject} from {effects}{sure}"
 
 
-def _step(f: Finding) -> str:
-    """The step of a reading with its unit."""
-    return with_unit(f"{f.data['step']:.3g}", f.data["unit"])
-
-
-@words("error-above-rounding", Severity.WARNING)
-def error_above_rounding(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant. Data: ratio (of the error to that of rounding), step, unit."""
-    return (
-        f"the error is {f.data['ratio']:.2g} times what rounding to {_step(f)} makes: an effect is missing; the "
-        "intervals hold all parameters whose largest error is no larger"
-    )
-
-
-@words("within-rounding", Severity.INFO)
-def within_rounding(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant. Data: step, unit, narrower (the intervals than those of least squares)."""
-    return (
-        f"the intervals hold what keeps the model within half a step ({_step(f)}) of every reading; "
-        f"they are {f.data['narrower']:.2g} times narrower than by least squares"
-    )
-
-
-@words("outside-rounding", Severity.INFO)
-def outside_rounding(f: Finding, argument: Spelling) -> str:
-    """Subject: the plant. Data: step, unit, least (the largest error in steps of the values where it is smallest)."""
-    return (
-        f"no parameters keep the model within half a step ({_step(f)}) of each reading, at best {f.data['least']:.3g}: "
-        "an effect is missing or there is other noise"
-    )
-
-
 @words("value-contradicted", Severity.WARNING)
 def value_contradicted(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: value (kept), better, unit, share (of the squared error), or (effects)."""
@@ -177,26 +164,6 @@ def value_contradicted(f: Finding, argument: Spelling) -> str:
     return (
         f"these data contradict {f.subject} = {value}: {better}{others} would lower the squared error by "
         f"{100 * f.data['share']:.0f} %"
-    )
-
-
-@words("parameter-changes", Severity.WARNING)
-def parameter_changes(f: Finding, argument: Spelling) -> str:
-    """Subject: a parameter. Data: halves, unit, share (of the squared error), or (effects)."""
-    first, second = (with_unit(f"{value:.4g}", f.data["unit"]) for value in f.data["halves"])
-    return (
-        f"{f.subject} changes during the record: {first} in its first half and {second} in its second would lower the "
-        f"squared error by {100 * f.data['share']:.0f} %"
-    )
-
-
-@words("parameter-drifts")
-def parameter_drifts(f: Finding, argument: Spelling) -> str:
-    """Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit."""
-    first, second = (with_unit(f"{value:.4g}", f.data["unit"]) for value in f.data["halves"])
-    return (
-        f"{f.subject} is {first} in the first half of the record and {second} in the second, so it drifts slowly; the "
-        "intervals include that"
     )
 
 
@@ -214,35 +181,6 @@ def parameters_by_record(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("parameters-reestimated")
-def parameters_reestimated(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: parameters, samples (they are estimated from), rest, before, after (fit in %)."""
-    d = f.data
-    before, after = ("none" if each is None else f"{each:.1f} %" for each in (d["before"], d["after"]))
-    return (
-        f"{f.subject}: with {listed(d['parameters'])} from its first {d['samples']:,} samples, the fit on the other "
-        f"{d['rest']:,} goes from {before} to {after}"
-    )
-
-
-@words("single-record", Severity.WARNING)
-def single_record(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: parameters (those that were to differ by record)."""
-    have = "have" if len(f.data["parameters"]) > 1 else "has"
-    return (
-        f"{f.subject} is the only record, so {listed(f.data['parameters'])} {have} "
-        f"one value ({argument('per_record')} is for several records)"
-    )
-
-
-@words("nothing-identifiable", Severity.PROBLEM)
-def nothing_identifiable(f: Finding, argument: Spelling) -> str:
-    return (
-        f"from {listed(f.data['channels'])} alone, no parameter of {f.subject} is identifiable; check the columns, or "
-        f"fix what you know ({argument('fixed')})"
-    )
-
-
 @words("not-identifiable", Severity.WARNING)
 def not_identifiable(f: Finding, argument: Spelling) -> str:
     names, kept = f.data["parameters"], f.data["kept"]
@@ -254,16 +192,6 @@ def not_identifiable(f: Finding, argument: Spelling) -> str:
     return f"only {only} of {shortened(names)} can be identified; {_advice(f, argument)}"
 
 
-@words("kept-by-response", Severity.WARNING)
-def kept_by_response(f: Finding, argument: Spelling) -> str:
-    """Data: parameters, and the values that were kept with their units."""
-    at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in f.data["kept"])
-    return (
-        f"the response does not determine {listed(f.data['parameters'])}; kept at {at}; fix what you know "
-        f"({argument('fixed')}), or measure another output"
-    )
-
-
 @words("weakly-identified", Severity.WARNING)
 def weakly_identified(f: Finding, argument: Spelling) -> str:
     names = f.data["parameters"]
@@ -271,26 +199,6 @@ def weakly_identified(f: Finding, argument: Spelling) -> str:
         return f"{names[0]} is not known to better than 100 % from these data; {_advice(f, argument)}"
     better = f"; {shortened(f.data['combinations'])} known better" if f.data["combinations"] else ""
     return f"{shortened(names)} are hardly identifiable separately{better}; {_advice(f, argument)}"
-
-
-@words("intervals-include-zero", Severity.WARNING)
-def intervals_include_zero(f: Finding, argument: Spelling) -> str:
-    """Data: parameters, without (those of them without which a refit is as good)."""
-    names, without = f.data["parameters"], f.data["without"]
-    several = len(names) > 1
-    said = f"the 95 % interval{'s' * several} of {listed(names)} include{'s' * (not several)} zero"
-    tried = f"; without {' or '.join(without)} the model fits as well" if without else ""
-    return f"{said}{tried}; give what you know ({argument('fixed')})"
-
-
-@words("damping-open")
-def damping_open(f: Finding, argument: Spelling) -> str:
-    """Subject: viscous friction. Data: parameters (whose intervals include it), most, unit."""
-    names, most = f.data["parameters"], with_unit(f"{f.data['most']:.2g}", f.data["unit"])
-    return (
-        f"{f.subject} is not determined; the intervals of {listed(names)} include 0 to {most} of it; give it if you "
-        f"know it ({argument('fixed')} {f.subject}=…)"
-    )
 
 
 LIFT = 30.0
@@ -322,28 +230,6 @@ def load_drifts(f: Finding, argument: Spelling) -> str:
     return f"{drifts}; the intervals of {listed(names)} include the {with_unit(f'{mean:.3g}', unit)} of its mean"
 
 
-@words("free-run-drifts")
-def free_run_drifts(f: Finding, argument: Spelling) -> str:
-    """Data: seconds, error, whole, unit (RMS errors of free runs of this length, and of that of the whole record)."""
-    error, whole = (with_unit(f"{f.data[name]:.3g}", f.data["unit"]) for name in ("error", "whole"))
-    seconds = with_unit(f"{f.data['seconds']:.3g}", "s")
-    return (
-        f"errors of the free run of {f.subject} add up: {error} RMS over {seconds}, {whole} over the whole record; "
-        f"trust it for up to {seconds}"
-    )
-
-
-@words("probably-another-system")
-def probably_another_system(f: Finding, argument: Spelling) -> str:
-    regression = f.data.get("regression")
-    other, share = ("linear model", f.data["linear"]) if regression is None else ("polynomial regression", regression)
-    left, less = (f"{100 * each:.2g} %" for each in (f.data["left"], share))
-    return (
-        f"the search of extra effects stopped after the first: its free run leaves {left} of the variance, a {other} "
-        f"{less}"
-    )
-
-
 def interval(ends: tuple[float, float], unit: str) -> str:
     """An interval with its unit; an end that is infinite was not found."""
     low, high = ends
@@ -364,17 +250,3 @@ def _advice(f: Finding, argument: Spelling) -> str:
         else ""
     )
     return f"{load}{zone}{both_ways}fix what you know ({argument('fixed')}){measured}"
-
-
-sentences("""
-speed-is-a-mean info: the data show that {subject} is the mean over the sample before it, as an encoder counts, and it
-    is simulated so ({argument[average]})
-friction-fades-as-gaussian info: the friction of {subject} near rest fades as exp(−(rate·speed)²), not as
-    exp(−rate·speed)
-residual-slow warning: the residual changes slowly (about {values:.0f} independent values in {samples:,}); the
-    intervals may be too narrow: record longer
-no-shaft-seen warning: the data show no shaft flexibility: one mass ({simpler}) describes them as well; use {simpler}
-no-shaft-needed warning: one mass ({simpler}) with its refinements has {ratio:.2g} times the error of a motor with a
-    shaft, so it is taken instead
-choice-interrupted warning: the choice of refinements was stopped before its end; the best model so far is kept
-""")

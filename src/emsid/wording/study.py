@@ -10,6 +10,23 @@ from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.identification import of_program
 from emsid.wording.lists import listed
 
+sentences(
+    __name__,
+    """
+study-survey-recorded info: The tables of other motors, inputs and records were recorded with the default settings
+study-even-terms info: The quadratic terms of {subject} are the same for u and −u, so they cannot describe a dead zone
+    and friction that are alike in both directions
+study-noise-free warning: The simulation study has no noise, and its physical models are the equations that made the
+    data; compare the models by the other study
+study-virtual-bench info: No drive was measured: the records are of a virtual bench, with noise, delay and ripple that
+    no model contains; give your own ({argument[record]}, {argument[unseen]})
+study-one-step info: One-step errors are small for almost any model: in the study of the {study}, the free-run MSE of
+    {subject} ({method}) is {ratio:,.0f} times its one-step MSE
+study-rank-deficient warning: {subject} ({study}, {method}): the data determine {rank} combinations of the {parameters}
+    parameters, so not all of its estimates are meaningful
+""",
+)
+
 
 def times(value: float) -> str:
     """A number with three digits and commas.
@@ -164,18 +181,3 @@ def recursive_and_batch(f: Finding, argument: Spelling) -> str:
 def model_failed(f: Finding, argument: Spelling) -> str:
     more = of_program(argument) if f.data["internal"] else ""
     return f"{f.subject} could not be fitted {where(f.data['study'])}: {f.data['problem']}{more}"
-
-
-sentences("""
-study-survey-recorded info: The tables of other motors, inputs and records were recorded with the default settings
-study-even-terms info: The quadratic terms of {subject} are the same for u and −u, so they cannot describe a dead zone
-    and friction that are alike in both directions
-study-noise-free warning: The simulation study has no noise, and its physical models are the equations that made the
-    data; compare the models by the other study
-study-virtual-bench info: No drive was measured: the records are of a virtual bench, with noise, delay and ripple that
-    no model contains; give your own ({argument[record]}, {argument[unseen]})
-study-one-step info: One-step errors are small for almost any model: in the study of the {study}, the free-run MSE of
-    {subject} ({method}) is {ratio:,.0f} times its one-step MSE
-study-rank-deficient warning: {subject} ({study}, {method}): the data determine {rank} combinations of the
-    {parameters} parameters, so not all of its estimates are meaningful
-""")

@@ -2,13 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from emsid.findings import Finding
-from emsid.units import with_unit
-from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, sentences, words
-from emsid.wording.lists import duration, listed
+from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, filled, rows, sentences, words
+from emsid.wording.lists import listed
+
+sentences(
+    __name__,
+    """
+residual-depends-on-input warning: the input predicts {share:.0f %} of the variance of the residual of {output}, so the
+    model lacks part of the dynamics or a nonlinearity # Data: output, share (of the variance of the residual).
+residual-not-tested info: the residual of {output} could not be tested: {independent:None=>a constant signal, or too few
+    samples|only {independent:.0f} independent values; record longer}
+    # Data: output, independent (values of the residual, where these are too few).
+residual-depends-on-term warning: the residual of {subject} is correlated with {term} ({largest:.1f} standard deviations
+    at lag {at_lag}, limit {limit:.1f}): the model lacks {kind:product=>a product of these signals|an {kind}
+    nonlinearity} # Subject: the output. Data: term, kind (even, odd, product), largest, at_lag, limit.
+residual-white info: the one-step errors of {subject} are white: the first {lags} lags show no correlation
+residual-coloured warning: the one-step errors of {subject} are correlated with each other (up to {largest:.2f} at lag
+    {lag}): dynamics or noise are not modelled
+next-check-data warning: No model describes these data well; check units, sample time and columns, and leave out samples
+    that are not normal operation ({argument[mask]})
+next-reduce-noise warning: Noise or a disturbance probably limits the fit to {fit_percent:.0f} %; use a larger input, a
+    better sensor, or record the disturbance as another input
+next-physical-model info: Fit a physical model too, to estimate friction, dead zone and delay as parameters:
+    {argument[models]} rigid-motor, or motor for a flexible shaft
+""",
+)
+
 
 Reason = Mapping[str, Any]
 
@@ -21,86 +44,46 @@ IN_SHORT = {
 """The verdict on a model in a table of models."""
 
 
-def _of_lag(d: Reason) -> str:
-    """A correlation with its limit."""
-    return f"{d['largest']:.1f} standard deviations at lag {d['at_lag']}, 99 % limit {d['limit']:.1f}"
-
-
-def _spread(d: Reason) -> str:
-    if d["kind"] == "gain":
-        return f"{100 * d['spread']:.2g} %"
-    if d["kind"] == "delay":
-        return duration(d["spread"])
-    return with_unit(f"{d['spread']:.3g}", d["unit"])
-
-
-_ENDED = {
-    "stalled": "it stalled",
-    "out of budget": "it ended at its limit of steps or time",
-    "interrupted": "it was interrupted",
-}
-_SHORT: dict[str, Callable[[Reason], str]] = {
-    "diverges": lambda d: f"its free run diverges at sample {d['sample']}",
-    "explains-little": lambda d: f"it explains little of the output (a fit of {d['fit_percent']:.0f} %)",
-    "output-at-rest": lambda d: "the output does not change in the unseen data, which test only the steady state",
-    "output-moves-little": lambda d: (
-        "it is no better than the mean of the output in the unseen data, where the output moves little (its error is "
-        f"{100 * d['share']:.2g} % of its deviation in all data)"
-    ),
-    "input-explains-nothing": lambda d: (
-        "its free run is no better than with the input shuffled, or with its mean instead"
-    ),
-    "no-gain-over-trend": lambda d: "a straight line in time follows the output as well, without any input",
-    "no-better-than-mean": lambda d: "it is no better than the mean of the output",
-    "depends-on-past-inputs": lambda d: (
-        f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"
-    ),
-    "depends-on-nonlinear-term": lambda d: (
-        f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']}, which depends on {d['term']} "
-        f"({_of_lag(d)})"
-    ),
-    "one-step-errors-coloured": lambda d: (
-        f"its one-step errors are correlated (up to {d['largest']:.2f} at lag {d['at_lag']}), so its prediction is not "
-        "the best one"
-    ),
-    "another-is-better": lambda d: f"{d['other']} has {100 * d['left']:.2g} % of its squared error on the same data",
-    "another-differs": lambda d: (
-        f"{d['other']} fits these data as well and differs from it by {d['times']:.2g} times its error on other inputs"
-    ),
-    "parts-differ": lambda d: (
-        "its fits to parts of the data "
-        + (
-            "diverge on other inputs"
-            if d["times"] is None
-            else f"leave it uncertain by {d['times']:.2g} times its error on other inputs"
-        )
-    ),
-    "stable-model-of-unstable": lambda d: (
-        f"it is stable, and the plant is not without its controller (a pole of {d['pole']:.3g} per sample)"
-    ),
-    "only-in-loop": lambda d: (
-        f"only its predictions some samples ahead are tested, of a plant with a pole of {d['pole']:.3g} per sample"
-    ),
-    "response-uncertain": lambda d: "its response to the input may be zero",
-    "few-levels": lambda d: f"the input has {d['levels']} levels, which cannot show a nonlinearity",
-    "residual-untested": lambda d: "its residual was not tested",
-    "pieces-differ": lambda d: (
-        f"the {d['kind']} of {d['output']} differs by up to {_spread(d)} between pieces of the data, which makes "
-        f"{100 * d['share']:.0f} % of the squared error"
-    ),
-    "larger-on-unseen": lambda d: f"its error is {d['ratio']:.2g} times larger on unseen data than on fitted data",
-    "error-in-one-stretch": lambda d: (
-        f"{100 * d['share']:.0f} % of its squared error is between {d['from']:.4g} and {d['to']:.4g} s"
-    ),
-    "search-not-finished": lambda d: f"its search did not reach a minimum ({_ENDED[d['ending']]})",
-}
+_SHORT = rows("""
+diverges: its free run diverges at sample {sample}
+explains-little: it explains little of the output (a fit of {fit_percent:.0f} %)
+output-at-rest: the output does not change in the unseen data, which test only the steady state
+output-moves-little: it is no better than the mean of the output in the unseen data, where the output moves little (its
+    error is {share:.2g %} of its deviation in all data)
+input-explains-nothing: its free run is no better than with the input shuffled, or with its mean instead
+no-gain-over-trend: a straight line in time follows the output as well, without any input
+no-better-than-mean: it is no better than the mean of the output
+depends-on-past-inputs: the input predicts {share:.0f %} of the residual of {output} ({largest:.1f} standard deviations
+    at lag {at_lag}, 99 % limit {limit:.1f})
+depends-on-nonlinear-term: the input predicts {share:.0f %} of the residual of {output}, which depends on {term}
+    ({largest:.1f} standard deviations at lag {at_lag}, 99 % limit {limit:.1f})
+one-step-errors-coloured: its one-step errors are correlated (up to {largest:.2f} at lag {at_lag}), so its prediction is
+    not the best one
+another-is-better: {other} has {left:.2g %} of its squared error on the same data
+another-differs: {other} fits these data as well and differs from it by {times:.2g} times its error on other inputs
+parts-differ: its fits to parts of the data {times:None=>diverge on other inputs|leave it uncertain by {times:.2g} times
+    its error on other inputs}
+stable-model-of-unstable: it is stable, and the plant is not without its controller (a pole of {pole:.3g} per sample)
+only-in-loop: only its predictions some samples ahead are tested, of a plant with a pole of {pole:.3g} per sample
+response-uncertain: its response to the input may be zero
+few-levels: the input has {levels} levels, which cannot show a nonlinearity
+residual-untested: its residual was not tested
+pieces-differ: the {kind} of {output} differs by up to {kind:gain=>{spread:.2g
+    %}|delay=>{spread:duration}|{spread:.3g[unit]}} between pieces of the data, which makes {share:.0f %} of the squared
+    error
+larger-on-unseen: its error is {ratio:.2g} times larger on unseen data than on fitted data
+error-in-one-stretch: {share:.0f %} of its squared error is between {from:.4g} and {to:.4g} s
+search-not-finished: its search did not reach a minimum ({ending:stalled=>it stalled|out of budget=>it ended at its
+    limit of steps or time|interrupted=>it was interrupted})
+""")
+"""Reasons of a verdict that are no findings of their own."""
 
 
 def reason_in_words(reason: Reason) -> str:
     """A reason of a verdict as a clause."""
     code = reason["code"]
     if code in _SHORT:
-        return _SHORT[code](reason)
+        return filled(_SHORT[code], reason)
     text = CATALOGUE[code].wording(
         Finding(code, reason.get("subject", ""), {k: v for k, v in reason.items() if k != "model"}), as_python
     )
@@ -207,60 +190,32 @@ def no_model_recommended(f: Finding, argument: Spelling) -> str:
     return f"No model describes these data: the best{where} is {f.subject}, and {_first_reasons(f.data['reasons'])}"
 
 
-def _fill_range(d: Reason) -> str:
-    places = [f"{x:.3g}" for x in d.get("at", [])]
-    near = f" around {listed(places)}" if places else ""
-    return f"record larger or more varied movements: the static map has hardly any data{near}"
-
-
-_EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
-    "longer": lambda d: f"record longer: {d['samples']} samples are too few, at least {d['needed']} are needed",
-    "without-feedback": lambda d: (
-        "record without a controller, or with a test signal added to its command, since the input follows the output"
-    ),
-    "more-levels": lambda d: "record an input of many levels over the whole range, such as an amplitude-modulated PRBS",
-    "test-signal": lambda d: (
-        "add a test signal to the reference of the controller and record it too, for a closed-loop method: two-stage, "
-        "instrumental variables or Box–Jenkins"
-    ),
-    "larger-input": lambda d: "record with larger inputs: much of this record is inside the dead zone, or at rest",
-    "faster-sampling": lambda d: f"sample at least five times faster than every {duration(d['dt'])}",
-    "finer-sensor": lambda d: (
-        "measure the output with a finer sensor, or record larger movements: its steps are coarse"
-    ),
-    "both-directions": lambda d: (
-        f"record {d['input']} in both directions: friction and dead zone of the other one are not in these data"
-    ),
-    "fill-range": _fill_range,
-    "repeat-input": lambda d: (
-        "repeat the same input two or three times in one record, to tell noise from what the model lacks"
-    ),
-    "second-load": lambda d: (
-        "record a second load of known weight at a known distance, which separates inertia, friction and gravity from "
-        "the strength of the motor"
-    ),
-    "other-input": lambda d: (
-        "record a second experiment, with an input like those in later use, and rank the models on it"
-    ),
-    "in-use": lambda d: "record the drive in its later use, and run the recommended model on that record",
-}
+_EXPERIMENTS = rows("""
+longer: record longer: {samples} samples are too few, at least {needed} are needed
+without-feedback: record without a controller, or with a test signal added to its command, since the input follows the
+    output
+more-levels: record an input of many levels over the whole range, such as an amplitude-modulated PRBS
+test-signal: add a test signal to the reference of the controller and record it too, for a closed-loop method:
+    two-stage, instrumental variables or Box–Jenkins
+larger-input: record with larger inputs: much of this record is inside the dead zone, or at rest
+faster-sampling: sample at least five times faster than every {dt:duration}
+finer-sensor: measure the output with a finer sensor, or record larger movements: its steps are coarse
+both-directions: record {input} in both directions: friction and dead zone of the other one are not in these data
+fill-range: record larger or more varied movements: the static map has hardly any data{at:? around {at:list .3g}}
+repeat-input: repeat the same input two or three times in one record, to tell noise from what the model lacks
+second-load: record a second load of known weight at a known distance, which separates inertia, friction and gravity
+    from the strength of the motor
+other-input: record a second experiment, with an input like those in later use, and rank the models on it
+in-use: record the drive in its later use, and run the recommended model on that record
+""")
 
 
 @words("next-experiment")
 def next_experiment(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: kind, and what it needs: at, dt, input, needed."""
-    sentence = _EXPERIMENTS[f.data["kind"]](f.data)
+    sentence = filled(_EXPERIMENTS[f.data["kind"]], f.data)
     then = {"other-input": f" ({argument('unseen')})", "in-use": " (emsid validate)"}.get(f.data["kind"], "")
     return f"Next experiment: {sentence}{then}"
-
-
-@words("residual-depends-on-input", Severity.WARNING)
-def residual_depends(f: Finding, argument: Spelling) -> str:
-    """Data: output, share (of the variance of the residual)."""
-    return (
-        f"the input predicts {100 * f.data['share']:.0f} % of the variance of the residual of {f.data['output']}, so "
-        "the model lacks part of the dynamics or a nonlinearity"
-    )
 
 
 @words("residual-independent-of-input")
@@ -272,28 +227,6 @@ def residual_independent(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("residual-not-tested")
-def residual_not_tested(f: Finding, argument: Spelling) -> str:
-    """Data: output, independent (values of the residual, where these are too few)."""
-    if "independent" in f.data:
-        return (
-            f"the residual of {f.data['output']} could not be tested: only {f.data['independent']:.0f} independent "
-            "values; record longer"
-        )
-    return f"the residual of {f.data['output']} could not be tested: a constant signal, or too few samples"
-
-
-@words("residual-depends-on-term", Severity.WARNING)
-def residual_depends_on_term(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: term, kind (even, odd, product), largest, at_lag, limit."""
-    kind = f.data["kind"]
-    lacks = "a product of these signals" if kind == "product" else f"an {kind} nonlinearity"
-    return (
-        f"the residual of {f.subject} is correlated with {f.data['term']} ({f.data['largest']:.1f} standard deviations "
-        f"at lag {f.data['at_lag']}, limit {f.data['limit']:.1f}): the model lacks {lacks}"
-    )
-
-
 @words("next-measure", Severity.WARNING)
 def next_measure(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: parameters (assumed), current (whether that would determine them)."""
@@ -301,16 +234,3 @@ def next_measure(f: Finding, argument: Spelling) -> str:
     current = ", or record the current" if f.data["current"] else ""
     given = " ".join(f"{argument('fixed')} {name}=…" for name in names)
     return f"Next: measure the {listed([name.replace('_', ' ') for name in names])}{current}: {given}"
-
-
-sentences("""
-residual-white info: the one-step errors of {subject} are white: the first {lags} lags show no correlation
-residual-coloured warning: the one-step errors of {subject} are correlated with each other (up to {largest:.2f} at lag
-    {lag}): dynamics or noise are not modelled
-next-check-data warning: No model describes these data well; check units, sample time and columns, and leave out
-    samples that are not normal operation ({argument[mask]})
-next-reduce-noise warning: Noise or a disturbance probably limits the fit to {fit_percent:.0f} %; use a larger input,
-    a better sensor, or record the disturbance as another input
-next-physical-model info: Fit a physical model too, to estimate friction, dead zone and delay as parameters:
-    {argument[models]} rigid-motor, or motor for a flexible shaft
-""")

@@ -1,4 +1,4 @@
-"""Frequency responses, transfer functions and flexible modes of simulated systems: ``python bench/frequency.py [PART]``.
+"""Responses, transfer functions and flexible modes of simulated systems: ``python bench/frequency.py [PART]``.
 
 - ``levels``: multisines through a filter behind a cubic map; the noise that is found over that which was added, and the
   distortion over that of 200 other realisations, in dB. Target: within 1 dB.
@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 FITS, CASES, DT = 100, 3, 0.001
 LEVEL = 0.02
 """White noise of an output, as a part of its deviation."""
+SPRING = 0.02
+"""The force of the spring, as a part of the input."""
 
 
 def levels(seed: int) -> None:
@@ -95,14 +97,32 @@ def gantry(seed: int) -> None:
         )
 
 
-def hardening(model: StateSpaceModel, u: Array, strength: float) -> Array:
-    """The run of a model where a force against the cube of its first output acts beside the input."""
-    x, rows = np.zeros(model.order), []
-    for each in u:
-        y = model.c @ x
-        rows.append(y)
-        x = model.a @ x + model.b @ (each - strength * y[:1] ** 3)
-    return np.array(rows)
+def hardening(model: StateSpaceModel, u: Array, frequency: Array, share: float) -> tuple[Array, float]:
+    """The run of a model with a spring at its force, against the cube of the deflection of all modes there.
+
+    Args:
+        model: that `modal` makes, with modes at these frequencies.
+        u: (N, 1) the force.
+        frequency: of its modes, in Hz.
+        share: of the force of the spring in the input, both as standard deviations; or the constant of the spring as a
+            negative number.
+
+    Returns:
+        The outputs, and the constant of the spring.
+    """
+    deflection = np.zeros(model.order)
+    deflection[1::2] = 1 / (2 * np.pi * frequency)
+
+    def run(strength: float) -> tuple[Array, Array]:
+        x, rows, moved = np.zeros(model.order), [], []
+        for each in u:
+            rows.append(model.c @ x)
+            moved.append((deflection @ x) ** 3)
+            x = model.a @ x + model.b @ (each - strength * moved[-1])
+        return np.array(rows), np.array(moved)
+
+    strength = -share if share < 0 else share * float(u.std() / run(0.0)[1].std())
+    return run(strength)[0], strength
 
 
 def aircraft(seed: int) -> None:
@@ -111,10 +131,8 @@ def aircraft(seed: int) -> None:
         true = np.sort(np.geomspace(5.0, 150.0, 12) * rng.uniform(0.95, 1.05, 12))
         model = modal(true, 0.01, 5.0, rng.uniform(-1.0, 1.0, (3, 13)))
         u, other = held(rng, 16_384), held(rng, 8192)
-        size = model.run(np.zeros(25), u)[0][:, 0].std()
-        strength = 0.02 * u.std() / size**3  # the force against the cube is some 2 % of the input where y is usual
-        record = noisy(u, hardening(model, u, strength), rng)
-        unseen = noisy(other, hardening(model, other, strength), rng)
+        seen, strength = hardening(model, u, true, SPRING)
+        record, unseen = noisy(u, seen, rng), noisy(other, hardening(model, other, true, -strength)[0], rng)
         began = time.process_time()
         result = emsid.identify(record)
         seconds = time.process_time() - began

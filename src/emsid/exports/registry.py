@@ -30,7 +30,7 @@ FORMATS: dict[str, Format] = {
     "isaac-lab": Format("the actuator of a joint for Isaac Lab", isaac_lab, ("timestep", "joint"), True),
     "mjlab": Format("the actuator of a joint for mjlab", mjlab, ("timestep", "joint"), True),
     "python-control": Format("the linear part as a script for python-control", control),
-    "csv": Format("friction, dead zone, cogging and static maps as tables", csv, physical=True),
+    "csv": Format("friction, dead zone, cogging, static maps and modes as tables", csv, physical=True),
     "wpilib": Format("kS, kG, kV and kA for WPILib", wpilib),
     "odrive": Format("the motor of an ODrive", odrive, BRUSHLESS, True),
     "vesc": Format("the motor of a VESC", vesc, BRUSHLESS, True),

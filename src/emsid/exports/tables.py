@@ -1,6 +1,6 @@
-"""The static curves of a model as CSV: friction over speed, dead zone, cogging over position, static maps.
+"""The static curves and the modes of a model as CSV: friction, dead zone, cogging, static maps; resonances in Hz.
 
-Those of a fit have 95 % bands. The cogging is that against the positive direction, over one period: a drive compensates
+Those of a fit have 95 % bands and intervals. The cogging is that against the positive direction, over one period: a drive compensates
 it by adding the value at its position to the torque (force) that it makes.
 
 The band is pointwise, y ± 1.96·√(g Cov gᵀ) with the derivatives g of the curve by the estimates.
@@ -19,6 +19,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.exports.formats import Export, Files
 from emsid.models.blocks.fitting import static_band
+from emsid.validation.analysis import modes
 
 Array = NDArray[np.float64]
 POINTS = 201
@@ -28,10 +29,10 @@ STEP = 1e-6
 
 
 def csv(export: Export) -> tuple[Files, list[str]]:
-    """A file for every static curve.
+    """A file for every static curve, and one of the modes.
 
     Raises:
-        ModelError: for a model that has none.
+        ModelError: for a model that has neither.
     """
     files: Files = {}
     plant: Any = getattr(export.model, "plant", None)
@@ -64,12 +65,38 @@ def csv(export: Export) -> tuple[Files, list[str]]:
             known = export.fit is not None and export.fit.has_bands and hasattr(export.model, "blocks")
             error = static_band(export.fit, k, x)[:, 1] if known and export.fit is not None else None
             files[f"{export.name}_map{k + 1}.csv"] = _table(("input", "output"), x, block.value(x), error)
+    oscillating = _modes(export)
+    if oscillating:
+        files[f"{export.name}_modes.csv"] = oscillating
     if not files:
-        raise ModelError(f"{export.model.name} has no static curve to write; export it as c99")
-    notes = ["Only static curves are written; export the model as c99 to run it."]
-    if not any(",low," in str(text) for text in files.values()):
-        notes.append("The curves have no bands, as there is no covariance of these parameters.")
+        raise ModelError(f"{export.model.name} has no static curve or mode to write; export it as c99")
+    notes = ["Only static curves and modes are written; export the model as c99 to run it."]
+    if not any("low" in str(text).partition("\n")[0] for text in files.values()):
+        notes.append("They have no bands or intervals, as there is no covariance of these parameters.")
     return files, notes
+
+
+def _modes(export: Export) -> str:
+    """The table of `emsid.modes` of the linear part; empty without any mode."""
+    try:
+        found = modes(export.model if export.fit is None else export.fit)
+    except ModelError:  # it has no linear part
+        return ""
+    columns = {name: values for name, values in found.columns().items() if not _is_unknown(values)}
+    units = {"kind": "", "frequency": " [Hz]", "frequency_low": " [Hz]", "frequency_high": " [Hz]"}
+    head = ",".join(f"{name}{units.get(name, ' [1]')}" for name in columns)
+    cells = zip(*(values.tolist() for values in columns.values()), strict=True)
+    rows = (",".join(each if isinstance(each, str) else _cell(each) for each in row) for row in cells)
+    return "\n".join([head, *rows]) + "\n" if len(found) else ""
+
+
+def _is_unknown(values: NDArray[Any]) -> bool:
+    """Whether a column has no known number."""
+    return values.dtype.kind == "f" and bool(np.isnan(values).all())
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else repr(value)
 
 
 def _plant_errors(fit: Fit[Any] | None, plant: Any, law: Callable[[Any], Array]) -> Array | None:
@@ -94,5 +121,5 @@ def _table(head: tuple[str, ...], x: Array, y: Array, error: Array | None) -> st
     """Rows of the curve; edges of its band that are not known are left empty."""
     columns = [x, y] if error is None else [x, y, y - HALF_WIDTH * error, y + HALF_WIDTH * error]
     names = head if error is None else (*head, "low", "high")
-    rows = (",".join("" if np.isnan(v) else repr(v) for v in row) for row in np.column_stack(columns).tolist())
+    rows = (",".join(map(_cell, row)) for row in np.column_stack(columns).tolist())
     return "\n".join([",".join(names), *rows]) + "\n"

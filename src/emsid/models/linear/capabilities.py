@@ -80,7 +80,7 @@ class OfStateSpaces(OfLinearModels[StateSpaceModel]):
     of_responses: ClassVar = {StateSpaceStructure: fit_to_response}
 
     def linear_part(self, model: StateSpaceModel, at: float) -> LinearSystem:
-        return LinearSystem(model.a, model.b, model.c, model.d, model.dt, name=model.name)
+        return model.sampled
 
     def modes(self, model: StateSpaceModel) -> Modes:
         from scipy.linalg import eigvals

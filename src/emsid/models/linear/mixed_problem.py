@@ -41,7 +41,7 @@ class LinearProblem:
         segments: of records.
         responses: measured.
         respond: what the model responds.
-        noise: standard deviation of the noise of the segments.
+        noise: standard deviation of the noise of the segments, or (ny,) of each of their outputs.
         stable: whether a model may be tried.
     """
 
@@ -53,7 +53,7 @@ class LinearProblem:
         segments: Sequence[Record] = (),
         responses: Sequence[FrequencyResponse] = (),
         respond: Respond | None = None,
-        noise: float = 1.0,
+        noise: float | Array = 1.0,
         stable: Callable[[Any], bool] = lambda model: True,
     ) -> None:
         self.like, self.names, self.steps = like, tuple(names), steps
@@ -76,7 +76,7 @@ class LinearProblem:
         model = self.model(theta)
         if not self.stable(model):
             raise Infeasible("a pole in the unstable half plane")
-        out = [_free_run_error(model, segment) / self.noise for segment in self.segments]
+        out = [_free_run_error(model, segment, self.noise) for segment in self.segments]
         for measured, weight in zip(self.responses, self.weights, strict=True):
             missed = (self.respond(model, measured) - measured.response) * weight  # type: ignore[misc]
             out.append(np.concatenate([missed.real.ravel(), missed.imag.ravel()]))
@@ -112,18 +112,21 @@ class LinearProblem:
         return replace(found, covariance=minimum.white_covariance * scale)
 
 
-def _free_run_error(model: Any, segment: Record) -> Array:
-    """(N,) the free run of a model from the initial state that fits best over the whole segment, less the output.
+def _free_run_error(model: Any, segment: Record, noise: float | Array) -> Array:
+    """(N·ny,) the free run of a model from the initial state that fits best over the whole segment, less the output.
 
-    The state acts linearly, so that it is found by least squares; before a start at rest, rest is known.
+    Errors are in units of the noise, one output after the other. The state acts linearly, so that it is found by least
+    squares; before a start at rest, rest is known.
     """
     part, begun = model.sampled, from_rest(segment, model.memory)
     late, state = round(part.delay / part.dt), np.zeros(len(part.a))
     u = np.concatenate([np.repeat(begun.input[:1], late, axis=0), begun.input])[: len(begun)]
     forced = run_linear(part.a, part.b, part.c, part.d, state, u)[0] + model.level
     none = np.zeros_like(u)
-    free = [run_linear(part.a, part.b, part.c, part.d, one, none)[0][:, 0] for one in np.eye(len(state))]
-    missed, rows = (forced - begun.output)[:, 0], np.array(free).T
+    free = [run_linear(part.a, part.b, part.c, part.d, one, none)[0] for one in np.eye(len(state))]
+    missed, rows = (forced - begun.output) / noise, np.array(free) / noise  # (N, ny), (n, N, ny)
     if not (np.isfinite(rows).all() and np.isfinite(missed).all()):
         raise Infeasible("a run that overflows")
-    return np.asarray(missed - rows @ np.linalg.lstsq(rows, missed, rcond=None)[0])[len(begun) - len(segment) :]
+    rows = rows.reshape(len(state), -1).T
+    first = np.linalg.lstsq(rows, missed.ravel(), rcond=None)[0]
+    return np.asarray((missed - (rows @ first).reshape(missed.shape))[len(begun) - len(segment) :].T.ravel())

@@ -25,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
-from emsid.estimation.linear.modal_form import Modal
+from emsid.estimation.linear.modal_form import Modal, modal_basis
 from emsid.models.free_run import RunMethods
+from emsid.models.linear.system import LinearSystem
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
 from emsid.models.terms import sum_of_terms
@@ -36,6 +37,8 @@ Array = NDArray[np.float64]
 
 # An eigenvalue of A that is one within this fraction has no steady state.
 INTEGRATES = 1e-9
+# In a basis of this condition, ten of sixteen digits are kept; in the modal basis, A is the same within this part.
+BASIS, SAME = 1e6, 1e-12
 MATRICES = ("a", "b", "c", "d", "k")
 
 
@@ -94,6 +97,11 @@ class StateSpaceModel(RunMethods):
     def memory(self) -> int:
         """The number of samples of a segment that give its initial state."""
         return self.start
+
+    @property
+    def sampled(self) -> LinearSystem:
+        """The same as a linear system, without offset and noise."""
+        return LinearSystem(self.a, self.b, self.c, self.d, self.dt, name=self.name)
 
     @property
     def latency(self) -> int:
@@ -225,9 +233,10 @@ class StateSpaceModel(RunMethods):
         return dict(zip(names, values.tolist(), strict=True))
 
     def with_estimates(self, names: Sequence[str], values: Array) -> StateSpaceModel:
-        """The model with these coefficients, see `coefficients`, in observer form: n states for every output.
+        """The model with these coefficients, see `coefficients`: n states for every output, or every input if fewer.
 
-        Of `parameter_values`, some are enough; others keep their values.
+        Every section is in observer form, or transposed in controller form. Of `parameter_values`, some are enough;
+        others keep their values.
 
         With several outputs it has no noise model, since the coefficients do not describe it.
 
@@ -239,8 +248,8 @@ class StateSpaceModel(RunMethods):
         if set(names) < own.keys():
             own |= dict(zip(names, np.asarray(values, dtype=float).tolist(), strict=True))
             names, values = tuple(own), np.array(list(own.values()))
-        # it may be such a form already, with n states for every output
-        for n, direct, noise in product((self.order, self.order // outputs), (False, True), (False, True)):
+        copies = min(inputs, outputs)  # it may be such a form already
+        for n, direct, noise in product((self.order, self.order // copies), (False, True), (False, True)):
             whole = coefficient_names(n, outputs, inputs, direct, noise and outputs == 1)
             if tuple(names) in (whole, whole[:-outputs]):  # a frequency response shows no level
                 values = np.append(values, self.level[: len(whole) - len(names)])
@@ -256,17 +265,34 @@ class StateSpaceModel(RunMethods):
         for k in range(0, n, 2):  # the observer form of every section
             a[k : k + 2, k], one[k] = -below[k : k + 2], 1.0
             a[k : k + 1, k + 1 : k + 2] = 1.0
-        every, places = np.zeros((outputs, n, outputs, n)), np.arange(outputs)
-        every[places, :, places] = a
+        every, places = np.zeros((copies, n, copies, n)), np.arange(copies)
+        every[places, :, places] = a if copies == outputs else a.T
+        part, ones = rows[:, :, direct:], np.asarray(np.kron(np.eye(copies), one), dtype=float)
+        if copies == outputs:
+            b, c = part.transpose(0, 2, 1).reshape(-1, inputs), ones
+        else:
+            b, c = ones.T, part.reshape(outputs, -1)
         return replace(
             self,
-            a=every.reshape(n * outputs, n * outputs),
-            b=rows[:, :, direct:].transpose(0, 2, 1).reshape(n * outputs, inputs),
-            c=np.asarray(np.kron(np.eye(outputs), one), dtype=float),
+            a=every.reshape(len(b), len(b)),
+            b=b,
+            c=c,
             d=rows[:, :, 0] if direct else np.zeros_like(self.d),
-            k=(of_noise - below)[:, None] if noise else np.zeros((n * outputs, outputs)),
+            k=(of_noise - below)[:, None] if noise else np.zeros((len(b), outputs)),
             level=level,
         )
+
+    def in_modal_form(self) -> StateSpaceModel:
+        """The same in a basis where A has blocks of one or two states on its diagonal; itself where there is no good one.
+
+        C code of it has few products, and single precision is enough for many lightly damped modes.
+        """
+        basis = modal_basis(self.a, False)[0]
+        a, b, c = Modal.of(self.a, np.hstack([self.b, self.k]), self.c, self.d, self.level).matrices()
+        apart = np.abs(self.a @ basis - basis @ a).max() > SAME * np.abs(self.a).max()  # several poles at one place
+        if apart or np.linalg.cond(basis) > BASIS:
+            return self
+        return replace(self, a=a, b=b[:, : self.b.shape[1]], c=c, k=b[:, self.b.shape[1] :])
 
     def equation(self) -> str:
         """The difference equations with numbers."""

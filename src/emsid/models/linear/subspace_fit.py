@@ -463,7 +463,7 @@ class StateSpaceError(SparseProblem):
     def fit(self, found: Minimum | None) -> Fit[StateSpaceModel]:
         """The fit, from the result of the search, or of the start alone."""
         beta = np.zeros(self.size) if found is None else found.estimate
-        model = self.data.in_units(self.model(beta))
+        model = self.data.in_units(self.model(beta)).in_modal_form()
         if self.free_run:  # what is left of a wrong initial state lasts as long as the slowest mode
             size, most = self._at(beta)[0].radius, min(len(y) for y, _ in self.data.segments) // SHORT
             lasting = most if size**most > exp(-1) else ceil(-1 / log(max(size, 1e-3)))

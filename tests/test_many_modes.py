@@ -81,6 +81,18 @@ def test_the_rows_of_the_factor_have_the_same_sums(free_run: bool) -> None:
         np.testing.assert_allclose(reduced.T @ few, slopes.T @ residual, atol=1e-9 * scale)
 
 
+def test_the_start_of_a_fit_has_the_initial_state_of_slow_modes() -> None:
+    """A twentieth of a period of the slowest mode says nothing about it under noise; the whole record does."""
+    blocks = [np.array([[0.0, w], [-w, -0.01 * w]]) for w in 2 * np.pi * np.array([0.5, 4.5, 4.8, 22.0])]
+    b, c, none = np.tile([0.0, 1.0], 4)[:, None], np.tile([0.0, 1.0], 4)[None], np.zeros((1, 1))
+    a, b, *_ = cont2discrete((block_diag(*blocks), b, c, none), DT)
+    model = StateSpaceModel(a, b, c, none, np.zeros((8, 1)), np.zeros(1), DT)
+    data = subspace_models(state_space(8, horizon=12), record_of(model, 6000, seed=61_000))
+    problem = StateSpaceError(model, data, False, True)
+    (residual,) = problem.residuals(np.zeros(problem.size))
+    assert np.sqrt(np.mean(residual**2)) < 0.02 * 1.02  # the outputs are in units of their deviation
+
+
 def test_poles_that_explain_nothing_are_left_out_last() -> None:
     model = flexible(2)
     record = record_of(model, 4000, 0.0)

@@ -206,3 +206,37 @@ def test_a_mode_has_a_peak_or_a_dip() -> None:
     assert found == [1, 0]
     sampled = emsid.LinearSystem(np.diag([-0.5, 0.9]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), DT)
     assert not len(emsid.modes(sampled).frequency)
+
+
+def test_modes_are_exported_with_their_intervals(tmp_path: Path) -> None:
+    fit = emsid.fit(transfer_function(3, 2), measured())
+    (table,) = (each for each in emsid.export(fit, "csv", tmp_path / "one", name="axis") if each.suffix == ".csv")
+    assert table.name == "axis_modes.csv"
+    head, *rows = table.read_text().splitlines()
+    assert head.startswith("kind,frequency [Hz],frequency_low [Hz],frequency_high [Hz],damping [1],")
+    kind, frequency, low, high, damping, *_ = rows[1].split(",")
+    assert kind == "resonance"
+    columns = emsid.modes(fit).columns()
+    assert [float(low), float(frequency), float(high)] == [
+        columns[name][1] for name in ("frequency_low", "frequency", "frequency_high")
+    ]
+    assert float(damping) == pytest.approx(DAMPING, rel=0.2)
+    emsid.export(fit.model, "csv", tmp_path / "two", name="axis")
+    assert (tmp_path / "two" / "axis_modes.csv").read_text().startswith("kind,frequency [Hz],damping [1]\n")
+
+
+def test_a_fitted_state_space_is_exported_in_modal_form() -> None:
+    """One with a noise model as well: its C code has blocks of two states."""
+    rng = np.random.default_rng(81_000)
+    u = rng.standard_normal(4000)
+    y = emsid.simulate(axis(), u).output[:, 0]
+    fit = emsid.fit(emsid.state_space(4), Record(u, y + 0.02 * y.std() * rng.standard_normal(4000), DT))
+    assert fit.model.k.any()
+    beside = [fit.model.a[i, j] for i in range(4) for j in range(4) if i // 2 != j // 2]
+    assert not np.any(beside)
+    dense = fit.model.with_estimates(fit.names, fit.estimate)
+    np.testing.assert_allclose(dense.in_modal_form().response([5.0, 62.0]), dense.response([5.0, 62.0]), rtol=1e-9)
+    nilpotent = emsid.StateSpaceModel(
+        np.eye(3, k=1), np.ones((3, 1)), np.ones((1, 3)), np.zeros((1, 1)), np.zeros((3, 1)), np.zeros(1), DT
+    )
+    assert nilpotent.in_modal_form() is nilpotent

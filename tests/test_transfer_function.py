@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 import emsid
@@ -166,3 +167,35 @@ def test_a_state_space_is_fitted_to_a_response_of_several_inputs_and_outputs() -
     assert missed < 1.6 * np.sqrt((2 + 2 * 6 + 6) / (2 * g.size))  # as parameters add noise, and little more
     with pytest.raises(emsid.DataError, match="has no sample time"):
         emsid.fit(emsid.state_space(2), replace(measured, dt=None))
+
+
+def test_a_state_space_is_fitted_to_a_response_and_a_record_together() -> None:
+    """Its modes are as certain as the sum of what both say, its offset is that of the record, its order that asked."""
+    rng = np.random.default_rng(71_000)
+    blocks = [w * np.array([[-0.02, 1.0], [-1.0, -0.02]]) for w in 2 * np.pi * np.array([18.0, 30.0])]
+    b, c, none = rng.standard_normal((4, 1)), rng.standard_normal((2, 4)), np.zeros((2, 1))
+    part = emsid.LinearSystem(block_diag(*blocks), b, c, none, None).to_discrete(DT)
+    true = emsid.StateSpaceModel(part.a, part.b, part.c, part.d, np.zeros((4, 2)), np.array([0.5, -1.0]), DT)
+    f = np.arange(1.0, 60.0)
+    g = true.response(f)
+    error = 0.02 * np.abs(g).max()
+    noise = error * (rng.standard_normal(g.shape) + 1j * rng.standard_normal(g.shape)) / np.sqrt(2)
+    measured = FrequencyResponse(f, g + noise, np.full(g.shape, error**2), dt=DT)
+    u = np.repeat(rng.standard_normal(400), 2)
+    y = true.run(np.zeros(4), u[:, None])[0]
+    record = Record(u, y + 0.1 * y.std(axis=0) * rng.standard_normal(y.shape), DT)
+    structure = emsid.state_space(4, direct=True)
+    alone = [emsid.fit(structure, measured), emsid.fit(structure, record, free_run=True)]
+    both = emsid.fit(structure, [record, measured])
+    assert both.model.order == 4
+    found = emsid.modes(both)
+    together = np.sum([emsid.modes(each).frequency_error ** -2.0 for each in alone], axis=0) ** -0.5
+    np.testing.assert_allclose(found.frequency_error, together, rtol=0.1)
+    assert np.all(np.abs(found.frequency - [18.0, 30.0]) < 4 * found.frequency_error)
+    np.testing.assert_allclose(both.model.level, [0.5, -1.0], atol=0.05)
+    with pytest.raises(emsid.DataError, match="other channels"):
+        emsid.fit(structure, [measured, Record(u, y[:, 0], DT)])
+    with pytest.raises(emsid.DataError, match="different sample times"):
+        emsid.fit(structure, [measured, Record(u, y, 2 * DT)])
+    with pytest.raises(emsid.DataError, match="one frequency response, with or without records"):
+        emsid.fit(structure, [measured, measured])

@@ -1,7 +1,7 @@
 """The static curves and the modes of a model as CSV: friction, dead zone, cogging, static maps; resonances in Hz.
 
-Those of a fit have 95 % bands and intervals. The cogging is that against the positive direction, over one period: a drive compensates
-it by adding the value at its position to the torque (force) that it makes.
+Those of a fit have 95 % bands and intervals. The cogging is that against the positive direction, over one period: a
+drive compensates it by adding the value at its position to the torque (force) that it makes.
 
 The band is pointwise, y ± 1.96·√(g Cov gᵀ) with the derivatives g of the curve by the estimates.
 """

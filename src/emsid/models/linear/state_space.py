@@ -283,7 +283,7 @@ class StateSpaceModel(RunMethods):
         )
 
     def in_modal_form(self) -> StateSpaceModel:
-        """The same in a basis where A has blocks of one or two states on its diagonal; itself where there is no good one.
+        """The same in a basis where A has blocks of one or two states on its diagonal; itself where none is good.
 
         C code of it has few products, and single precision is enough for many lightly damped modes.
         """

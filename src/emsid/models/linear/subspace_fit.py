@@ -344,7 +344,7 @@ class StateSpaceError(SparseProblem):
         m = len(self.modal.centre)
         self.first = np.zeros((len(data.segments), m, 2))
         for own, v, (y, _), kept in zip(self.first, self.driving, data.segments, self.kept, strict=True):
-            own[:] = self._first_state(v[:, : start.memory], y[: start.memory], kept[: start.memory])
+            own[:] = self._first_state(v, y, kept)
         self.theta = np.concatenate([np.ravel(each) for each in (*self.modal.varied, self.first)])
         fixed = list(self.modal.fixed)
         fixed[-2][:, :] = not direct
@@ -354,17 +354,17 @@ class StateSpaceError(SparseProblem):
         self.weight = np.eye(1) if len(start.level) == 1 else self._weight()
 
     def _first_state(self, v: Array, y: Array, kept: Mask) -> Array:
-        """(m, 2) the initial state of a segment by least squares on its first samples."""
-        modal = self.modal
-        signals = modal.signals(v)
+        """(m, 2) the initial state of a segment by least squares on all of it, as slow modes need."""
+        modal, signals = self.modal, self.modal.signals(v)
         rest = np.zeros((len(modal.centre), 2))
-        left = y.T - modal.c.reshape(len(y.T), -1) @ modal.states(signals, rest).reshape(-1, v.shape[1]) - modal.d @ v
-        by_state = np.stack([modal.derivatives(w, rest, signals, signals[:, :2], v)[1] for w in np.eye(len(left))])
-        rows = by_state.reshape(len(left), -1, v.shape[1])[:, :, kept].transpose(0, 2, 1).reshape(-1, rest.size)
-        left = left[:, kept]
-        return np.asarray(
-            np.linalg.lstsq(rows, (left - modal.level[:, None]).ravel(), rcond=LEAST)[0].reshape(rest.shape)
-        )
+        left = y.T - modal.c.reshape(len(y.T), -1) @ modal.states(signals, rest).reshape(-1, len(y)) - modal.d @ v
+        alone = signals[:, -1:]
+        responses = np.stack([modal.through_first(alone), alone], axis=1)[:, :, 0]  # (m, 2, 2, N)
+        total = Information.empty(rest.size)
+        for c, error in zip(modal.c, left - modal.level[:, None], strict=True):
+            rows = np.einsum("mp,mspn->msn", c, responses).reshape(rest.size, -1)
+            total = total.add_columns(np.vstack([rows, error])[:, kept])
+        return total.solve(LEAST).estimate.reshape(rest.shape)
 
     @property
     def size(self) -> int:

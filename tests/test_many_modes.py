@@ -139,6 +139,17 @@ def test_models_of_one_output_are_named_for_several(capsys: pytest.CaptureFixtur
     assert "arx" in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_quick_look_at_several_outputs_fits_what_has_them() -> None:
+    result = emsid.identify(record_of(flexible(2), 2000), quick=True)
+    assert [fit.model.name for fit in result.fits] == ["state-space"]
+    codes = {finding.code for finding in result.findings}
+    assert "models-of-one-output" in codes
+    assert "quick-look" not in codes  # nothing that is usual is left out
+    assert "quick-look" in {
+        finding.code for finding in emsid.identify(record_of(flexible(), 2000), quick=True).findings
+    }
+
+
 AXIS = {
     "mass": 2.0, "viscous_friction": 6.0, "friction.coulomb": 0.8, "offset": 0.2,
     "mode1.frequency": 13.0, "mode1.damping": 0.01, "mode1.participation": 0.7,

@@ -309,7 +309,7 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
 USUAL = (*REGRESSIONS, "state-space", "wiener-hammerstein", "feedback")
 
 
-# The models of a quick look: linear ones, and the two regressions that take no search.
+# The models of a quick look at one output: linear ones, and the two regressions that take no search.
 QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx")
 
 
@@ -319,10 +319,15 @@ FOR_RECTIFIED = 200
 """The same for an output that is rectified, which other models describe less well."""
 
 
-def left_out(record: Record, names: Sequence[str]) -> Finding:
+def quick_for(record: Record) -> tuple[str, ...]:
+    """The models of a quick look at a record: `QUICK`, and for several outputs the usual ones, which are linear."""
+    return QUICK if record.output.shape[1] == 1 else usual_for(record)
+
+
+def left_out(record: Record, names: Sequence[str]) -> list[Finding]:
     """The finding that these models are a quick look, with the usual ones of the record that are not among them."""
     without = [name for name in usual_for(record) if name not in names]
-    return Finding("quick-look", record.name, {"without": without})
+    return [Finding("quick-look", record.name, {"without": without})] if without else []
 
 
 def of_one_output(record: Record) -> list[Finding]:

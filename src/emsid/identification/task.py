@@ -54,6 +54,7 @@ from emsid.identification.candidates import (
     left_out,
     lift_an_arm,
     of_one_output,
+    quick_for,
     usual_for,
     with_unit_of_name,
 )
@@ -123,6 +124,8 @@ class Task:
         transient: int | None,
         reading: Mapping[str, Any],
         control: Control = FREE,
+        *,
+        quick: bool = False,
     ) -> Task:
         """The task of `identify`, from its arguments.
 
@@ -137,7 +140,9 @@ class Task:
         record = _long_enough(as_one(several))
         check_sizes(record)
         without = [] if names else of_one_output(record)
-        names = names or usual_for(record, (*options.fixed, *options.datasheet, *options.free), control)
+        if not names:
+            known = (*options.fixed, *options.datasheet, *options.free)
+            names = quick_for(record) if quick else usual_for(record, known, control)
         if lift_an_arm(names):
             several, others = tuple(map(without_stops, several)), tuple(map(without_stops, others))
             record = _long_enough(as_one(several))
@@ -469,7 +474,7 @@ def unused_requests(
     plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record, *, quick: bool = False
 ) -> list[Finding]:
     """Options that some of the models do not use, and the usual models that a quick look leaves out."""
-    findings = [left_out(record, models)] if quick else []
+    findings = left_out(record, models) if quick else []
     findings += [
         Finding("datasheet-not-used", name, {"model": name})
         for name, plant in plants.items()

@@ -18,7 +18,6 @@ from emsid.estimation.nonlinear.compilation import cancelled_with
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.identification.candidates import QUICK
 from emsid.identification.evidence import length_trusted, observations
 from emsid.identification.fitting import Elsewhere, Fits, Profiles, Searches, profiles_of, with_bootstrap
 from emsid.identification.result import Identification
@@ -97,16 +96,16 @@ def identify(
     options = Options.of(options, {name: given.pop(name) for name in KEYWORDS & given.keys()})
     if quick and models is not None:
         raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
-    names = QUICK if quick else None if models is None else model_names(models)
+    names = None if models is None else model_names(models)
     if budget is not None:
         if not budget > 0:
             raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
         control = control.within(budget)
     with cancelled_with(control), collected() as noted:
-        task = Task.of(records, unseen, names, options, transient, given, control)
+        task = Task.of(records, unseen, names, options, transient, given, control, quick=quick)
         one_more = task.is_excerpt and not bootstrap  # fit, of the recommended model to all samples
         there = None if budget or quick else elsewhere
-        by_need = names is None and task.pole is None  # around an unstable plant, free runs show little
+        by_need = names is None and not quick and task.pole is None  # around an unstable plant, free runs show little
         what = task.names, task.train, task.options
         searches = Searches(*what, control, finished, there, later=int(one_more), by_need=by_need)
         asked = task.findings(quick=quick)

@@ -1,0 +1,89 @@
+"""How often 95 % intervals of a brushless motor hold the truth: ``python tests/coverage_brushless.py [records] [setting…]``.
+
+The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
+20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
+the dead time; ``switched`` has the ripple of the carrier, too. Of ``1kHz``, every tenth reading, the voltages in between
+are not known, so that an interval that is given anyway is counted there, too.
+`make coverage` runs 100 records each; the test suite runs a few of them.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import emsid
+from coverage_settings import Interval, Share
+from independent.switched_drive import Drive, driven
+
+SECONDS = 0.4
+
+
+class Setting(NamedTuple):
+    """How a drive is logged: the inverter, and every how many of its readings."""
+
+    switched: bool
+    every: int
+
+
+SETTINGS = {"10kHz": Setting(False, 1), "switched": Setting(True, 1), "1kHz": Setting(False, 10)}
+
+
+def truth(drive: Drive) -> dict[str, float]:
+    """The parameters of a drive by the names of the plant."""
+    return {
+        "resistance": drive.resistance,
+        "inductance_d": drive.inductance_d,
+        "inductance_q": drive.inductance_q,
+        "flux": drive.flux,
+        "inertia": drive.inertia,
+        "friction.coulomb": drive.coulomb,
+        "viscous_friction": drive.viscous,
+    }
+
+
+def fitted(setting: Setting, seed: int) -> emsid.Fit:
+    """The fit to one record, with what a data sheet of the controller says: its delay, and that it advances the angle."""
+    drive = Drive(switched=setting.switched)
+    plant = emsid.plants.brushless(delay=drive.period, advance=drive.advance * drive.period, held_in="stator")
+    plant = replace(plant, dead_time_voltage=0.05, dead_time_current=0.3 * setting.switched)
+    free = [*plant.default_free, *["dead_time_current"] * setting.switched]
+    seconds = SECONDS if setting.every == 1 else 4 * SECONDS
+    return emsid.fit(plant, driven(drive, 5000 + seed, seconds).record(every=setting.every), free=free)
+
+
+def intervals(setting: Setting, seed: int) -> Iterable[Interval]:
+    """The intervals of one record."""
+    fit = fitted(setting, seed)
+    for name, value in truth(Drive()).items():
+        row = next((each for each in fit.table if each.name == name), None)
+        if row is not None and row.interval is not None:
+            yield Interval(name, row.interval[0] <= value <= row.interval[1], bool(row.given))
+
+
+def shares(setting: Setting, seeds: range) -> dict[str, Share]:
+    """The share of intervals that hold the truth, by parameter."""
+    found: dict[str, list[Interval]] = defaultdict(list)
+    for seed in seeds:
+        for each in intervals(setting, seed):
+            found[each.name].append(each)
+    return {name: Share(sum(i.holds for i in some) / len(some), len(some), False) for name, some in found.items()}
+
+
+def main() -> int:
+    """Print the coverages; the status is 1 if one is below 92 % by more than chance."""
+    records, status = int(sys.argv[1]) if len(sys.argv) > 1 else 100, 0
+    for name in sys.argv[2:] or SETTINGS:
+        print(name, flush=True)
+        for parameter, share in shares(SETTINGS[name], range(records)).items():
+            mark = "  BELOW 92 %" * share.wrong + "  above 98 %" * share.wide
+            print(f"  {parameter:20} {100 * share.covered:5.1f} ± {100 * share.margin:.1f} % of {share.count}{mark}")
+            status |= share.wrong
+    return int(status)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

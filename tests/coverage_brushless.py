@@ -1,9 +1,11 @@
-"""How often 95 % intervals of a brushless motor hold the truth: ``python tests/coverage_brushless.py [records] [setting…]``.
+"""How often 95 % intervals of a brushless motor hold the truth.
+
+    python tests/coverage_brushless.py [records] [setting…]
 
 The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
 20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
-the dead time; ``switched`` has the ripple of the carrier, too. Of ``1kHz``, every tenth reading, the voltages in between
-are not known, so that an interval that is given anyway is counted there, too.
+the dead time; ``switched`` has the ripple of the carrier, too. Of ``1kHz``, every tenth reading, the voltages in
+between are not known, so that an interval that is given anyway is counted there, too.
 `make coverage` runs 100 records each; the test suite runs a few of them.
 """
 
@@ -46,7 +48,7 @@ def truth(drive: Drive) -> dict[str, float]:
 
 
 def fitted(setting: Setting, seed: int) -> emsid.Fit:
-    """The fit to one record, with what a data sheet of the controller says: its delay, and that it advances the angle."""
+    """The fit to one record, with what is known of the controller: its delay, and that it advances the angle."""
     drive = Drive(switched=setting.switched)
     plant = emsid.plants.brushless(delay=drive.period, advance=drive.advance * drive.period, held_in="stator")
     plant = replace(plant, dead_time_voltage=0.05, dead_time_current=0.3 * setting.switched)

@@ -1,4 +1,4 @@
-"""A brushless drive in phase quantities, with an inverter that switches and has dead time; it shares no code with emsid.
+"""A brushless drive in phase quantities, whose inverter switches and has dead time; it shares no code with emsid.
 
 The motor: three windings in a star, whose inductances change with the angle,
 

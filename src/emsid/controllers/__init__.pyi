@@ -2,6 +2,8 @@ from .bench import BenchRun as BenchRun
 from .bench import ControlBench as ControlBench
 from .cascade import RunningCascade as RunningCascade
 from .cascade import Settings as Settings
+from .current import CurrentLoop as CurrentLoop
+from .current import current_control as current_control
 from .loops import Margins as Margins
 from .loops import Plants as Plants
 from .tuning import LoopResponses as LoopResponses

@@ -211,7 +211,9 @@ def control(
     (True, True, True)
     """
     if loop not in ("position", "speed"):
-        raise ModelError(f"loop {loop!r}; give position or speed", arguments=("loop",))
+        raise ModelError(
+            f"loop {loop!r}; give position or speed, or call emsid.controllers.current_control", arguments=("loop",)
+        )
     subject: Any = as_model(model)
     step = dt if dt is not None else subject.dt
     segments = getattr(model, "segments", None) or ()

@@ -20,8 +20,15 @@ q-axis    of a phase                       torque per ampere of the q current
 With p pole pairs, the flux linkage is λ = K_phase/p = K_line/(√3·p), and the torque per ampere of the q current is
 1.5·p·λ. With KV in rpm per volt between two phases, λ = 5.513/(p·KV) and torque_constant = 8.27/KV.
 
-A current loop with the gains L·β and R·β, of a phase, cancels the pole R/L and has the bandwidth β. A brushless motor
-has an inductance of each axis. Its flux linkage is that of a phase; so nothing has to be said about its winding.
+A current loop with the gains L·β and R·β, of a phase, cancels the pole R/L. Firmware calls β its bandwidth, which it
+is without delay. With the delay t_d of reading, computing and holding the closed loop falls by 3 dB at
+
+    ω = β·(sin(ω·t_d) + √(1 + sin²(ω·t_d))),
+
+so that β is chosen for the bandwidth ω that is wanted: `crossover`. A controller that answers a reading in its next
+period has t_d of one and a half periods; its period is the option ``current_dt``, or the delay of a brushless plant.
+A brushless motor has an inductance of each axis. Its flux linkage is that of a phase; so nothing has to be said about
+its winding.
 
 How the firmware computes with them, in its public source:
 
@@ -39,9 +46,10 @@ SimpleFOC  ``P = axis_inductance * 2π * bandwidth``, ``I = phase_resistance * 2
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from math import inf, nan, pi, sqrt
+from math import inf, nan, pi, sin, sqrt
+from typing import Any
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export, Files
@@ -56,6 +64,16 @@ BANDWIDTH = 1000.0
 
 _OF_AXES = ("inductance_d", "inductance_q", "flux", "pole_pairs", "inertia", "delay", "advance", "dead_time_current")
 """Parameters of a brushless plant that need no note: carried, constants of the test, or without an effect alone."""
+
+
+LATE = 1.5
+"""Periods from the reading of a current to the middle of the voltage that answers."""
+
+
+def crossover(bandwidth: float, delay: float) -> float:
+    """β in rad/s of a current loop that falls by 3 dB at a bandwidth in rad/s, behind a delay in s."""
+    turned = sin(min(bandwidth * delay, 0.5 * pi))
+    return bandwidth / (turned + sqrt(1.0 + turned * turned))
 
 
 @dataclass(frozen=True)
@@ -129,17 +147,14 @@ def _motor(export: Export, carried: Collection[str]) -> Mechanics:
 
 
 def _brushless(export: Export) -> tuple[Brushless, float, list[str]]:
-    """The motor, the bandwidth of its current loop in rad/s, and what is not carried."""
+    """The motor, β of its current loop in rad/s, and what is not carried."""
     given = export.options
-    try:
-        bandwidth = float(str(given.get("bandwidth", BANDWIDTH)))
-    except ValueError:
-        bandwidth = nan
-    if not 0 < bandwidth < inf:
-        raise ModelError(
-            f"bandwidth {given['bandwidth']!r}; give that of the current loop in rad/s", arguments=("option",)
-        )
     plant = getattr(export.model, "plant", None)
+    wanted = _number(given, "bandwidth", BANDWIDTH, "that of the current loop in rad/s")
+    period = plant.delay if isinstance(plant, Plant) else 0.0
+    if "current_dt" in given or period > 0:
+        period = _number(given, "current_dt", period, "the sample time of the current loop in s")
+    bandwidth = crossover(wanted, LATE * period)
     if isinstance(plant, Plant):
         both = plant.inductance_d, plant.inductance_q
         motor = Brushless(plant.resistance, 0.5 * sum(both), plant.flux, round(plant.pole_pairs), both[1] - both[0])
@@ -161,6 +176,21 @@ def _brushless(export: Export) -> tuple[Brushless, float, list[str]]:
     motor = brushless(found, inductance if known else None, str(given["winding"]), pairs)
     unknown = "The record does not show the inductance: it and the gains of the current loop are left out; measure it."
     return motor, bandwidth, [*found.notes, *[unknown] * (not known)]
+
+
+def _number(given: Mapping[str, Any], name: str, usual: float, what: str) -> float:
+    """A positive option.
+
+    Raises:
+        ModelError: for another value.
+    """
+    try:
+        value = float(str(given.get(name, usual)))
+    except ValueError:
+        value = nan
+    if not 0 < value < inf:
+        raise ModelError(f"{name} {given[name]!r}; give {what}", arguments=("option",))
+    return value
 
 
 def wpilib(export: Export) -> tuple[Files, list[str]]:
@@ -234,7 +264,7 @@ def vesc(export: Export) -> tuple[Files, list[str]]:
     if found.inductance is not None:
         lines.append(f"foc_motor_l: {found.inductance!r}  # H, the mean of both axes")
         lines.append(f"foc_motor_ld_lq_diff: {found.difference!r}  # H, L_q - L_d")
-        lines.append(f"foc_current_kp: {bandwidth * found.inductance!r}  # V/A, bandwidth {bandwidth:g} rad/s")
+        lines.append(f"foc_current_kp: {bandwidth * found.inductance!r}  # V/A, beta {bandwidth:.6g} rad/s")
         lines.append(f"foc_current_ki: {bandwidth * found.resistance!r}  # V/(A*s)")
     return {f"{export.name}_vesc.yaml": "\n".join(lines) + "\n"}, notes
 
@@ -253,7 +283,7 @@ def simplefoc(export: Export) -> tuple[Files, list[str]]:
     else:
         given, what = f"{given}, {found.inductance:.6g}", "KV in rpm/V, phase inductance in H"
         text = f"""
-// The current loop with a bandwidth of {bandwidth:g} rad/s, in V/A and V/(A*s); call it before motor.init().
+// The current loop with beta = {bandwidth:.6g} rad/s, in V/A and V/(A*s); call it before motor.init().
 static inline void tune_current_loop() {{
   motor.PID_current_q.P = {q:.6g};
   motor.PID_current_d.P = {d:.6g};

@@ -17,7 +17,7 @@ from emsid.exports.mujoco import mujoco
 from emsid.exports.robots import isaac_lab, mjlab
 from emsid.exports.tables import csv
 
-BRUSHLESS = ("winding", "pole_pairs", "bandwidth")
+BRUSHLESS = ("winding", "pole_pairs", "bandwidth", "current_dt")
 
 FORMATS: dict[str, Format] = {
     "c99": Format("C99: one header and one source, no heap", c99, ("single", "recursive")),

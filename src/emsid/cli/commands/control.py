@@ -1,7 +1,7 @@
 """``emsid control``."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -40,7 +40,9 @@ def control(
         float | None,
         typer.Option(metavar="S", parser=quantity("s"), help="From measurement to command.  [default: one sample]"),
     ] = None,
-    loop: Annotated[str, typer.Option(metavar="NAME", help="position, or speed for no position loop.")] = "position",
+    loop: Annotated[
+        str, typer.Option(metavar="NAME", help="position, speed for no position loop, or current of a brushless motor.")
+    ] = "position",
     current: Annotated[
         bool | None,
         typer.Option("--current/--no-current", help="Current loop.  [default: where R and L are known]"),
@@ -88,6 +90,7 @@ def control(
       emsid control emsid-result/rigid-motor.json --out drive --bandwidth 20Hz --overshoot 5% --delay 1ms
       emsid control emsid-result/rigid-motor.json --out drive --loop speed --limit 12V --json
       emsid control emsid-result/rigid-motor.json --out drive --modes response/transfer-function.json
+      emsid control emsid-result/brushless.json --out loop --loop current --sample 10kHz --bandwidth 200Hz
     """
     from emsid.controllers import control as run
     from emsid.controllers.files import write
@@ -98,6 +101,9 @@ def control(
 
     check_folder(out)
     loaded, source = load(model), origin(model)
+    if loop == "current":
+        _current(loaded, out, dt, bandwidth, names(assume, "--assume"), seed, name, force, json)
+        return
     if dt is None and as_model(loaded).dt is None and source is not None:
         dt = source.dt
     found = run(
@@ -113,6 +119,21 @@ def control(
         return
     _say(found)
     say(f"written to {out}: {', '.join(path.name for path in written)}")
+
+
+def _current(
+    model: Any, out: Path, dt: float | None, bandwidth: float | None, assume: Any, seed: int, name: str | None,
+    force: bool, json: bool,
+) -> None:  # fmt: skip
+    """Design, write and print the current loop of a brushless motor."""
+    from emsid.controllers.current import current_control, summary, write_current
+
+    found = current_control(model, dt=dt, bandwidth=bandwidth, assume=assume, seed=seed)
+    written = write_current(found, out, name=name, force=force)
+    if json:
+        say_json(as_json({"schema": 1, "files": [str(path) for path in written], **found.to_data()}))
+        return
+    say(*summary(found), f"written to {out}: {', '.join(path.name for path in written)}")
 
 
 def _say(found: "Controller") -> None:

@@ -200,6 +200,38 @@ def test_phases_become_axes_in_the_convention_that_is_said_and_another_one_is_no
         emsid.plants.park(record, {"i": ("ia", "ix")}, "theta", 7)
 
 
+def test_phases_of_a_file_become_columns_of_the_axes(tmp_path: Path) -> None:
+    log = driven(DRIVE, 2, 0.1)
+    at = DRIVE.pairs * log.angle[:, None] - 2 * np.pi / 3 * np.arange(3)
+    table = {f"v{name}": log.v_d * np.cos(phi) - log.v_q * np.sin(phi) for name, phi in zip("abc", at.T, strict=True)}
+    table |= {f"i{name}": log.i_d * np.cos(phi) - log.i_q * np.sin(phi) for name, phi in zip("ab", at.T[:2], strict=True)}
+    table |= {"theta": np.rad2deg(np.mod(log.angle, 2 * np.pi)), "erpm": log.speed * DRIVE.pairs * 60 / (2 * np.pi)}
+    given = {
+        "input": ["v_d", "v_q", "rotor"], "output": ["i_d", "i_q", "erpm"], "dt": log.period, "rotor_angle": "theta",
+        "phases": {"v": "va,vb,vc", "i": "ia,ib"}, "units": {"va": "V", "ia": "A", "theta": "deg", "erpm": "erpm"},
+    }  # fmt: skip
+    record = emsid.read(table, **given, pole_pairs=7)
+    assert record.input[:, :2] == pytest.approx(np.column_stack([log.v_d, log.v_q]), abs=1e-9)
+    assert record.output == pytest.approx(np.column_stack([log.i_d, log.i_q, log.speed]), abs=1e-9)
+    assert np.ptp(record.input[:, 2] - log.angle) < 1e-9
+    assert (record.input_units, record.output_units) == (("V", "V", "rad"), ("A", "A", "rad/s"))
+    wrong: tuple[tuple[dict[str, object], str], ...] = (
+        ({"pole_pairs": 7, "electrical_angle": True}, "one that is mechanical"),
+        ({}, "number of pole pairs"),
+        ({"pole_pairs": 7, "phases": {"v": "va"}}, "two or three columns"),
+        ({"pole_pairs": 7, "rotor_angle": "nothing"}, "nothing"),
+    )
+    for more, message in wrong:
+        with pytest.raises(DataError, match=message):
+            emsid.read(table, **given | more)
+
+
+def test_the_frame_and_the_delay_of_an_inverter_are_found() -> None:
+    fit = emsid.fit(emsid.plants.brushless(), driven(DRIVE, 4, 0.3).record())
+    plant = fit.model.plant
+    assert (plant.held_in, plant.delay, plant.advance) == ("stator", DRIVE.period, DRIVE.advance * DRIVE.period)
+
+
 def constants(text: str) -> dict[str, float]:
     """The numbers of an export, by the word before them."""
     return {name: float(value) for name, value in re.findall(r"([\w.]+)(?:: | = | )(-?\d[\d.e-]*)", text)}

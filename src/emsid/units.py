@@ -1,7 +1,8 @@
 """Conversion of the units of a log to SI.
 
-Counts, samples and PWM are units too, when their size is given: one count is a turn divided by the counts per
-revolution, one sample is the sample time, full PWM is the supply voltage.
+Counts, samples, PWM and electrical turns are units too, when their size is given: one count is a turn divided by the
+counts per revolution, one sample is the sample time, full PWM is the supply voltage, and the shaft turns once in as
+many electrical turns (``erpm`` in a minute) as there are pole pairs.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ _WORDS_OF_POWERS = re.compile(r"\b(squared|cubed|square|cubic|sq)\b")
 
 
 _LOGGED = (
-    "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm rev/s rad deg rev count count/s count/sample "
-    "m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
+    "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm erpm rev/s rad deg rev count count/s "
+    "count/sample m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
 )
 _SPELLINGS = {unit.lower(): unit for unit in (*(si for si in SI if si != "1"), *_LOGGED.split())} | {
     "-": "1",
@@ -245,6 +246,7 @@ def conversion(
     counts_per_revolution: float | None = None,
     supply_voltage: float | None = None,
     pwm_full_scale: float = 255.0,
+    pole_pairs: float | None = None,
 ) -> Conversion:
     """Gain and offset that convert a value in ``unit`` to ``target``, by default the SI unit of the same quantity.
 
@@ -260,6 +262,7 @@ def conversion(
         counts_per_revolution: encoder ``count`` per turn.
         supply_voltage: volts at full ``pwm``.
         pwm_full_scale: the ``pwm`` value that is the full supply voltage.
+        pole_pairs: electrical turns per turn of the shaft, for ``erpm``.
 
     Raises:
         DataError: for an unknown unit, one of another quantity, or a count, sample or PWM whose size is not given.
@@ -271,6 +274,7 @@ def conversion(
             "count": (counts_per_revolution, "counts_per_revolution"),
             "sample": (sample_time, "dt"),
             "pwm": (supply_voltage, "supply_voltage"),
+            "erpm": (pole_pairs, "pole_pairs"),
         },
     )
     if "pwm" in sizes and not 0 < pwm_full_scale < inf:
@@ -288,6 +292,7 @@ def conversion(
         turn_per_count=1 / sizes["count"] if "count" in sizes else None,
         volt_per_pwm=sizes["pwm"] / pwm_full_scale if "pwm" in sizes else None,
         second_per_sample=sizes.get("sample"),
+        pairs=sizes.get("erpm"),
     )
     try:
         quantity = registry.Quantity(1.0, _spelling(unit))
@@ -371,7 +376,7 @@ def _spelling(unit: str) -> str:
 
 @cache
 def _registry(
-    turn_per_count: float | None, volt_per_pwm: float | None, second_per_sample: float | None
+    turn_per_count: float | None, volt_per_pwm: float | None, second_per_sample: float | None, pairs: float | None
 ) -> pint.UnitRegistry[float]:
     import pint
 
@@ -382,4 +387,6 @@ def _registry(
         registry.define(f"pwm = {volt_per_pwm} volt")
     if second_per_sample is not None:
         registry.define(f"sample = {second_per_sample} second")
+    if pairs is not None:
+        registry.define(f"erpm = {2 * pi / 60 / pairs} radian / second")
     return registry

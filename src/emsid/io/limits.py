@@ -61,7 +61,10 @@ def check_limits(data: object, what: str = "the file", most: Mapping[str, int] =
         if name in most and (isinstance(value, (bool, float)) or not isinstance(value, (int, list, tuple))):
             raise ModelError(f"{where} is {value!r:.80}; give a whole number or a list")
         if isinstance(value, Mapping):
-            waiting += [(inner, f"{where}.{key}".lstrip("."), key, depth + 1) for key, inner in value.items()]
+            table = name == "parameters"  # of a plant: numbers by name, such as a delay in s
+            waiting += [
+                (inner, f"{where}.{key}".lstrip("."), "" if table else key, depth + 1) for key, inner in value.items()
+            ]
             waiting += [(key, where, "", depth + 1) for key in value]
         elif isinstance(value, str):
             _check_text(value, where or what)

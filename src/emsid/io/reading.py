@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
 from emsid.io.arrow import large_arrow, read_arrow
+from emsid.io.axes import with_axes
 from emsid.io.can import read_can, without_database
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
@@ -101,14 +102,16 @@ _KINDS = {
     "time": argument_types.NAME,
     "time_unit": argument_types.TEXT,
     "dbc": argument_types.TEXT,
+    "rotor_angle": argument_types.NAME,
     "mask": argument_types.CONDITION,
     **dict.fromkeys(
-        ("dt", "counts_per_revolution", "supply_voltage", "pwm_full_scale", "filter"), argument_types.NUMBER
+        ("dt", "counts_per_revolution", "pole_pairs", "supply_voltage", "pwm_full_scale", "filter"),
+        argument_types.NUMBER,
     ),
-    **dict.fromkeys(("resample", "skip_bad_rows"), argument_types.SWITCH),
+    **dict.fromkeys(("resample", "skip_bad_rows", "electrical_angle", "power_invariant"), argument_types.SWITCH),
     **dict.fromkeys(("derivative_window", "decimate", "detrend"), argument_types.WHOLE),
     **dict.fromkeys(("wrap", "shift", "scale", "offset"), argument_types.NUMBERS),
-    **dict.fromkeys(("direction", "units", "signals"), argument_types.TEXTS),
+    **dict.fromkeys(("direction", "units", "signals", "phases"), argument_types.TEXTS),
     "rows": argument_types.SLICE,
 }
 """The types of the arguments of `read`."""
@@ -219,6 +222,11 @@ def read(
     units: Mapping[str, str] | None = None,
     signals: Mapping[str, str] | None = None,
     counts_per_revolution: float | None = None,
+    phases: Mapping[str, str] | None = None,
+    rotor_angle: str | None = None,
+    pole_pairs: float | None = None,
+    electrical_angle: bool = False,
+    power_invariant: bool = False,
     supply_voltage: float | None = None,
     pwm_full_scale: float = 255.0,
     resample: bool = False,
@@ -268,6 +276,13 @@ def read(
             derivative has the unit of its column per second, if not given under its own name.
         signals: by output, what it measures, see `emsid.Record`; by default its unit says it.
         counts_per_revolution, supply_voltage, pwm_full_scale: define the units ``count`` and ``pwm``.
+        phases: of a brushless motor, by the letter of its axes two or three columns with commas between them, such as
+            ``{"v": "va,vb,vc", "i": "ia,ib"}``; further columns are then ``v_d``, ``v_q``, ``i_d`` and ``i_q``, with
+            the amplitude of a phase, and ``rotor``, the angle of the shaft in rad. See `emsid.plants.park`.
+        rotor_angle: the column of the angle that turns them, of the shaft.
+        pole_pairs: of the motor, for phases and for the unit ``erpm``, electrical turns in a minute.
+        electrical_angle: whether that angle is electrical: it turns once for every pole pair in a turn of the shaft.
+        power_invariant: whether the phases are scaled for axes that keep the power, not the amplitude.
         resample: resample an irregular time axis to a regular one (zero-order hold of inputs, linear interpolation of
             outputs). A gap of 10 sample times or more ends a segment.
         derivative_window: number of samples (odd) of the derivative's filter; segments shorter than it are
@@ -288,6 +303,8 @@ def read(
     with errors_of(file):
         argument_types.check_types(given, _KINDS)
         columns, missed = with_edges(parsed.columns, (*_as_tuple(input), *_as_tuple(output)))
+        turned = pole_pairs, electrical_angle, power_invariant
+        columns = with_axes(columns, phases or {}, rotor_angle, *turned, units or {}, file.name)
         parsed = replace(parsed, columns=columns)
         named = with_names_of(parsed.columns, {name: given[name] for name in ("input", "output", "time", *_BY_COLUMN)})
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
@@ -313,6 +330,7 @@ def read(
             derivative_window=derivative_window,
             meanings={
                 "counts_per_revolution": counts_per_revolution,
+                "pole_pairs": pole_pairs,
                 "supply_voltage": supply_voltage,
                 "pwm_full_scale": pwm_full_scale,
             },
@@ -341,7 +359,7 @@ def _of_blocks(record: Record, columns: Columns, file: Path, given: Mapping[str,
     """
     assert columns.excerpt is not None
     reading = {name: value for name, value in given.items() if name not in ("path", "rows")}
-    wide = [name for name in ("wrap", "resample", "filter", "detrend", "other files") if given.get(name)]
+    wide = [name for name in ("wrap", "phases", "resample", "filter", "detrend", "other files") if given.get(name)]
     wide += ["edges(…)"] * any(map(edges_of, (*_as_tuple(given["input"]), *_as_tuple(given["output"]))))
     wide += ["decimate"] * (given["decimate"] != 1) + ["detrend"] * (given["detrend"] == 0)
     wide += ["mask"] * bool(given["mask"] and OVER_ALL_ROWS.search(given["mask"])) + ["other files"] * several

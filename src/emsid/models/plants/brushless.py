@@ -30,6 +30,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from math import ceil, inf
@@ -71,6 +72,9 @@ INPUTS = {
     "duty": ("duty", "bus"),
 }
 """The inputs by name. A duty of one is the largest amplitude of space-vector modulation, bus/√3, on the q-axis."""
+INVERTERS = (("rotor", 1.0, 0.0), ("stator", 1.0, 0.0), ("stator", 1.0, 1.5))
+"""Frame, delay and advance in samples of usual controllers: voltages act in the next sample, as they were transformed
+or where the rotor turns on, with the angle of the reading or that of the middle of the next sample."""
 ANGLE, TEMPERATURE = "angle", "temperature"
 
 _kernel = njit(nogil=True, error_model="numpy")
@@ -351,12 +355,20 @@ class Brushless(Plant):
         return (*sorted(found), *((5, 6) if self.delay > 0 and found & {_D, _Q} else ()))
 
     def suggested(self, segments: Sequence[Record], signals: Sequence[Signal]) -> list[Self]:
-        """With the constants from regressions on the equations, integrated over windows of some samples."""
-        try:
-            found = self.with_values(self._by_voltages(segments, signals))
-            return [found.with_values(found._by_torque(segments, signals))]
-        except (EmsidError, np.linalg.LinAlgError):
-            return []
+        """With the constants from regressions on the equations, integrated over windows of some samples.
+
+        Where neither a delay nor the frame of the inverter is given, with each of `INVERTERS`.
+        """
+        inverters = [self]
+        if self.delay == 0.0 and self.held_in == "rotor" and self.between is Hold.ZERO:
+            dt = segments[0].dt
+            inverters += [replace(self, held_in=frame, delay=d * dt, advance=a * dt) for frame, d, a in INVERTERS]
+        plants = []
+        for plant in inverters:
+            with suppress(EmsidError, np.linalg.LinAlgError):
+                found = plant.with_values(plant._by_voltages(segments, signals))
+                plants.append(found.with_values(found._by_torque(segments, signals)))
+        return plants
 
     def _by_voltages(self, segments: Sequence[Record], signals: Sequence[Signal]) -> dict[str, float]:
         """Resistance, inductances, flux and dead-time voltage from measured currents."""

@@ -7,8 +7,7 @@ With the factor 2/3 the amplitude stays that of a phase; with √(2/3) the power
 both axes are larger by √(3/2). The plants have amplitudes, so a log with power-invariant axes is divided by √(3/2).
 
 In the right frame the axes change as slowly as the speed. In a wrong one – the angle is electrical and taken for a
-mechanical one, counts backward, or the other way round – they turn, by many degrees a sample or a little. So of all
-conventions the right one leaves the smallest steps from sample to sample.
+mechanical one, counts backward, or the other way round – they turn, so that little is left of their means over a turn.
 
 References:
     Park, AIEE Transactions 48 (1929). IEC 60050-411 on the axes.
@@ -29,8 +28,8 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-TWICE = 4.0
-"""A convention is wrong where another one leaves steps with this part of the mean square: twice as large ones."""
+TURNING = 0.5
+"""A convention is wrong where more than this part of the mean square is in what turns, and less in another one."""
 
 
 def park(
@@ -66,18 +65,18 @@ def park(
     missing = [name for name in wanted if name not in names]
     if missing:
         raise DataError(f"{record.name}: no channel {missing[0]!r}; there are {listed(names)}")
-    theta = whole[:, names.index(angle)]
-    scale = sqrt(2 / 3) if power_invariant else 2 / 3
-    measured = {letter: _three(whole[:, [names.index(each) for each in some]]) for letter, some in phases.items()}
-    _check(record, measured, theta, pole_pairs, electrical, offset)
-    phase = theta * (1 if electrical else pole_pairs) - offset
+    found_axes, shaft = transformed(
+        record.name,
+        {letter: whole[:, [names.index(each) for each in some]] for letter, some in phases.items()},
+        whole[:, names.index(angle)], pole_pairs,
+        electrical=electrical, offset=offset, power_invariant=power_invariant,
+    )  # fmt: skip
     columns: dict[str, tuple[str, str, Array]] = {}
     for letter, some in phases.items():
         unit = (*record.input_units, *record.output_units)[names.index(some[0])]
-        d, q = axes(measured[letter], phase).T * (scale * 1.5)
+        d, q = found_axes[letter].T
         columns |= dict.fromkeys(some[2:], ("", "", d))
         columns |= {some[0]: (f"{letter}_d", unit, d), some[1]: (f"{letter}_q", unit, q)}
-    shaft = np.unwrap(theta) / (pole_pairs if electrical else 1)
     columns[angle] = (angle, "rad", shaft)
     sides: dict[str, Any] = {}
     for side, own, units in (
@@ -95,6 +94,36 @@ def park(
     return replace(record, **sides, signals={})
 
 
+def transformed(
+    label: str,
+    phases: Mapping[str, Array],
+    theta: Array,
+    pole_pairs: int,
+    *,
+    electrical: bool = False,
+    offset: float = 0.0,
+    power_invariant: bool = False,
+) -> tuple[dict[str, Array], Array]:
+    """(N, 2) d- and q-axis of some phases (N, 2 or 3), by letter, and the angle (N,) of the shaft without wraps.
+
+    Args:
+        label: of the record, for messages.
+        phases: by letter; of two the third is minus their sum.
+        theta: (N,) the angle in rad.
+        pole_pairs, electrical, offset, power_invariant: as for `park`.
+
+    Raises:
+        DataError: where another convention fits much better.
+    """
+    whole = np.unwrap(theta)
+    measured = {letter: _three(values) for letter, values in phases.items()}
+    _check(label, measured, whole, pole_pairs, electrical, offset)
+    phase = whole * (1 if electrical else pole_pairs) - offset
+    scale = sqrt(3 / 2) if power_invariant else 1.0
+    found = {letter: axes(values, phase) * scale for letter, values in measured.items()}
+    return found, whole / (pole_pairs if electrical else 1)
+
+
 def axes(abc: Array, phase: Array) -> Array:
     """(N, 2) d- and q-axis of three phases (N, 3) at an electrical angle (N,), with the amplitude of a phase."""
     turned = phase[:, None] - 2 * pi / 3 * np.array([0.0, 1.0, 2.0])
@@ -106,22 +135,26 @@ def _three(values: Array) -> Array:
 
 
 def _check(
-    record: Record, measured: Mapping[str, Array], theta: Array, pairs: int, electrical: bool, offset: float
+    label: str, measured: Mapping[str, Array], theta: Array, pairs: int, electrical: bool, offset: float
 ) -> None:
-    """Refuse a convention beside which another one leaves much smaller steps of the axes."""
+    """Refuse a convention whose axes turn, where those of another one do not."""
     ways = {"electrical": 1.0, "mechanical": float(pairs)}
     ways |= {f"{way} and counts backward": -factor for way, factor in ways.items()}
     given = "electrical" if electrical else "mechanical"
+    turned = np.sqrt(np.mean(np.diff(theta) ** 2)) * (pairs - 1)  # of a wrong frame against the right one
+    samples = int(np.clip(np.ceil(2 * pi / max(turned, 1e-12)), 2, max(len(theta) // 4, 2)))
+    whole = len(theta) // samples * samples
     for letter, abc in measured.items():
-        steps = {
-            way: float(np.mean(np.diff(axes(abc, np.asarray(np.unwrap(theta) * factor - offset)), axis=0) ** 2))
-            for way, factor in ways.items()
-        }
-        best = min(steps, key=lambda way: steps[way])
-        if pairs > 1 and TWICE * steps[best] < steps[given]:
+        left = {}
+        for way, factor in ways.items():
+            found = axes(abc, theta * factor - offset)[:whole]
+            means = found.reshape(-1, samples, 2).mean(axis=1)
+            left[way] = 1.0 - float(np.mean(means**2) / max(np.mean(found**2), 1e-300))
+        best = min(left, key=lambda way: left[way])
+        if pairs > 1 and left[given] > TURNING > left[best]:
             raise DataError(
-                f"{record.name}: from sample to sample, the axes of {letter} change "
-                f"{np.sqrt(steps[given] / steps[best]):.3g} times as much with an angle that is {given} as with one "
-                f"that is {best}; correct the angle, or say which it is",
-                arguments=("units",),
+                f"{label}: in the frame of an angle that is {given}, {100 * left[given]:.3g} % of {letter} turn within "
+                f"{samples} samples; of one that is {best}, {100 * left[best]:.3g} %; correct the angle, or say which "
+                "it is",
+                arguments=("electrical_angle", "pole_pairs"),
             )

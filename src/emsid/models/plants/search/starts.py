@@ -157,8 +157,12 @@ def starts_of(task: Task) -> list[Plant]:
 
 
 def _within(plant: Plant, task: Task) -> Plant:
-    """The start of a task with the values of a plant that are asked for, within their limits."""
-    return task.plant.with_values({name: float(np.clip(plant.value(name), *task.limits[name])) for name in task.asked})
+    """A plant with its values that are asked for within their limits, and no other one that was given changed."""
+    given, handles = task.given.value, plant.handles
+    kept = {n: task.plant.value(n) for n in handles if n in task.fixed or plant.value(n) == given(n)}
+    return plant.with_values(
+        {**kept, **{name: float(np.clip(plant.value(name), *task.limits[name])) for name in task.asked}}
+    )
 
 
 def _with_stribeck_rate(task: Task) -> Plant:

@@ -104,6 +104,34 @@ class LargeScan:
         return part.with_columns(pl.col(pl.Categorical, pl.Enum).cast(pl.String))
 
 
+@dataclass(frozen=True)
+class HeldTable:
+    """A table that is in memory, of which an excerpt is wanted all the same: a look at fewer rows takes less time."""
+
+    sample: Columns
+    rows: int
+    facts: Facts = field(default_factory=Facts)
+
+    def part(self, first: int, stop: int, names: Sequence[str]) -> pl.DataFrame:
+        """See `LargeTable`."""
+        import polars as pl
+
+        return pl.DataFrame([self.sample.series[name].slice(first, stop - first).alias(name) for name in names])
+
+
+def held_excerpt(columns: Columns, most: int) -> Columns:
+    """An excerpt of about so many rows of columns in memory; the columns themselves where they are no longer table."""
+    import polars as pl
+
+    lengths = {len(series) for series in columns.series.values()}
+    nested = any(series.dtype.is_nested() for series in columns.series.values())
+    if columns.excerpt is not None or columns.clocks or nested or len(lengths) != 1 or max(lengths) <= most:
+        return columns
+    table = HeldTable(columns, max(lengths))
+    table.facts.add(pl.DataFrame([series.alias(name) for name, series in columns.series.items()]), 0)
+    return excerpt(table, most=most)
+
+
 def scanned(
     path: Path,
     scan: Callable[[Path], pl.LazyFrame],
@@ -149,18 +177,19 @@ def as_typed(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_columns([numbers_or_text(text.str.strip_chars().replace("", None)) for text in texts])
 
 
-def excerpt(table: LargeTable, rows: slice = slice(None)) -> Columns:
+def excerpt(table: LargeTable, rows: slice = slice(None), most: int = MOST_ROWS) -> Columns:
     """An excerpt of a table.
 
     Args:
         table: any.
         rows: of which it is; few are taken completely.
+        most: rows of the excerpt, about; of wide tables fewer.
 
     Raises:
         FormatError: where the file cannot be read any more.
     """
     first, stop, _ = rows.indices(table.rows)
-    most = max(min(MOST // len(table.sample.series), MOST_ROWS), STRETCHES)
+    most = max(min(MOST // len(table.sample.series), most), STRETCHES)
     if stop - first <= most:
         return columns_in(table, [range(first, max(stop, first + 1))])
     length = most // STRETCHES

@@ -336,7 +336,7 @@ def read(
             },
         )
         found = (*missed, *about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
-        record = _detrended(_filtered(replace(record, findings=found), filter, decimate), detrend)
+        record = prepared(replace(record, findings=found), filter, decimate, detrend)
         return record if columns.excerpt is None else _of_blocks(record, columns, file, given, bool(rename))
 
 
@@ -461,23 +461,22 @@ def with_names_of(columns: Columns, reading: Mapping[str, Any]) -> dict[str, Any
     return named
 
 
-def _filtered(record: Record, cutoff: float | None, factor: int) -> Record:
-    """The record filtered and decimated, with a finding where either was asked for."""
-    if cutoff is not None:
-        record = record.lowpass(cutoff)
-    record = record.decimate(factor)
-    if cutoff is None and factor == 1:
-        return record
-    data = {"cutoff": cutoff, "factor": factor}
-    return replace(record, findings=(*record.findings, Finding("data-filtered", record.name, data)))
+def prepared(record: Record, filter: float | None = None, decimate: int = 1, detrend: int | None = None) -> Record:
+    """The record filtered, decimated and without a polynomial in time, in this order; each adds a finding.
 
-
-def _detrended(record: Record, order: int | None) -> Record:
-    """The record without a polynomial in time, with a finding where that was asked for."""
-    if order is None:
-        return record
-    found = Finding("data-detrended", record.name, {"order": order})
-    return replace(record.detrend(order), findings=(*record.findings, found))
+    Args:
+        record: as read without these three arguments of `read`.
+        filter, decimate, detrend: as of `read`.
+    """
+    if filter is not None:
+        record = record.lowpass(filter)
+    record, notes = record.decimate(decimate), list[Finding]()
+    if filter is not None or decimate != 1:
+        notes.append(Finding("data-filtered", record.name, {"cutoff": filter, "factor": decimate}))
+    if detrend is not None:
+        record = record.detrend(detrend)
+        notes.append(Finding("data-detrended", record.name, {"order": detrend}))
+    return replace(record, findings=(*record.findings, *notes)) if notes else record
 
 
 def _record(

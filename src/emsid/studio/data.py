@@ -9,13 +9,17 @@ ten-millionth.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Lock, RLock, Thread
 from time import sleep
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +30,9 @@ from emsid.findings import Finding, plain
 from emsid.first_look.outliers import outliers_of
 from emsid.first_look.standstill import at_rest
 from emsid.io import ParsedFile, read_columns
-from emsid.io.columns import from_arrays
+from emsid.io.columns import errors_of, from_arrays
+from emsid.io.large import held_excerpt
+from emsid.io.reading import prepared
 from emsid.record import Record
 from emsid.record.joining import check_same_channels
 from emsid.record.time_axis import NOTABLE, SECONDS
@@ -36,16 +42,21 @@ from emsid.wording import Spelling, sentence, severity
 
 KEPT = 8
 """Files, looks and records that are kept in memory."""
-LONG = 200_000
-"""Samples; a look at a longer file, which takes a second or more, is repeated in the background after a correction."""
-PAUSE = 2.0
-"""Seconds before such a look: twice as long as a record of two million samples is read."""
+LONG = 20_000
+"""Samples; a look at a longer file, which takes half a second or more, is repeated in the background after a change."""
+EXCERPT = 1 << 17
+"""Rows of the first look at a longer file, which takes 2 s of processor time; at two million rows it takes 25 s. The
+look at all rows follows in a process of its own, so that it does not hold up the answers of the server."""
+PAUSE = 1.0
+"""Seconds before a look in the background: longer than changes that follow each other take."""
 MOST_PAIRS = 8000
 """Points in a plot of a column against another."""
 MOST_MARKS = 200
 """Marks in a plot; more cannot be told apart."""
 SHORTEST = 5
 """Equal samples at the extreme of a channel that are marked as saturation."""
+PREPARED = ("filter", "decimate", "detrend")
+"""Arguments of `emsid.read` that it applies to the record that the others give."""
 OWN = ("mask", "rows")
 """Arguments of `emsid.read` about samples, which concern the file that they were said of and no other."""
 NEAR = 10
@@ -79,6 +90,58 @@ def as_json(reading: Mapping[str, Any]) -> dict[str, Any]:
     return {name: plainly(value) for name, value in reading.items()}
 
 
+@dataclass(frozen=True)
+class Look:
+    """What the page shows of a first look, in built-in types, so that another process can make it.
+
+    Args:
+        reading: arguments of `emsid.read` that were found.
+        mends: further ones, which leave out what findings say is wrong.
+        findings: code, subject and data of each.
+        rows, caption, lines: the table of the columns, and what is known besides.
+        units: of the columns.
+        clock: name and unit of the time column, and the sample time in s.
+        whole: whether all rows were looked at with all arguments that are given.
+    """
+
+    reading: dict[str, Any]
+    mends: dict[str, Any]
+    findings: list[dict[str, Any]]
+    rows: list[list[str]]
+    caption: str
+    lines: list[str]
+    units: dict[str, str]
+    clock: tuple[str, str, float]
+    whole: bool
+
+    @classmethod
+    def at(cls, parsed: ParsedFile, given: Mapping[str, Any], most: int | None = None) -> Look:
+        """Look at a file, or at an excerpt of about ``most`` rows.
+
+        Raises:
+            EmsidError: where what is given cannot be used.
+        """
+        part = parsed.columns if most is None else held_excerpt(parsed.columns, most)
+        look, whole = emsid.describe(replace(parsed, columns=part), **arguments(given)), part is parsed.columns
+        table = column_table(look, 60)
+        return cls(
+            as_json(look.reading),
+            as_json(look.mends),
+            [plain(f.to_data()) for f in look.findings if whole or f.code != "read-in-part"],  # a fit takes all rows
+            [list(map(str, row)) for row in table.rows],
+            table.caption,
+            [line for line in lines(look) if not line.startswith("- ")],
+            {column.name: column.meaning.unit for column in look.columns},
+            (look.clock.column, look.clock.unit, look.clock.dt),
+            whole,
+        )
+
+    @classmethod
+    def expected(cls, reading: Mapping[str, Any]) -> Look:
+        """What is known before a look at a file whose reading is known."""
+        return cls(as_json(reading), {}, [], [], "", [], {}, ("", "", 0.0), False)
+
+
 class Data:
     """Files, looks and records of a session, each made once.
 
@@ -93,9 +156,11 @@ class Data:
         self._made: OrderedDict[str, Any] = OrderedDict()
         self._making: dict[str, Lock] = {}
         self._names: dict[str, set[str]] = {}
-        self._looks: dict[str, tuple[dict[str, Any], emsid.FirstLook]] = {}
+        self._looks: dict[str, dict[str, Look]] = {}
+        self._last: dict[str, tuple[dict[str, Any], Look]] = {}
         self._wanted: dict[str, dict[str, Any]] = {}
-        self._looking: set[str] = set()
+        self._looking: dict[str, subprocess.Popen[bytes] | None] = {}
+        self._count = 0
         self._lock = RLock()
 
     def _once(self, key: str, make: Callable[[], Any]) -> Any:
@@ -121,25 +186,57 @@ class Data:
         key = f"file {name} {self.session.stamp(name)}"
         return self._once(key, lambda: ParsedFile(path, read_columns(path)))  # type: ignore[no-any-return]
 
-    def _look(self, name: str, given: Mapping[str, Any]) -> emsid.FirstLook:
-        """The first look at a file with these arguments."""
-        stamp = f"{name} {self.session.stamp(name)}"
-        key = f"look {stamp} {sorted(given.items(), key=str)}"
-        found: emsid.FirstLook = self._once(key, lambda: emsid.describe(self.parsed(name), **arguments(given)))
-        self._looks[stamp] = dict(given), found
-        return found
+    def expect(self, name: str, reading: Mapping[str, Any]) -> None:
+        """Read a file like this until it was looked at, which is done in the background."""
+        self._last[self._stamp(name)] = {}, Look.expected(reading)
 
-    def _latest(self, name: str, given: Mapping[str, Any]) -> tuple[Mapping[str, Any], emsid.FirstLook]:
-        """The look with these arguments; of a long file, the last one with its arguments, and a new one follows."""
-        known = self._looks.get(f"{name} {self.session.stamp(name)}")
-        if known is None or known[0] == given or max(map(len, self.parsed(name).columns.series.values())) < LONG:
-            return given, self._look(name, given)
+    def _stamp(self, name: str) -> str:
+        return f"{name} {self.session.stamp(name)}"
+
+    def _latest(self, name: str, given: Mapping[str, Any]) -> tuple[Mapping[str, Any], Look]:
+        """The look with these arguments; of a long file, the last one with its arguments, and a new one follows.
+
+        Raises:
+            EmsidError: where the file cannot be looked at like this.
+        """
+        stamp = self._stamp(name)
         with self._lock:
-            self._wanted[name] = dict(given)
+            known = self._looks.get(stamp, {}).get(str(sorted(given.items(), key=str)))
+            last = self._last.get(stamp)
+        if known is not None:
+            self._last[stamp] = dict(given), known
+            return given, known
+        parsed = self.parsed(name)
+        if last is None or (last[1].whole and self._length(parsed) < LONG):
+            made: Look = self._once(f"look {stamp} {given}", lambda: Look.at(parsed, given, EXCERPT))
+            last = self._keep(stamp, given, made)
+            if made.whole:
+                return last
+        with self._lock:
+            if self._wanted.get(name) != given:
+                self._wanted[name] = dict(given)
+                process = self._looking.get(name)
+                if process is not None:  # its look is of other arguments
+                    process.kill()
             if name not in self._looking:
-                self._looking.add(name)
+                self._looking[name] = None
                 Thread(target=self._follow, args=(name,), daemon=True).start()
-        return known
+        return last
+
+    @staticmethod
+    def _length(parsed: ParsedFile) -> int:
+        return max(map(len, parsed.columns.series.values()))
+
+    def _keep(self, stamp: str, given: Mapping[str, Any], look: Look) -> tuple[dict[str, Any], Look]:
+        with self._lock:
+            if look.whole:
+                known = self._looks.setdefault(stamp, {})
+                known[str(sorted(given.items(), key=str))] = look
+                while len(known) > KEPT:
+                    del known[next(iter(known))]
+            self._last[stamp] = dict(given), look
+            self._count += 1
+            return self._last[stamp]
 
     def _follow(self, name: str) -> None:
         """Look at a file until there is a look with the arguments that were asked for last.
@@ -148,14 +245,42 @@ class Data:
         """
         while True:
             sleep(PAUSE)
+            given, stamp, problems = self._wanted[name], self._stamp(name), list[EmsidError]()
+            with border("look", report=problems.append):
+                parsed = self.parsed(name)
+                small = self._length(parsed) <= EXCERPT
+                self._keep(stamp, given, Look.at(parsed, given) if small else self._elsewhere(name, given))
             with self._lock:
-                given = self._wanted.pop(name, None)
-                if given is None:
-                    self._looking.discard(name)
+                if self._wanted[name] == given:
+                    del self._wanted[name], self._looking[name]
                     break
-            with border("look"):
-                self._look(name, given)
+        if problems:  # what is known stays
+            self._keep(stamp, given, replace(self._last[stamp][1], whole=True))
         self.announce()
+
+    def _elsewhere(self, name: str, given: Mapping[str, Any]) -> Look:
+        """A look at all rows in another process.
+
+        Raises:
+            DataError: where the file cannot be looked at like this, or the process was ended.
+        """
+        words = [sys.executable, "-m", "emsid.studio.look", str(self.session.path(name))]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            with self._lock:
+                self._looking[name] = process
+            found, _ = process.communicate(msgspec.json.encode(given))
+        with self._lock:
+            self._looking[name] = None
+        with suppress(msgspec.MsgspecError):
+            return msgspec.json.decode(found, type=Look)
+        raise DataError(found.decode(errors="replace") or "the file could not be looked at")
+
+    def close(self) -> None:
+        """End the looks in the background."""
+        with self._lock:
+            for process in self._looking.values():
+                if process is not None:
+                    process.kill()
 
     def _columns(self, name: str) -> set[str]:
         """The names of the columns of a file."""
@@ -169,27 +294,23 @@ class Data:
         first = step["files"][0] if step["files"] else name
         return first if name == first or self._columns(name) == self._columns(first) else name
 
-    def look(self, step: Mapping[str, Any], name: str) -> emsid.FirstLook:
-        """The first look at a file, with its corrections."""
-        return self._look(name, step["given"].get(name, {}))
-
-    def reading(self, step: Mapping[str, Any], name: str, own: bool = True, exact: bool = False) -> dict[str, Any]:
+    def reading(self, step: Mapping[str, Any], name: str, own: bool = True) -> dict[str, Any]:
         """The arguments of `emsid.read` for a file, for JSON: those found, repairs, and corrections.
 
-        A file with the same columns as the first one is read like it; what was said of samples stays with its file.
+        Where a look takes long, the corrections are put into the last one: what is shown is what is fitted. A file with
+        the same columns as the first one is read like it; what was said of samples stays with its file.
 
         Args:
             step: with this file.
             name: of the file.
             own: whether what was said of samples of the file belongs to them.
-            exact: whether to wait for a look that takes long; else the corrections are put into the last one.
         """
         leader = self._leader(step, name)
         said = {**step["given"].get(leader, {})}
         if leader != name or not own:
             said = {key: value for key, value in said.items() if key not in OWN}
             said |= step["given"].get(name, {}) if own else {}
-        before, look = (said, self._look(leader, said)) if exact else self._latest(leader, said)
+        before, look = self._latest(leader, said)
         reading = {**look.reading, **{key: value for key, value in look.mends.items() if key not in said}}
         if before != said:
             reading = {key: value for key, value in reading.items() if key in said or key not in before}
@@ -203,7 +324,14 @@ class Data:
         return self._read(name, self.reading(step, name))
 
     def _read(self, name: str, reading: Mapping[str, Any]) -> Record:
-        return self._of("record", name, reading, lambda: emsid.read(self.parsed(name), **arguments(reading)))  # type: ignore[no-any-return]
+        """A record; those that differ in their preparation only are made of one that is read once."""
+        given, parsed = arguments(reading), self.parsed(name)
+        last = {key: given.pop(key) for key in PREPARED if key in given}
+        plainly: Record = self._of("record", name, as_json(given), lambda: emsid.read(parsed, **given))
+        if not last:
+            return plainly
+        with errors_of(parsed.path):
+            return self._of("record", name, reading, lambda: prepared(plainly, **last))  # type: ignore[no-any-return]
 
     def _of(self, what: str, name: str, reading: Mapping[str, Any], make: Callable[[], Any]) -> Any:
         """Something of the record in a file, made once while neither the file nor its reading changes."""
@@ -262,7 +390,6 @@ class Data:
         reading, leader = self.reading(step, name), self._leader(step, name)
         given = step["given"].get(name, {}) if leader == name else reading
         before, look = self._latest(name, given)
-        table = column_table(look, 60)
         said = [
             {
                 "code": finding.code,
@@ -271,27 +398,26 @@ class Data:
                 "given": channels_for(finding, reading),
                 "kind": next((kind for kind, parts in SENTENCES.items() if any(p in finding.code for p in parts)), ""),
             }
-            for finding in look.findings
+            for finding in (Finding(**each) for each in look.findings)
         ]
         found: dict[str, Any] = {
             "file": name,
             "header": HEADER,
-            "rows": table.rows,
-            "caption": table.caption,
-            "lines": [line for line in lines(look, self.spelling) if not line.startswith("- ")],
+            "rows": look.rows,
+            "caption": look.caption,
+            "lines": look.lines,
             "findings": said,
             "reading": reading,
             "like": "" if leader == name else leader,
-            "looking": before != given,
-            "units": {column.name: column.meaning.unit for column in look.columns},
+            "looking": before != given or not look.whole,
+            "units": look.units,
             "marks": [],
         }
         with border("marks"):
-            record, clock = self._read(name, reading), look.clock
-            jitters = clock if any(each["kind"] == "jitter" for each in said) else None
-            shown = self._of(
-                f"marks {jitters is None}", name, reading, lambda: [*marks(record), *self._jitter(name, jitters)]
-            )
+            record = self._read(name, reading)
+            jitters = any(each["kind"] == "jitter" for each in said)
+            of_clock = self._jitter(name, *look.clock) if jitters else []
+            shown = self._of(f"marks {jitters}", name, reading, lambda: [*marks(record), *of_clock])
             found["marks"] = [{**mark, "text": _text(mark["kind"], said)} for mark in shown]
         return plain(found)  # type: ignore[no-any-return]
 
@@ -331,15 +457,19 @@ class Data:
             "last": float(time[-1]),
             "channels": self._of("channels", name, self.reading(step, name), channels),
             "inputs": len(record.input_names),
+            "reading": self.reading(step, name),
+            "look": self._count,
         }
 
-    def _jitter(self, name: str, clock: Any) -> list[dict[str, Any]]:
-        """Where the times of a file jitter, if it has a clock that does."""
-        column = self.parsed(name).columns.series.get(clock.column) if clock else None
+    def _jitter(self, name: str, time: str, unit: str, dt: float) -> list[dict[str, Any]]:
+        """Where the times of a file jitter, by its time column, the unit of that and its sample time in s."""
+        column = self.parsed(name).columns.series.get(time)
         values = None if column is None else np.asarray(column)
-        if values is None or values.dtype.kind not in "iuf":
-            return []
-        return list(jittering(values * SECONDS.get(clock.unit, 1.0), clock.dt))
+        return (
+            []
+            if values is None or values.dtype.kind not in "iuf"
+            else list(jittering(values * SECONDS.get(unit, 1.0), dt))
+        )
 
     def _beside(self, name: str, reading: Mapping[str, Any], column: str, parsed: ParsedFile) -> Record:
         """The record of a file with another column as its output, at the same samples, not filtered."""

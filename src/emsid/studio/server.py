@@ -291,7 +291,7 @@ class Routes:
     def _program(self, content: Mapping[str, Any]) -> dict[str, str]:
         studio, file = self.studio, str(content["data"]["file"])
         models = [studio.views.path(str(name)) for name in content["models"]]
-        reading = studio.data.reading(studio.session.step, file, exact=True)
+        reading = studio.data.reading(studio.session.step, file)
         return {"script": as_comparison(models, studio.session.path(file), reading)}
 
     def _use(self, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -428,6 +428,7 @@ def serve(
             Serving(config, messages).run(sockets=[listening])
         finally:
             door.unlink(missing_ok=True)
+            studio.data.close()
             studio.runs.close()
             studio.live.stop()
 

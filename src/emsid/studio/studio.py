@@ -202,7 +202,7 @@ class Studio:
                 key = kind if step["files"] else "files"
                 files = [*step[key], name]
                 if key == "files" and len(files) == 1:
-                    self.data.look({**step, key: files}, name)
+                    self.data.reading({**step, key: files}, name)
                 with suppress(Conflict):
                     self.change(on, step, **{key: files})
                     return
@@ -330,24 +330,25 @@ class Studio:
         with self.session.adding(f"{name}.csv") as (file, incoming):
             write_record(found.record(), incoming)
             self.session.arrived(file)
+            self.data.expect(file, found.reading)
             return self.change(on, step, files=[file], unseen_files=[], other_files=[])
 
-    def _task_of(self, step: Mapping[str, Any], exact: bool = False) -> dict[str, Any]:
+    def _task_of(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """What a run of a step is asked; ``reading`` also suits other files, for it concerns no samples."""
         if not step["files"]:
             raise DataError("there are no data; drop a file or choose an example")
         files = [*step["files"], *step["unseen_files"]]
         names = ("files", "unseen_files", "unseen", "models", "options")
         return {name: step[name] for name in names} | {
-            "readings": {name: self.data.reading(step, name, exact=exact) for name in files},
-            "reading": self.data.reading(step, step["files"][0], own=False, exact=exact),
+            "readings": {name: self.data.reading(step, name) for name in files},
+            "reading": self.data.reading(step, step["files"][0], own=False),
             "contents": {name: self.session.digest(name) for name in files},
             "emsid": emsid.__version__,
         }
 
     def run(self, version: Any = None) -> dict[str, str]:
         """Fit; the number of the run."""
-        number = self.runs.begin(self._task_of(self._made_on(version)[1], exact=True))
+        number = self.runs.begin(self._task_of(self._made_on(version)[1]))
         self.announce({"kind": "run", "run": {**self.runs.state(number), "stale": []}})
         return {"run": number}
 

@@ -6,10 +6,10 @@ evidence of how well a model describes a real drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Example:
         contents: what was simulated.
         true: everything that was simulated.
         record: makes the record.
+        reading: arguments of `emsid.read` that a first look at its file finds.
     """
 
     name: str
@@ -54,6 +55,13 @@ class Example:
     contents: str
     true: tuple[Simulated, ...]
     record: Callable[[], Record]
+    reading: Mapping[str, Any]
+
+
+def _reading(u: str, y: str, *, derivative: bool = False) -> dict[str, Any]:
+    """The arguments of `emsid.read` for two columns with units in their names."""
+    units = {name: name.rpartition(" [")[2].rstrip("]") for name in (u, y)}
+    return {"input": u, "output": f"d({y})" if derivative else y, "units": units, "time": "t [s]"}
 
 
 MOTOR = Motor(
@@ -141,6 +149,7 @@ EXAMPLES = (
         "the command gives it.",
         _of_plant(DrivenMotor(MOTOR, sensor=Sensor(offset=OFFSET)), Signal.SPEED),
         motor_record,
+        _reading("voltage [V]", "speed [rad/s]"),
     ),
     Example(
         "axis",
@@ -149,6 +158,7 @@ EXAMPLES = (
         "encoder of 10 µm.",
         _of_plant(AXIS, Signal.POSITION),
         axis_record,
+        _reading("force [N]", "position [m]", derivative=True),
     ),
     Example(
         "circuit",
@@ -156,5 +166,6 @@ EXAMPLES = (
         "Filter of order 1, saturation at ±1 V, filter of order 2, with 1 % of noise at the output.",
         _of_circuit(),
         circuit_record,
+        _reading("source [V]", "output [V]"),
     ),
 )

@@ -19,7 +19,7 @@ const known = (app, file) => (app.known[file] ??= {});
 
 // The look at the chosen file is fetched apart from the state, which is there at once.
 async function look(app) {
-  const record = chosen(app), key = `${record.file} ${app.state.version} ${app.asked}`;
+  const record = chosen(app), key = `${record.file} ${app.state.version} ${record.look}`;
   if (looks.key === key) return;
   looks.key = key;
   await attempt(async () => {
@@ -194,7 +194,7 @@ export function stage(app) {
   if (!record) return ["nothing", (place) => first(place, app)];
   if (!record.samples) return [`problem ${record.file} ${record.problem}`, (place) => { place.append(el("p", {}, "There is no record yet: choose what is input and output in the table of the columns.")); }];
   const { columns: _, overlay, against } = known(app, record.file), names = drawnColumns(app, record);
-  const key = JSON.stringify([record, names, overlay, against, app.state.step.given[record.file], looks.data?.file === record.file && looks.data.reading]);
+  const key = JSON.stringify([{ ...record, look: 0 }, names, overlay, against]);
   return [key, (place) => (against ? scatter(place, app, record, names, against) : plots(place, app, record, names))];
 }
 

@@ -11,6 +11,8 @@ let show = () => {}, asked = 0;
 
 function fresh() { return { rows: [], start: null, last: null, alarms: [], problem: "", ended: false, came: 0, lost: false }; }
 
+function alarm(at, text) { live.alarms = [{ at, text }, ...live.alarms].slice(0, 20); }
+
 export function lost() { live.lost = true; show(); }
 
 export function message(app, news) {
@@ -21,10 +23,10 @@ export function message(app, news) {
     live.last = news;
     live.rows.push([news.time, news.output, news.prediction, news.input?.[0] ?? null, ...news.parameters.flatMap((each) => [each.value, each.half_width])]);
     if (live.rows.length > KEPT) live.rows = live.rows.filter((_, k) => k % 2 || k > KEPT / 2);  // the older half is thinned
-  } else if (news.kind === "finding") live.alarms.unshift({ at: news.time, text: news.text });
+  } else if (news.kind === "finding") alarm(news.time, news.text);
   else if (news.kind === "ended") {
     Object.assign(live, { ended: true, problem: news.problem });
-    live.alarms.unshift({ at: live.last?.time ?? null, text: news.problem || "the source has ended; record and report are in the session" });
+    alarm(live.last?.time ?? null, news.problem || "the source has ended; record and report are in the session");
   }
   if (!asked) asked = requestAnimationFrame(() => { asked = 0; show(); });
 }
@@ -32,16 +34,21 @@ export function message(app, news) {
 export function side(app) {
   const begin = (event) => {
     event.preventDefault();
-    attempt(() => question("live", Object.fromEntries(FIELDS.map(([name]) => [name, drafts.get(`live ${name}`) ?? ""]))));
+    attempt(async () => {
+      await question("live", Object.fromEntries(FIELDS.map(([name]) => [name, drafts.get(`live ${name}`) ?? ""])));
+      if (live.ended) Object.assign(live, fresh());
+      await app.refresh();
+      show();
+    });
   };
   return [el("h2", {}, "A running source"), el("form", { onsubmit: begin }, FIELDS.map(([name, text, placeholder, about]) => field(`live ${name}`, text, "", null, { placeholder, about })),
     el("div", { class: "row" }, el("button", { class: "main" }, "Follow"), button("Stop", () => question("live/stop")), button("Fit this record", async () => { await question("live/take"); app.go("data"); }, { title: "Adds the record of the source to the data" }))),
   app.state.live.problem ? el("p", { class: "problem" }, app.state.live.problem) : null];
 }
 
-export function stage() { return [`${live.start?.source} ${live.start?.parameters}`, build]; }
+export function stage(app) { return [`${live.start?.source} ${live.start?.parameters}`, (place) => build(place, app)]; }
 
-function build(place) {
+function build(place, app) {
   const status = el("p", { role: "status" }), below = el("div"), group = new Group([0, 1]);
   const boxes = [0, 1, 2].map(() => el("div", { class: "plot" }));
   place.append(status, ...boxes, below);
@@ -54,7 +61,7 @@ function build(place) {
   const column = (k) => live.rows.map((row) => row[k]);
   show = () => {
     const seconds = (performance.now() - live.came) / 1000, { last } = live;
-    const text = live.lost ? "the server does not answer" : live.ended ? "ended" : !live.start ? "no source is followed" : seconds > 3 ? `connected; silent for ${seconds.toFixed(0)} s` : "connected";
+    const text = live.lost ? "the server does not answer" : live.ended ? "ended" : !live.start ? (app.state.live.running ? "waiting for the source" : "no source is followed") : seconds > 3 ? `connected; silent for ${seconds.toFixed(0)} s` : "connected";
     const count = last ? `${last.samples ?? ""} samples, ${number(last.rate, 3)} per s` : "";
     if (status.textContent !== `${text}${count && `: ${count}`}`) status.textContent = `${text}${count && `: ${count}`}`;
     status.className = live.lost || live.problem ? "problem" : "";
@@ -69,7 +76,7 @@ function build(place) {
     const row = (each) => [each.unit ? withUnit(each.name, each.unit) : each.name, number(each.value), each.half_width === null || each.half_width === undefined ? "–" : `± ${number(each.half_width)}`];
     const rows = [...(last?.parameters ?? []), ...(last?.physical ?? [])].map(row);
     below.replaceChildren(rows.length ? table({ header: ["Parameter", "Value", "95 %"], rows, caption: count }) : "",
-      live.alarms.length ? el("section", { "aria-label": "Alarms" }, el("h3", {}, "Alarms"), el("ul", {}, live.alarms.slice(0, 20).map((each) => el("li", { class: "warning" }, each.at === null ? "" : `${number(each.at, 6)} s: `, each.text)))) : "");
+      live.alarms.length ? el("section", { "aria-label": "Alarms" }, el("h3", {}, "Alarms"), el("ul", {}, live.alarms.map((each) => el("li", { class: "warning" }, each.at === null ? "" : `${number(each.at, 6)} s: `, each.text)))) : "");
   };
   show();
   const clock = setInterval(show, 1000);

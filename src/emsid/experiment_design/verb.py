@@ -134,7 +134,7 @@ def design(
         DataError: for limits that no signal meets, or a duration that is too short.
     """
     if not isinstance(fit, Fit) or not len(fit.names):
-        raise ModelError(f"{as_model(fit).name} has no estimates; give a fit, as `emsid identify` saves it")
+        raise ModelError(f"{as_model(fit).name} has no estimates; give a fit, such as `emsid.identify` finds")
     if criterion not in CRITERIA:
         raise ModelError(f"no criterion {criterion!r}; there are {', '.join(CRITERIA)}", arguments=("criterion",))
     limits = Limits(limit, limit_slew, limit_speed, limit_travel)

@@ -38,7 +38,8 @@ from emsid.record.joining import check_same_channels
 from emsid.record.time_axis import NOTABLE, SECONDS
 from emsid.report.views.first_look import HEADER, column_table, lines
 from emsid.studio.session import KINDS, Session, named
-from emsid.wording import Spelling, sentence, severity
+from emsid.studio.words import field_name, said
+from emsid.wording import sentence, severity
 
 KEPT = 8
 """Files, looks and records that are kept in memory."""
@@ -147,12 +148,11 @@ class Data:
 
     Args:
         session: whose data they are.
-        spelling: how names of arguments are written in sentences.
         announce: called where a look that took long is there.
     """
 
-    def __init__(self, session: Session, spelling: Spelling, announce: Callable[[], None]) -> None:
-        self.session, self.spelling, self.announce = session, spelling, announce
+    def __init__(self, session: Session, announce: Callable[[], None]) -> None:
+        self.session, self.announce = session, announce
         self._made: OrderedDict[str, Any] = OrderedDict()
         self._making: dict[str, Lock] = {}
         self._names: dict[str, set[str]] = {}
@@ -390,10 +390,10 @@ class Data:
         reading, leader = self.reading(step, name), self._leader(step, name)
         given = step["given"].get(name, {}) if leader == name else reading
         before, look = self._latest(name, given)
-        said = [
+        notes = [
             {
                 "code": finding.code,
-                "text": sentence(finding, self.spelling),
+                "text": sentence(finding, field_name),
                 "severity": severity(finding).value,
                 "given": channels_for(finding, reading),
                 "kind": next((kind for kind, parts in SENTENCES.items() if any(p in finding.code for p in parts)), ""),
@@ -406,7 +406,7 @@ class Data:
             "rows": look.rows,
             "caption": look.caption,
             "lines": look.lines,
-            "findings": said,
+            "findings": notes,
             "reading": reading,
             "like": "" if leader == name else leader,
             "looking": before != given or not look.whole,
@@ -415,10 +415,10 @@ class Data:
         }
         with border("marks"):
             record = self._read(name, reading)
-            jitters = any(each["kind"] == "jitter" for each in said)
+            jitters = any(each["kind"] == "jitter" for each in notes)
             of_clock = self._jitter(name, *look.clock) if jitters else []
             shown = self._of(f"marks {jitters}", name, reading, lambda: [*marks(record), *of_clock])
-            found["marks"] = [{**mark, "text": _text(mark["kind"], said)} for mark in shown]
+            found["marks"] = [{**mark, "text": _text(mark["kind"], notes)} for mark in shown]
         return plain(found)  # type: ignore[no-any-return]
 
     def summary(self, step: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -429,7 +429,7 @@ class Data:
         with border(name, report=problems.append):
             found["columns"] = sorted(self._columns(name), key=list(self.parsed(name).columns.series).index)
             return found | self._channels(step, name)
-        return {**found, "problem": str(problems[0])}
+        return {**found, "problem": said(problems[0], self.session.folder)}
 
     def _channels(self, step: Mapping[str, Any], name: str) -> dict[str, Any]:
         record, unlike = self.record(step, name), ""

@@ -15,7 +15,8 @@ import msgspec
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.studio.session import Session
-from emsid.wording import as_python, sentence
+from emsid.studio.words import field_name, in_page
+from emsid.wording import sentence
 
 
 def worded(message: dict[str, Any]) -> dict[str, Any]:
@@ -23,7 +24,7 @@ def worded(message: dict[str, Any]) -> dict[str, Any]:
     if message["kind"] != "finding":
         return message
     found = {name: message[name] for name in ("code", "subject", "data")}
-    return {**message, "text": sentence(Finding(**found), as_python)}
+    return {**message, "text": sentence(Finding(**found), field_name)}
 
 
 @dataclass
@@ -73,7 +74,7 @@ class Live:
                 with suppress(msgspec.DecodeError):
                     self.announce({"kind": "live", "message": worded(msgspec.json.decode(line))})
             said = process.stderr.read().strip()
-        self.problem = said if process.returncode > 0 else ""
+        self.problem = in_page(said, self.session.folder) if process.returncode > 0 else ""
         self.announce({"kind": "live", "message": {"kind": "ended", "problem": self.problem}})
 
     def stop(self) -> None:

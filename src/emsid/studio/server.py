@@ -48,6 +48,7 @@ from emsid.studio.session import Conflict, Session, delete, held, in_session
 from emsid.studio.studio import READ, Studio, as_comparison, catalogue, typed
 from emsid.studio.use import archive, exported, made, played
 from emsid.studio.views import drawn
+from emsid.studio.words import said
 
 PAGE = Path(__file__).parent / "page"
 MOST_AT_ONCE = 150
@@ -118,13 +119,13 @@ def made_on(request: Request) -> str | None:
     return request.headers.get("if-match")
 
 
-def refusal(problem: Exception) -> Response:
+def refusal(problem: Exception, folder: Path | None = None) -> Response:
     """The answer in one line where a request could not be done."""
     LOG.debug("%s", problem, exc_info=problem)
     if isinstance(problem, NotWritten):
         return PlainTextResponse(str(problem), 507)
     if isinstance(problem, EmsidError):
-        return PlainTextResponse(str(problem), 409 if isinstance(problem, Conflict) else 400)
+        return PlainTextResponse(said(problem, folder), 409 if isinstance(problem, Conflict) else 400)
     if isinstance(problem, OSError):
         return PlainTextResponse(f"a file cannot be written ({(problem.strerror or str(problem)).lower()})", 507)
     if isinstance(problem, NOT_UNDERSTOOD):
@@ -132,7 +133,7 @@ def refusal(problem: Exception) -> Response:
     return PlainTextResponse(str(InternalError("studio", problem)), 500)
 
 
-def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable[Response]]:
+def answer(work: Callable[[Request, Any], Any], folder: Path) -> Callable[[Request], Awaitable[Response]]:
     """A route that reads JSON, does some work in a thread, and answers with JSON, bytes or a response."""
 
     async def route(request: Request) -> Response:
@@ -148,7 +149,7 @@ def answer(work: Callable[[Request, Any], Any]) -> Callable[[Request], Awaitable
                 return Response(found, media_type="application/octet-stream")
             return Response(msgspec.json.encode(plain(found)), media_type="application/json")
         except Exception as problem:
-            return refusal(problem)
+            return refusal(problem, folder)
 
     return route
 
@@ -166,7 +167,7 @@ class Routes:
 
     def all(self) -> list[Route]:
         """Every route."""
-        studio = self.studio
+        studio, folder = self.studio, self.studio.session.folder
         posts: dict[str, Callable[[Request, Any], Any]] = {
             "edit": lambda request, content: studio.edit(content, made_on(request)),
             "undo": lambda request, content: studio.move(-1, made_on(request)),
@@ -211,8 +212,8 @@ class Routes:
             Route("/api/events", self.messages.stream),
             Route("/api/files", self._upload, methods=["POST"]),
             Route("/api/models", self._upload, methods=["POST"]),
-            *(Route(f"/api/{path}", answer(work), methods=["POST"]) for path, work in posts.items()),
-            *(Route(f"/api/{path}", answer(work)) for path, work in gets.items()),
+            *(Route(f"/api/{path}", answer(work, folder), methods=["POST"]) for path, work in posts.items()),
+            *(Route(f"/api/{path}", answer(work, folder)) for path, work in gets.items()),
         ]
 
     @staticmethod
@@ -242,7 +243,7 @@ class Routes:
         except (TooLarge, ClientDisconnect):
             return PlainTextResponse("the file is too large, or has not arrived", 413)
         except Exception as problem:
-            return refusal(problem)
+            return refusal(problem, session.folder)
         return Response(b"{}", media_type="application/json")
 
     def _folder(self, number: str) -> Path:
@@ -540,7 +541,7 @@ class Guard:
             return 403, "this server answers its own page only"
         parts = scope["path"].split("/", 2)
         if len(parts) < 3 or not compare_digest(parts[1].encode(), self.token):
-            return 403, "the address needs the token that `emsid studio` has printed"
+            return 403, "the address needs the token of this studio, as its window or its file open.html has it"
         most = self._most(scope)
         length = headers.get(b"content-length", b"0")
         if not length.isdigit() or len(length) > 20 or int(length) > most:

@@ -5,6 +5,7 @@ A step as a program in Python that gives the same numbers.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from emsid.options import IDENTIFY, READING, Declared
 from emsid.studio.data import Data, arguments
 from emsid.studio.session import CHOICE, EMPTY, KINDS, Conflict, Session, named
 from emsid.studio.views import Views
+from emsid.studio.words import field_name, label, said
 
 if TYPE_CHECKING:
     from emsid.studio.live import Live
@@ -71,25 +73,6 @@ READ = {each.name: each for each in READING if each.kind in OF_KIND}
 """The options of reading that have one."""
 
 
-def field_name(argument: str) -> str:
-    """What the page calls an argument, in quotation marks.
-
-    >>> field_name("derivative_window")
-    '“Derivative window”'
-    """
-    return f"“{_label(argument)}”"
-
-
-def _label(argument: str) -> str:
-    called = {
-        "dt": "Sample time",
-        "resample": "Interpolate irregular times",
-        "mask": "Leave out where",
-        "fixed": "Known values",
-    }
-    return called.get(argument, argument.replace("_", " ").capitalize() if len(argument) > 2 else argument)
-
-
 NO_RECORD = frozenset({"not-readable", "no-role-found"})
 """Findings that say why there is no record."""
 UNITS = (
@@ -135,7 +118,7 @@ class Studio:
     _adding: Any = field(default_factory=RLock, init=False)
 
     def __post_init__(self) -> None:
-        self.data = Data(self.session, field_name, lambda: self.announce({"kind": "state"}))
+        self.data = Data(self.session, lambda: self.announce({"kind": "state"}))
         self.views = Views(self.session, self.data)
 
     def warm(self) -> None:
@@ -170,8 +153,8 @@ class Studio:
             except EmsidError as problem:  # where there was no record before, a first role is a beginning
                 if given and self._readable(before, name):
                     findings = self.data.described(step, name)["findings"]
-                    said = [each["text"] for each in findings if each["code"] in NO_RECORD]
-                    raise DataError(said[0] if said else str(problem)) from None
+                    why = [each["text"] for each in findings if each["code"] in NO_RECORD]
+                    raise DataError(why[0] if why else str(problem), arguments=problem.arguments) from None
         self.session.change(on, **values)
         self.announce({"kind": "state"})
         return {"version": on + 1}
@@ -379,7 +362,7 @@ class Studio:
         states = self.runs.states
         found["models"] = self.views.models(states)
         found["runs"] = [{**run, "stale": differences(run["task"], task)} for run in states]
-        found["problem"] = "; ".join(dict.fromkeys(map(str, problems)))
+        found["problem"] = "; ".join(dict.fromkeys(said(each, self.session.folder) for each in problems))
         return found
 
 
@@ -451,7 +434,8 @@ def catalogue() -> dict[str, Any]:
 
     def fields(some: Mapping[str, Declared]) -> list[dict[str, Any]]:
         names = ("name", "kind", "meaning", "metavar", "group", "unit")
-        return [{**{n: getattr(each, n) for n in names}, "label": _label(each.name)} for each in some.values()]
+        shown = [{**{n: getattr(each, n) for n in names}, "label": label(each.name)} for each in some.values()]
+        return [{**each, "meaning": re.sub(r" \(see `emsid [a-z]+`\)", "", each["meaning"])} for each in shown]
 
     return {
         "models": [

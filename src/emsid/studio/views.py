@@ -34,6 +34,7 @@ from emsid.report.views.sections import model_section
 from emsid.studio.data import Data, Signal, packed
 from emsid.studio.session import Session, in_session, named
 from emsid.studio.use import loaded, sample_time, sliders
+from emsid.studio.words import said
 from emsid.units import plain_unit
 from emsid.validation.comparison import Assessment, as_fit, validate
 
@@ -169,7 +170,7 @@ class Views:
             with border(self.label(name), report=failed.append):
                 done[name] = work(name)
             if failed:
-                problems[name] = str(failed[0])
+                problems[name] = said(failed[0])
         return done, problems
 
     def _together(
@@ -270,7 +271,7 @@ def _analysed(
         with border(labels[name], report=failed.append):
             done.append((labels[name], MODELS[k], analyse(subject)))
         if failed:
-            problems[name] = str(failed[0])
+            problems[name] = said(failed[0])
     return done, problems
 
 

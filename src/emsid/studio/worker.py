@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 
 import emsid
+from emsid.errors import EmsidError
 from emsid.estimation import Control
 from emsid.estimation.borders import LOG, border, collected
 from emsid.estimation.nonlinear.control import Activity, Stopped
@@ -30,6 +31,8 @@ from emsid.report.document import Report
 from emsid.report.identification_page import report
 from emsid.report.page import report_files, write_files
 from emsid.studio.data import arguments, edit_for
+from emsid.studio.words import field_name, in_page
+from emsid.studio.words import said as in_terms_of_page
 from emsid.wording import as_python, sentence, severity
 
 OFTEN = 0.1
@@ -45,9 +48,10 @@ def main() -> None:
     LOG.addHandler(StreamHandler())  # tracebacks are in the log of the run
 
     def failed(problem: Exception) -> None:
-        say(kind="failed", message=str(problem))
+        message = in_terms_of_page(problem, session) if isinstance(problem, EmsidError) else str(problem)
+        say(kind="failed", message=message)
         with suppress(NotWritten):
-            atomic_write(run / "problem.json", msgspec.json.encode({"message": str(problem)}))
+            atomic_write(run / "problem.json", msgspec.json.encode({"message": message}))
 
     try:
         with border("run", report=failed):
@@ -136,7 +140,7 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
     models = [fit.model.name for fit in result.fits]
     rows = {row.model: row for row in result.rows}
     return {
-        "summary": content.summary,
+        "summary": [in_page(each) for each in content.summary],
         "models": models,
         "chosen": result.chosen.model.name,
         "usable": result.is_usable,
@@ -145,7 +149,7 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
             for row in (rows[name] for name in models)
         ],
         "verdicts": {
-            verdict.model: {"level": verdict.code.removeprefix("model-"), "text": sentence(verdict, as_python)}
+            verdict.model: {"level": verdict.code.removeprefix("model-"), "text": sentence(verdict, field_name)}
             for verdict in result.model_verdicts
         },
         "unit": result.unseen.output_units[0],
@@ -156,7 +160,7 @@ def as_shown(result: Identification, content: Report) -> dict[str, Any]:
 def said(finding: Finding, result: Identification) -> dict[str, Any]:
     """A finding with what the page can do about it."""
     return {
-        "text": sentence(finding, as_python),
+        "text": sentence(finding, field_name),
         "severity": severity(finding).value,
         "model": finding.model,
         "edit": edit_for(finding, result.record),

@@ -96,7 +96,12 @@ class Page:
 
     def find(self, selector: str, count: int = 1) -> Any:
         """The first element of a selector, once there are so many."""
-        return self.until(lambda: len(self.all(selector)) >= count and self.all(selector)[0])
+
+        def found() -> Any:
+            there = self.all(selector)
+            return len(there) >= count and there[0]
+
+        return self.until(found)
 
     def all(self, selector: str) -> list[Any]:
         found: list[Any] = self.browser.find_elements(By.CSS_SELECTOR, selector)
@@ -119,6 +124,47 @@ class Page:
             return True
 
         self.until(clicked)
+
+    def leave(self) -> None:
+        """Close every tab but one, end what runs, and forget what the browser wrote."""
+        for handle in self.browser.window_handles[1:]:
+            self.browser.switch_to.window(handle)
+            self.browser.close()
+        self.browser.switch_to.window(self.browser.window_handles[0])
+        self.browser.get("about:blank")  # the page would ask for what is removed
+        self.post("live/stop")
+
+        def ended() -> bool:
+            going = [run["number"] for run in self.state()["runs"] if run["state"] in ("running", "waiting")]
+            for number in going:
+                self.post("cancel", {"run": number})  # a second time, at once
+            return not going and not self.state()["live"]["running"]
+
+        self.until(ended)
+        self.browser.get_log("browser")
+
+    def share(self, selector: str, x: float, y: float = 0.5) -> tuple[int, int]:
+        """A point of an element that is brought into view, as pixels of the window."""
+        script = "arguments[0].scrollIntoView({block: 'center'}); return arguments[0].getBoundingClientRect().toJSON()"
+        box = self.browser.execute_script(script, self.find(selector))
+        return int(box["x"] + x * box["width"]), int(box["y"] + y * box["height"])
+
+    def drag(self, begin: tuple[int, int], end: tuple[int, int]) -> None:
+        """Press the mouse at a point of the window, move it to another one and release it."""
+        mouse = ActionChains(self.browser, 50).w3c_actions
+        move = mouse.pointer_action
+        move.move_to_location(*begin).pointer_down()
+        for k in (1, 2, 3):
+            move.move_to_location(*(round(a + (b - a) * k / 3) for a, b in zip(begin, end, strict=True)))
+        move.pointer_up()
+        mouse.perform()
+
+    def drawn(self) -> dict[str, float]:
+        """The part that was asked for last, without the room on both sides."""
+        asked = self.browser.execute_script("return window.asked.at(-1) ?? null")
+        assert asked is not None
+        room = (asked["to"] - asked["from"]) / 6
+        return {"first": asked["from"] + room, "last": asked["to"] - room}
 
     def open_all(self) -> None:
         """Open every section of the settings."""
@@ -219,13 +265,16 @@ def browser(tmp_path_factory: pytest.TempPathFactory, downloads: Path) -> Iterat
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Iterator[Page]:
-    """The page without data; what it writes to the console fails the test."""
+    """The page without data; what it writes to the console fails the test, and nothing of it is left for the next."""
     page = Page(browser, address)
-    browser.get("about:blank")  # the page of the test before would ask for what is removed
+    page.leave()
     page.size(1280, 900)
-    page.post("edit", {"files": [], "unseen_files": [], "other_files": [], "models": [], "options": {}, "unseen": 0.3})
+    nothing = {"files": [], "unseen_files": [], "other_files": [], "models": [], "options": {}, "unseen": 0.3}
+    page.post("edit", nothing)
     yield page
-    assert [each["message"] for each in browser.get_log("browser")] == []
+    said = [each["message"] for each in browser.get_log("browser")]
+    page.leave()
+    assert said == []
 
 
 def table(rows: int = 400, other: str = "other") -> bytes:
@@ -238,6 +287,15 @@ def table(rows: int = 400, other: str = "other") -> bytes:
         text.append(f"{k / 100:.2f},{u[k]:.5f},{y + noise[0]:.5f},{noise[1]:.5f}")
         y = 0.9 * y + 0.5 * u[k]
     return "\n".join(text).encode()
+
+
+ASKED = """window.asked = [];
+    const before = window.fetch;
+    window.fetch = (path, options) => {
+        if (/api.(window|pairs)/.test(path)) asked.push(JSON.parse(options.body));
+        return before(path, options);
+    };"""
+"""Keeps what the page asks for, to see which part of the data it draws."""
 
 
 def read(path: Path) -> Any:
@@ -624,13 +682,7 @@ def test_arrows_move_a_plot_and_the_others_with_it(page: Page) -> None:
     page.post("files?name=log.csv", body=table())
     page.open("data")
     page.find(".uplot", 2)
-    record = """window.asked = [];
-        const before = window.fetch;
-        window.fetch = (path, options) => {
-            if (path === "api/window") asked.push(JSON.parse(options.body));
-            return before(path, options);
-        };"""
-    page.browser.execute_script(record)
+    page.browser.execute_script(ASKED)
 
     def drawn(first: float, last: float) -> None:
         """Wait until this part of both channels is asked for, with a quarter more on both sides."""
@@ -646,6 +698,109 @@ def test_arrows_move_a_plot_and_the_others_with_it(page: Page) -> None:
     plot = page.find(".u-over")
     ActionChains(page.browser).scroll_from_origin(ScrollOrigin.from_element(plot), 0, -400).perform()
     page.until(lambda: page.browser.execute_script("return asked.at(-1).to - asked.at(-1).from") < 4)
+
+
+def test_the_wheel_zooms_about_the_cursor_and_a_drag_moves_and_selects(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.open("data")
+    page.find(".uplot", 2)
+    page.browser.execute_script(ASKED)
+    x, y = page.share(".u-over", 0.25)
+    wheel = ScrollOrigin.from_viewport(x, y)
+    ActionChains(page.browser).scroll_from_origin(wheel, 0, -400).perform()
+    zoomed = 3.99 / np.e
+    first = 0.25 * (3.99 - zoomed)  # what is below the cursor stays there
+    near = partial(pytest.approx, abs=0.02)
+    page.shows(lambda: _equal(page.drawn(), {"first": near(first), "last": near(first + zoomed)}))
+    page.drag(page.share(".u-over", 0.5), page.share(".u-over", 0.3))
+    first += 0.2 * zoomed
+    page.shows(lambda: _equal(page.drawn(), {"first": near(first), "last": near(first + zoomed)}))
+    page.press("Select")
+    page.drag(page.share(".u-over", 0.2), page.share(".u-over", 0.6))
+    ends = [near(first + 0.2 * zoomed), near(first + 0.6 * zoomed)]
+    boxes = [page.find(f"[aria-label='{name} [s]']") for name in ("From", "To")]
+    page.shows(lambda: _equal([float(box.get_attribute("value")) for box in boxes], ends))
+
+
+def _equal(found: Any, wanted: Any) -> None:
+    assert found == wanted
+
+
+def test_the_edge_of_the_unseen_part_is_dragged(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.open("data")
+    page.find(".uplot", 2)
+    page.drag(page.share(".u-over", 0.7), page.share(".u-over", 0.5))
+    page.until(lambda: page.state()["step"]["unseen"] == pytest.approx(0.5, abs=0.02))
+    page.press("Undo")
+    page.until(lambda: page.state()["step"]["unseen"] == 0.3)
+
+
+def test_a_dataset_is_dragged_to_what_it_is_used_for(page: Page) -> None:
+    for name in ("first", "second"):
+        page.post(f"files?name={name}.csv", body=table())
+    page.post("edit", {"files": (names := page.state()["step"]["files"])})
+    page.open("data")
+    page.find(".group li", 2)
+    drags: list[Any] = []
+    page.browser.execute_cdp_cmd("Input.setInterceptDrags", {"enabled": False})
+    for kind, list_ in (("unseen", "unseen_files"), ("not used", "other_files"), ("to fit", "files")):
+        item = page.find(f".group li:has([aria-label='Use {names[1]}'])")
+        ActionChains(page.browser, 100).drag_and_drop(item, page.find(f"[aria-label='Data {kind}']")).perform()
+        page.until(lambda list_=list_: names[1] in page.state()["step"][list_], 10)
+        drags.append(list_)
+        page.until(lambda kind=kind: names[1] in page.find(f"[aria-label='Data {kind}']").text, 10)
+    assert page.state()["step"]["files"] == names
+
+
+def test_show_at_a_finding_leads_to_its_mark(page: Page) -> None:
+    lines_ = table(2000).decode().splitlines()
+    gone = lines_[:1501] + lines_[1561:]
+    page.post("files?name=gap.csv", body="\n".join(gone).encode())
+    page.open("data")
+    page.find(".uplot", 2)
+    page.browser.execute_script(ASKED)
+    page.find("[aria-label='Show gap in the plot']").click()
+    page.shows(lambda: _equal(page.drawn()["first"] < 15.0 < 15.6 < page.drawn()["last"], True))
+    assert page.drawn()["last"] - page.drawn()["first"] < 2.0
+    assert page.find(".marks [aria-pressed=true]").text == "gap × 1"
+
+
+def test_a_column_is_plotted_against_another_and_a_further_one_beside(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.open("data")
+    page.find(".uplot", 2)
+    page.click("[aria-label='Plot other']")
+    page.find(".uplot", 3)
+    page.browser.execute_script(ASKED)
+    page.choose("x axis", "voltage")
+    page.until(lambda: len(page.all(".uplot")) == 1)
+    page.until(
+        lambda: page.browser.execute_script("return asked.filter((each) => each.columns[0] === 'voltage').length") == 2
+    )
+    assert page.find("#stage .legend").text.split("\n") == ["speed", "other"]
+    page.choose("x axis", "")
+    page.find(".uplot", 3)
+
+
+def test_what_is_compared_prints_on_one_page(page: Page) -> None:
+    page.post("files?name=log.csv", body=table())
+    page.post("edit", {"models": ["arx", "output-error"], "options": {"na": "1", "nb": "1", "nk": "1"}})
+    page.post("run")
+    finished(page)
+    page.open("compare")
+    page.find("#shown table")
+    for view, count in (("Free run", 2), ("Bode", 2), ("Parameters", 0)):
+        page.press(view)
+        page.until(lambda view=view: page.find("#shown").get_attribute("aria-labelledby") is not None)
+        page.until(
+            lambda count=count: len(page.all("#shown .uplot")) >= count and page.all("#shown .legend, #shown table")
+        )
+        time.sleep(0.5)
+        shown = b64decode(page.browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"])
+        assert shown.count(b"/Type /Page\n") == 1, view
+        if PICTURES:
+            (Path(PICTURES) / f"print-{view}.pdf").write_bytes(shown)
 
 
 @contextmanager

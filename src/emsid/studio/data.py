@@ -43,6 +43,8 @@ from emsid.wording import sentence, severity
 
 KEPT = 8
 """Files, looks and records that are kept in memory."""
+MOST_BYTES = 500_000_000
+"""Memory of these, beside the last few: a record of two million samples with its plots takes 100 MB."""
 LONG = 20_000
 """Samples; a look at a longer file, which takes half a second or more, is repeated in the background after a change."""
 EXCERPT = 1 << 17
@@ -176,8 +178,9 @@ class Data:
                 self._made[key] = found
                 self._made.move_to_end(key)
                 self._making.pop(key, None)
-                while len(self._made) > 4 * KEPT:
-                    self._made.popitem(last=False)
+                held = sum(map(_bytes, self._made.values()))
+                while len(self._made) > 4 * KEPT or (held > MOST_BYTES and len(self._made) > KEPT):
+                    held -= _bytes(self._made.popitem(last=False)[1])
         return found
 
     def parsed(self, name: str) -> ParsedFile:
@@ -396,7 +399,7 @@ class Data:
                 "text": sentence(finding, field_name),
                 "severity": severity(finding).value,
                 "given": channels_for(finding, reading),
-                "kind": next((kind for kind, parts in SENTENCES.items() if any(p in finding.code for p in parts)), ""),
+                "kind": _kind(finding),
             }
             for finding in (Finding(**each) for each in look.findings)
         ]
@@ -415,7 +418,7 @@ class Data:
         }
         with border("marks"):
             record = self._read(name, reading)
-            jitters = any(each["kind"] == "jitter" for each in notes)
+            jitters = any(part in each["code"] for each in notes for part in SENTENCES["jitter"])
             of_clock = self._jitter(name, *look.clock) if jitters else []
             shown = self._of(f"marks {jitters}", name, reading, lambda: [*marks(record), *of_clock])
             found["marks"] = [{**mark, "text": _text(mark["kind"], notes)} for mark in shown]
@@ -503,9 +506,26 @@ class Data:
         return int(np.floor(inside.min())), int(np.ceil(inside.max())) + 1
 
 
+def _bytes(found: Any) -> int:
+    """The memory of arrays in what was made of a file."""
+    if isinstance(found, ParsedFile):
+        return sum(int(series.estimated_size()) for series in found.columns.series.values())
+    arrays = (found.input, found.output) if isinstance(found, Record) else ()
+    return sum(each.nbytes for each in ((found.time, found.values) if isinstance(found, Signal) else arrays))
+
+
+def _kind(finding: Finding) -> str:
+    """The kind of the marks that belong to a finding; empty where there are none. A clock with gaps may jitter, too."""
+    if finding.code == "clock-irregular" and finding.data.get("gaps"):
+        return "gap"
+    return next((kind for kind, parts in SENTENCES.items() if any(part in finding.code for part in parts)), "")
+
+
 def _text(kind: str, said: list[dict[str, Any]]) -> str:
     """The sentence that belongs to a mark; empty where the first look has none."""
-    return next((each["text"] for each in said if any(part in each["code"] for part in SENTENCES[kind])), "")
+    of_kind = [each["text"] for each in said if each["kind"] == kind]
+    also = [each["text"] for each in said if any(part in each["code"] for part in SENTENCES[kind])]
+    return next(iter([*of_kind, *also]), "")
 
 
 def marks(record: Record) -> Iterator[dict[str, Any]]:

@@ -122,12 +122,14 @@ class Studio:
         self.views = Views(self.session, self.data)
 
     def warm(self) -> None:
-        """Load what the first fit and the first free run need."""
+        """Load what the first fit, free run, filter and unit need."""
         from emsid.estimation.linear.filtering import filtered
 
         with suppress(EmsidError):
-            filtered([1.0], [1.0], [1.0])
             self.state()
+            filtered([1.0], [1.0], [1.0])
+            some = [0.0, 1.0] * 50
+            emsid.Record(some, some, 1.0, output_units=("rpm",)).in_si().lowpass(0.1)
 
     def change(self, on: int, step: Mapping[str, Any], **values: Any) -> dict[str, int]:
         """Take another step, if its data can be read.

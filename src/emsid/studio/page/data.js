@@ -200,9 +200,11 @@ export function stage(app) {
 
 function first(place, app) {
   const examples = app.catalogue.examples.map((each) => el("li", {}, el("button", { type: "button", onclick: (event) => {
+    const about = event.target.nextElementSibling;
     event.target.setAttribute("aria-busy", "true");
+    about.textContent = "The record is being simulated. The first time after an installation this also compiles, which takes up to half a minute.";
     attempt(() => post("example", { name: each.name }));
-  } }, each.title), el("p", { class: "quiet" }, each.about)));
+  } }, each.title), el("p", { class: "quiet", role: "status" }, each.about)));
   place.append(el("div", { class: "first" }, el("h2", {}, "From a record to a model"),
     el("ol", {}, ["Load a record of what went into a drive and what came out, such as voltage and speed: CSV, Excel, MAT, Parquet, logs of boards.", "Check the roles and units that were found, leave out what is wrong, and keep a part unseen.",
       "Fit models, compare them on unseen data, and export the best one."].map((each) => el("li", {}, each))),

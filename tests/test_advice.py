@@ -14,13 +14,12 @@ import emsid
 from emsid.findings import Finding
 from emsid.first_look.baseline import baseline
 from emsid.first_look.data_advice import advice, questions
-from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import feedback
 from emsid.first_look.examined import Response, response_of
 from emsid.first_look.levels import CHANCE, PART
 from emsid.first_look.masks import mends
 from emsid.first_look.measurement import repeated
-from emsid.first_look.nonlinearity import nonlinearity
+from emsid.first_look.nonlinearity import dependence, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.task import with_delay

@@ -19,7 +19,7 @@ from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, freedom
 from emsid.models.blocks.gain import fixed_gains, unit_gain
 from emsid.models.blocks.static_maps import Abs, DeadZone
-from emsid.models.interpolation import INTERPOLATION_REACH, between
+from emsid.models.input_path import INTERPOLATION_REACH, between
 from emsid.models.model import Model
 from emsid.record import Record
 

@@ -8,7 +8,7 @@ import pytest
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
-from emsid.models.blocks.search.dead_time import at_the_input
+from emsid.models.blocks.search.estimation import at_the_input
 from emsid.models.blocks.static_maps import Polynomial
 from independent.dead_time import record
 

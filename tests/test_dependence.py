@@ -8,7 +8,7 @@ from scipy.stats import f as fisher
 import emsid
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES
 from emsid.first_look.baseline import baseline
-from emsid.first_look.dependence import Regression, dependence
+from emsid.first_look.nonlinearity import Regression, dependence
 
 FEW = 3
 """Columns of the smaller regression."""

@@ -31,8 +31,8 @@ from emsid.excitation import (
     sines,
     staircase,
 )
+from emsid.excitation.named import PRIMITIVE_POLYNOMIALS
 from emsid.excitation.persistence import _covariance
-from emsid.excitation.pseudo_random import PRIMITIVE_POLYNOMIALS
 from emsid.record import Record, concatenate
 
 

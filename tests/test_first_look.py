@@ -12,7 +12,7 @@ from scipy import signal
 import emsid
 from emsid.errors import DataError
 from emsid.first_look import describe, describe_files
-from emsid.first_look.systems import statistic
+from emsid.first_look.together import statistic
 from first_look_records import N, Run, T, U, Write, Y, codes, data, proposals, table
 
 # --- form and roles --------------------------------------------------------------------------------------------------

@@ -12,8 +12,7 @@ import pytest
 
 import emsid
 from emsid.first_look import describe
-from emsid.report.braille import braille
-from emsid.report.views.first_look import distortion_figure
+from emsid.report.views.first_look import braille, distortion_figure
 from first_look_records import N, Run, T, U, Write, Y, proposals
 
 

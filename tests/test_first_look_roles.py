@@ -12,9 +12,8 @@ from scipy import signal
 
 import emsid
 from emsid.first_look import describe
-from emsid.first_look.names import ColumnQuantity
+from emsid.first_look.names import ColumnQuantity, meaning_of
 from emsid.first_look.roles import find_roles
-from emsid.first_look.vocabulary import meaning_of
 from first_look_records import codes, data
 
 N = 600

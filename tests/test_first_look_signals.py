@@ -10,7 +10,7 @@ import emsid
 from emsid.first_look import describe
 from emsid.first_look.baseline import _simulated
 from emsid.first_look.columns import Stretch
-from emsid.first_look.stuck_output import is_stuck
+from emsid.first_look.faults import is_stuck
 from first_look_records import N, T, U, Write, Y, codes, data, proposals
 
 # --- positions -------------------------------------------------------------------------------------------------------

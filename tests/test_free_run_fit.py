@@ -14,12 +14,11 @@ from emsid import ModelError, Record, RegressionModel, Structure, arx
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.wide_differences import Widened
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
 from emsid.models.extrapolation import MUCH_BETTER, Extremes, diverges, diverges_held
 from emsid.models.regression import free_run_fit
-from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
+from emsid.models.regression.free_run_fit import FreeRunError, Widened, fit_free_run
 from emsid.models.regression.search import cross_validation
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run

@@ -15,7 +15,7 @@ import pytest
 
 from emsid.errors import DataError, EmsidError, FormatError
 from emsid.io import READERS, read
-from emsid.io.derivative import derivative
+from emsid.io.options_by_column import derivative
 from emsid.record import Record
 
 Write = Callable[..., Path]

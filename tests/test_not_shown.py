@@ -8,8 +8,8 @@ from scipy.signal import cont2discrete, lfilter
 
 import emsid
 from emsid.identification.result import curves
+from emsid.models.characteristics import oscillation, time_constants
 from emsid.models.kinds import capabilities_of
-from emsid.models.poles import oscillation, time_constants
 from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.report.identification_page import _fact
 

@@ -13,7 +13,7 @@ from emsid.estimation.nonlinear.rational import measured
 from emsid.excitation.periods import averaged, period_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.periods import SHORTEST, steady_state
+from emsid.models.blocks.search.estimation import SHORTEST, steady_state
 from emsid.models.blocks.static_maps import Saturation
 from independent.process_noise import FIRST, SECOND, circuit, multisine
 

@@ -1,20 +1,219 @@
-"""The files of a compensation: the C of the model, the C of its inverse beside it, and a README."""
+"""The files of a compensation: the C of the model, the C of its inverse beside it, and a README.
+
+A compensation as C99, beside the form of the model: ``NAME_compensation.h`` and ``NAME_compensation.c``.
+
+The functions have no state. They are the same expressions as `Compensation`; in double precision they give its numbers.
+The inverse of a static map is a table, interpolated linearly, whose error at the middles of its intervals is stated.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from emsid.compensation.c_source import sources
-from emsid.compensation.inverse import Compensation, inductance_of
+from emsid.compensation.inverse import SERIES, Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import sentences
+from emsid.exports.c99 import helpers_of, macros_of, table
 from emsid.exports.verb import c_name, export
 from emsid.io.files import together, write_new
+from emsid.models.c_form import number
+from emsid.models.c_source import INT, REAL, Text, Writer
 from emsid.models.verbs import as_model
+from emsid.plant.friction import of_forces
+
+POINTS = 513
+"""Points of the table of an inverse map: 4 kB in single precision times two."""
+
+
+def sources(found: Compensation | MapInverse, name: str, *, single: bool = False) -> tuple[dict[str, str], list[str]]:
+    """The header and the source, and what to know about them.
+
+    Raises:
+        ModelError: for a friction law without a form in C, or a map that has no inverse over its range.
+    """
+    body, declared, notes = _of_map(found, name) if isinstance(found, MapInverse) else _of_plant(found, name)
+    real = f"{name}_compensation_real"
+    head = (
+        f"/* Made by emsid. */\n#ifndef {name.upper()}_COMPENSATION_H\n#define {name.upper()}_COMPENSATION_H\n\n"
+        f'#ifdef __cplusplus\nextern "C" {{\n#endif\n\ntypedef {"float" if single else "double"} {real};\n\n'
+        f"{declared.replace('real ', f'{real} ')}\n#ifdef __cplusplus\n}}\n#endif\n\n#endif\n"
+    )
+    code = (
+        f'/* Made by emsid. */\n#include <math.h>\n\n#include "{name}_compensation.h"\n\ntypedef {real} real;\n\n'
+        f"#define K(x) {'x##f' if single else 'x'}\n"
+        f"{macros_of(body, single=single)}\n{helpers_of(body)}{body}"
+    )
+    return {f"{name}_compensation.h": head, f"{name}_compensation.c": code}, notes
+
+
+PLANT = """\
+/* The value before the dead zone for the value wanted after it. */
+real NAME_dead_zone_inverse(real wanted);
+
+/* The dry friction against a reference that has this speed and the next one a sample later. */
+real NAME_friction(real speed, real following);
+
+/* The voltage (force) behind the dead zone that leads from one speed to the next within a sample. */
+real NAME_wanted(real speed, real following, real position);
+
+/* The command for a voltage (force) wanted behind the dead zone: feed-forward plus that of the controller. */
+real NAME_command(real wanted);
+
+/* The error of a position that a controller counts: 0 where the reference has no speed, the encoder has not moved since
+   the sample before, and the error is at most a count; then its integral stands, too. */
+real NAME_at_rest(real error, real speed, real moved);
+
+/* The integral of a controller that adapts the level of the friction: totals[0] forward, totals[1] backward, both 0 at
+   first; step: what the integral grows by in this sample. */
+real NAME_integral(real totals[2], real step, real speed, real following);
+
+/* The command that leads from one reference speed to the next; position matters with cogging or gravity only. */
+real NAME_feedforward(real speed, real following, real position);
+"""
+
+CODE = """\
+static real direction(real middle)
+{
+    DIRECTION
+}
+
+static real level(real speed, int side)
+{
+    return LEVEL;
+}
+
+real NAME_dead_zone_inverse(real wanted)
+{
+    JUMP
+    if (wanted > K(0.0)) {
+        return wanted / ZONE_RIGHT + jump * ZONE_END;
+    }
+    return wanted < K(0.0) ? wanted / ZONE_LEFT - jump * ZONE_BEGIN : K(0.0);
+}
+
+real NAME_friction(real speed, real following)
+{
+    const real middle = K(0.5) * (speed + following);
+    const real size = (speed > K(0.0) || speed < K(0.0)) ? FABS(middle) : K(0.0);
+    return direction(middle) * (level(size, middle < K(0.0)) + QUADRATIC * size * size);
+}
+
+real NAME_wanted(real speed, real following, real position)
+{
+    const real middle = K(0.5) * (speed + following);
+    const real r = (BRAKING + (middle >= K(0.0) ? FORWARD : BACKWARD)) / MASS;
+    const real phi = r * DT < SMALL ? DT : -EXPM1(-r * DT) / r;
+    real force = MASS * ((following - speed) / phi + r * speed) + NAME_friction(speed, following) + LOAD;
+WAVES    return (force + DROP * sign_of(force - BRAKING * middle)) / PER_VOLT;
+}
+
+real NAME_command(real wanted)
+{
+    real volts = NAME_dead_zone_inverse(wanted) / LEFT;
+KNEE    return volts / GAIN - OFFSET;
+}
+
+real NAME_at_rest(real error, real speed, real moved)
+{
+    const int rests = !(speed < K(0.0) || speed > K(0.0)) && !(moved < K(0.0) || moved > K(0.0));
+    return rests && error <= COUNT && error >= -COUNT ? K(0.0) : error;
+}
+
+real NAME_integral(real totals[2], real step, real speed, real following)
+{
+    const real way = direction(K(0.5) * (speed + following));
+    const real forward = K(0.5) * (K(1.0) + way), backward = K(0.5) * (K(1.0) - way);
+    const real share = step / (forward * forward + backward * backward);
+    totals[0] += share * forward;
+    totals[1] += share * backward;
+    return forward * totals[0] + backward * totals[1];
+}
+
+real NAME_feedforward(real speed, real following, real position)
+{
+    return NAME_command(NAME_wanted(speed, following, position));
+}
+"""
+
+
+def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
+    inside, zone, friction = found.inside, found.zone, found.friction
+    gain, offset, knee, beyond, supply, loss, *_ = found.outer.drive.tolist()
+    forward, backward = friction.viscous.tolist()
+    values = {
+        "DT": found.dt, "MASS": inside.mass, "BRAKING": inside.braking,
+        "FORWARD": forward, "BACKWARD": backward, "QUADRATIC": float(friction.quadratic), "LOAD": float(friction.load),
+        "PER_VOLT": inside.after * inside.before, "ZONE_BEGIN": zone.b_l, "ZONE_END": zone.b_r, "ZONE_LEFT": zone.m_l,
+        "ZONE_RIGHT": zone.m_r, "LEFT": 1.0 - loss, "GAIN": gain, "OFFSET": offset,
+        "SMALL": SERIES, "COUNT": found.count, "DROP": float(friction.drop),
+    }  # fmt: skip
+    defines = "".join(f"#define {key} {number(value)}\n" for key, value in values.items())
+    waves = "".join(
+        f"    force += {number(c)} * COS({number(k)} * at) + {number(s)} * SIN({number(k)} * at);\n"
+        for k, c, s in friction.waves.tolist()
+    )
+    at = "    const real at = position + K(0.5) * middle * DT;\n" if waves else "    (void)position;\n"
+    inner = f"(volts > {number(knee)} ? {number(knee)} : (volts < {number(-knee)} ? {number(-knee)} : volts))"
+    bent = f"    volts = {inner} + (volts - {inner}) / {number(beyond)};\n" if isfinite(knee) else ""
+    code = CODE.replace("DIRECTION", _jump("middle", found.speed_width, "return {};"))
+    code = code.replace("JUMP", _jump("wanted", found.zone_width, "const real jump = {};"))
+    writer = Writer()
+    code = code.replace(
+        "LEVEL", writer.call(of_forces(found.law), Text(REAL, "speed"), friction.numbers, Text(INT, "side"), 0.0, 0.0)
+    )
+    # C99 wants declarations before the statements that use them; the position enters the force after it is known.
+    code = code.replace("    real force =", f"{at if waves else ''}    real force =").replace("WAVES", waves or at)
+    code = code.replace("KNEE", bent).replace("NAME", name)
+    limit = [f"The drive gives at most {supply:.6g}; the command is not limited here."] if isfinite(supply) else []
+    rule = "At standstill friction has the direction of the next reference speed; a reference that stays has none."
+    law = "".join(table(each, values) for each, values in writer.tables.items())
+    return f"{defines}\n{law}\n{writer.functions}\n{code}", PLANT.replace("NAME", name), [rule, *limit]
+
+
+def _jump(x: str, width: float, statement: str) -> str:
+    if width == 0:
+        return statement.format(f"sign_of({x})")
+    inside = f"{x} / {number(width)}"
+    return statement.format(f"{inside} > K(1.0) ? K(1.0) : ({inside} < -K(1.0) ? -K(1.0) : {inside})")
+
+
+MAP = """\
+real NAME_map_inverse(real wanted)
+{
+    int low = 0;
+    int high = POINTS_OF_MAP - 1;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (outputs[middle] <= wanted) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    if (!(outputs[high] > outputs[low])) {
+        return inputs[low];
+    }
+    return inputs[low] + (inputs[high] - inputs[low]) * (wanted - outputs[low]) / (outputs[high] - outputs[low]);
+}
+"""
+
+
+def _of_map(found: MapInverse, name: str) -> tuple[str, str, list[str]]:
+    outputs, inputs, error = found.table(POINTS)
+    defines = f"#define POINTS_OF_MAP {len(outputs)}\n\n"
+    tables = f"{table('outputs', outputs)}\n{table('inputs', inputs)}\n"
+    declared = f"/* The input of the static map for its wanted output. */\nreal {name}_map_inverse(real wanted);\n"
+    notes = [
+        f"The inverse of the map is a table from {outputs[0]:.6g} to {outputs[-1]:.6g}, interpolated linearly with an "
+        f"error of at most {error:.2g} of its input between the points, and continued by its end pieces."
+    ]
+    return f"{defines}{tables}\n{MAP.replace('NAME', name)}", declared, notes
+
 
 README = "COMPENSATION.md"
 BENCH = """\

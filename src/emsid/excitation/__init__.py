@@ -6,9 +6,17 @@ equal samples.
 """
 
 from emsid.excitation.limits import crest_factor, limit
-from emsid.excitation.named import SIGNALS
+from emsid.excitation.named import (
+    SIGNALS,
+    amplitude_modulated_prbs,
+    chirp,
+    linear_sweep,
+    logarithmic_sweep,
+    prbs,
+    ramp,
+    staircase,
+)
 from emsid.excitation.persistence import largest_order, persistent_excitation_order
-from emsid.excitation.pseudo_random import amplitude_modulated_prbs, prbs
 from emsid.excitation.sines import (
     full_harmonics,
     low_crest_phases,
@@ -18,7 +26,6 @@ from emsid.excitation.sines import (
     schroeder_phases,
     sines,
 )
-from emsid.excitation.sweeps import chirp, linear_sweep, logarithmic_sweep, ramp, staircase
 
 __all__ = [
     "SIGNALS",

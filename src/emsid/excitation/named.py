@@ -2,6 +2,26 @@
 
 The defaults excite one band: from one cycle in the record to a twentieth of the sampling frequency, where a drive that
 is sampled fast enough still responds.
+
+Sweeps, staircases and ramps: deterministic test signals.
+
+References:
+    Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
+    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
+
+Binary and multilevel noise from a shift register.
+
+The bits s(t+n) = ⊕ₑ s(t+e), e the lower exponents of a primitive polynomial of degree n over GF(2), pass through all
+2ⁿ − 1 states but zero [Golomb]. Squaring over GF(2) only doubles exponents, p(x)² = p(x²), so that the recursion also
+holds with every lag times 2, 4, 8, … A few array operations, each on a block as long as the bits known so far,
+therefore replace the bit-by-bit loop.
+
+References:
+    Golomb, S. W. (1967). Shift Register Sequences.
+    Stahnke, W. (1973). Primitive binary polynomials. Mathematics of Computation 27, 977–980.
+    Godfrey, K. (1993). Perturbation Signals for System Identification.
+    Nelles, O. (2001). Nonlinear System Identification.
+    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
 """
 
 from __future__ import annotations
@@ -9,14 +29,216 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from emsid.excitation.checks import positive, whole
-from emsid.excitation.pseudo_random import PRIMITIVE_POLYNOMIALS, amplitude_modulated_prbs, prbs
+from emsid.errors import DataError
+from emsid.excitation.checks import check_frequency, positive, vector, whole
 from emsid.excitation.sines import full_harmonics, multisine, odd_harmonics, sines
-from emsid.excitation.sweeps import chirp, logarithmic_sweep, ramp, staircase
 
 Array = NDArray[np.float64]
+
+PRIMITIVE_POLYNOMIALS: dict[int, tuple[int, ...]] = {
+    2: (1,), 3: (1,), 4: (1,), 5: (2,), 6: (1,), 7: (1,), 8: (6, 5, 1), 9: (4,), 10: (3,), 11: (2,),
+    12: (7, 4, 3), 13: (4, 3, 1), 14: (12, 11, 1), 15: (1,), 16: (5, 3, 2), 17: (3,), 18: (7,), 19: (6, 5, 1),
+    20: (3,), 21: (2,), 22: (1,), 23: (5,), 24: (4, 3, 1), 25: (3,), 26: (8, 7, 1), 27: (8, 7, 1), 28: (3,),
+    29: (2,), 30: (16, 15, 1), 31: (3,), 32: (28, 27, 1),
+}  # fmt: skip
+"""For each degree n the exponents between n and 0 of a primitive polynomial over GF(2) [Stahnke]."""
+
+
+def prbs(samples: int, order: int, amplitude: float = 1.0, *, hold: int = 1, start: int | None = None) -> Array:
+    """Pseudo-random binary sequence: ±a by a maximal-length shift register, period (2ⁿ − 1)·hold samples.
+
+    Over a period of M = 2ⁿ − 1 clock ticks the mean is a/M and the circular autocorrelation a² at lag 0, −a²/M at every
+    other. Held for h samples, its power falls to one half at 0.44/(h·dt) Hz and to zero at 1/(h·dt).
+
+    Args:
+        samples: N, the number of samples; the period is repeated, and the last one cut.
+        order: n, the length of the register, 2 … 32.
+        amplitude: a, the level, in the unit of the signal.
+        hold: clock period in samples.
+        start: first n bits as a whole number, 1 … 2ⁿ − 1, least significant first; all ones where None.
+            Another start gives a shifted version of the same sequence.
+
+    Raises:
+        DataError: for an order, start or size out of range.
+
+    Source: Golomb (1967); Godfrey (1993); Ljung, section 13.3.
+
+    >>> prbs(8, order=3, amplitude=5.0)
+    array([ 5.,  5.,  5., -5., -5.,  5., -5.,  5.])
+    """
+    count, clock = whole(samples, "number of samples"), whole(hold, "hold")
+    a = positive(amplitude, "amplitude")
+    bits = _shift_register(order, -(-count // clock), start)
+    return np.repeat(np.where(bits, a, -a), clock)[:count]
+
+
+def amplitude_modulated_prbs(
+    samples: int,
+    order: int,
+    rng: np.random.Generator,
+    amplitude: float = 1.0,
+    *,
+    hold: int = 1,
+    start: int | None = None,
+) -> Array:
+    """APRBS: the switching times of `prbs`, with another level between any two of them.
+
+    The m levels are equally spaced from −amplitude to amplitude, and each is used once, in random order. So the signal
+    covers the whole range of a nonlinearity, not only its two ends. It has no period.
+
+    Args:
+        samples, order, amplitude, hold, start: as for `prbs`; choose ``hold`` near the dominant time constant.
+        rng: source of the order of the levels.
+
+    Raises:
+        DataError: as `prbs`.
+
+    Source: Nelles (2001), section 17.7.
+    """
+    binary = prbs(samples, order, amplitude, hold=hold, start=start)
+    stretch = np.cumsum(np.diff(binary, prepend=binary[:1]) != 0)
+    levels = np.linspace(-amplitude, amplitude, int(stretch[-1]) + 1)
+    modulated: Array = rng.permutation(levels)[stretch]
+    return modulated
+
+
+def _shift_register(order: int, length: int, start: int | None) -> NDArray[np.uint8]:
+    """(length,) bits of the maximal-length register, see the docstring of the module."""
+    if order not in PRIMITIVE_POLYNOMIALS:
+        raise DataError(f"no shift register of order {order}; give 2 … {max(PRIMITIVE_POLYNOMIALS)}")
+    exponents = PRIMITIVE_POLYNOMIALS[order]
+    last = 2**order - 1
+    state = last if start is None else whole(start, "start of the shift register")
+    if state > last:
+        raise DataError(f"start {state} of a shift register of order {order}; give 1 … {last}")
+    bits = np.zeros(max(length, order), dtype=np.uint8)
+    bits[:order] = [state >> k & 1 for k in range(order)]
+    known = order
+    while known < length:
+        stride = 1 << ((known // order).bit_length() - 1)  # the largest power of two that the known bits allow
+        origin = known - stride * order
+        block = min(stride * (order - exponents[0]), length - known)
+        fresh = bits[origin : origin + block].copy()
+        for e in exponents:
+            fresh ^= bits[origin + stride * e : origin + stride * e + block]
+        bits[known : known + block] = fresh
+        known += block
+    return bits[:length]
+
+
+Sweep = Callable[[Array, float, float], Array]
+"""(elapsed fraction x of the sweep, first and last frequency in Hz) → ∫₀ˣ f(ξ) dξ in Hz."""
+
+
+def linear_sweep(x: Array, first: float, last: float) -> Array:
+    """∫₀ˣ f with f(ξ) = f₀ + (f₁ − f₀) ξ: equal time for every hertz.
+
+    Args:
+        x: (N,) the elapsed fraction of the sweep, 0 to 1.
+        first, last: frequencies f₀ and f₁ in Hz.
+    """
+    return first * x + (last - first) * x**2 / 2
+
+
+def logarithmic_sweep(x: Array, first: float, last: float) -> Array:
+    """∫₀ˣ f with f(ξ) = f₀ (f₁/f₀)^ξ: equal time for every octave.
+
+    Args:
+        x: (N,) the elapsed fraction of the sweep, 0 to 1.
+        first, last: frequencies f₀ and f₁ in Hz.
+
+    Raises:
+        DataError: for a frequency that is not positive.
+    """
+    if min(first, last) <= 0:
+        raise DataError(f"a logarithmic sweep from {first:g} to {last:g} Hz; give positive frequencies")
+    rate = np.log(last / first)
+    return first * x if rate == 0 else first * np.expm1(rate * x) / rate
+
+
+def chirp(
+    samples: int, dt: float, first: float, last: float, amplitude: float = 1.0, sweep: Sweep = linear_sweep
+) -> Array:
+    """The swept sine u(t) = a sin(2π T ∫₀^{t/T} f(ξ) dξ), T = N·dt, starting at 0. Crest factor about √2.
+
+    Args:
+        samples: N, the number of samples.
+        dt: sample time in seconds.
+        first, last: frequencies f₀ and f₁ at both ends in Hz, below Nyquist; either may be the higher.
+        amplitude: a, in the unit of the signal.
+        sweep: the course of the frequency from one to the other: `linear_sweep`, `logarithmic_sweep` or your own.
+
+    Raises:
+        DataError: for a frequency that is negative or not below Nyquist, or a bad size.
+
+    Source: Pintelon & Schoukens, chapter 5; Ljung, section 13.3.
+    """
+    count, step = whole(samples, "number of samples"), positive(dt, "sample time")
+    a = positive(amplitude, "amplitude")
+    check_frequency(first, dt)
+    check_frequency(last, dt)
+    return a * np.sin(2 * np.pi * count * step * sweep(np.arange(count) / count, first, last))
+
+
+def staircase(samples: int, steps: int, amplitude: float = 1.0) -> Array:
+    """Levels 0, a/n, …, a, …, 0, −a/n, …, −a, …, 0: up, down, negative, back, each of equal length.
+
+    Every level but ±a is reached both rising and falling. The steady speeds therefore show the static curve with
+    its dead zone, its Coulomb friction and its hysteresis.
+
+    Args:
+        samples: N, at least one for each of the 4n + 1 levels; their lengths differ by at most one sample.
+        steps: n, the number of steps from 0 to a.
+        amplitude: a, in the unit of the signal.
+
+    Raises:
+        DataError: for fewer samples than levels, or a bad size.
+
+    >>> staircase(9, 2, 6.0)
+    array([ 0.,  3.,  6.,  3.,  0., -3., -6., -3.,  0.])
+    """
+    count, n = whole(samples, "number of samples"), whole(steps, "number of steps")
+    a = positive(amplitude, "amplitude")
+    if count < 4 * n + 1:
+        raise DataError(f"{count} samples for a staircase of {4 * n + 1} levels; give more samples or fewer steps")
+    level = np.arange(count) * (4 * n + 1) // count
+    return a * (_triangle(level, n) / n)
+
+
+def _triangle(k: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """0 … n … 0 … −n … 0 for k = 0 … 4n."""
+    return np.where(k <= 2 * n, n - np.abs(k - n), np.abs(k - 3 * n) - n)
+
+
+def ramp(samples: int, corners: ArrayLike) -> Array:
+    """Straight lines through the corner values at one slope |du/dt|, from the first value to the last.
+
+    ``ramp(n, (0, 12, -12, 0))`` rises slowly, falls through zero and returns. The response shows the voltages
+    at which the motor breaks away and stops, for both directions.
+
+    Args:
+        samples: N, at least 2.
+        corners: (m ≥ 2,) values to reach, in the unit of the signal; a corner between two samples
+            is missed by less than the change of one sample.
+
+    Raises:
+        DataError: for fewer than two corners, or two equal ones in a row.
+
+    >>> ramp(5, (0.0, 2.0, 0.0))
+    array([0., 1., 2., 1., 0.])
+    """
+    count = whole(samples, "number of samples")
+    values = vector(corners, "corners")
+    travel = np.abs(np.diff(values))
+    if count < 2 or len(values) < 2 or np.any(travel == 0):
+        raise DataError(
+            f"a ramp of {count} samples through {values.tolist()}; give 2 or more of both, no two equal in a row"
+        )
+    passed = np.concatenate([[0.0], np.cumsum(travel)])
+    return np.interp(np.linspace(0.0, passed[-1], count), passed, values)
+
 
 Signal = Callable[[int, float, float, np.random.Generator], Array]
 """(samples, dt in s, amplitude, rng) → (samples,) with |u| ≤ amplitude: an entry of `SIGNALS`."""

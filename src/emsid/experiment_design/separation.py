@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
-from emsid.estimation.fit import Fit
 from emsid.experiment_design.information import Sensitivities
 from emsid.models.plants.parameters import Signal
 
@@ -45,12 +43,11 @@ class Inseparable:
     remedies: tuple[str, ...]
 
 
-def inseparable(fit: Fit[Any], sensitivities: Sensitivities, signals: Sequence[Array]) -> Inseparable | None:
+def inseparable(sensitivities: Sensitivities, signals: Sequence[Array]) -> Inseparable | None:
     """What the signals together do not separate; None where they separate everything of interest.
 
     Args:
-        fit: with its table; parameters that were kept or given and are usually estimated are of interest too.
-        sensitivities: of the model.
+        sensitivities: of the model; parameters that were kept or given and are usually estimated are of interest too.
         signals: (N,) commands.
     """
     names = list(sensitivities.names)

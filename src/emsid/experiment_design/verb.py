@@ -155,7 +155,7 @@ def design(
             raise _nothing(fit.model.name, limits)
         predicted = rival
     gain = 1.0 if predicted is rival else (inf if rival is None else rival.size / predicted.size)
-    apart = inseparable(fit, sensitivities, [predicted.command, *(each.command for each in standard.values())])
+    apart = inseparable(sensitivities, [predicted.command, *(each.command for each in standard.values())])
     return Design(
         _record(fit, predicted.command, step),
         names,

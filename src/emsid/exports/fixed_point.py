@@ -322,7 +322,7 @@ def fixed_point(export: Export) -> tuple[Files, list[str]]:
     files: Files = {
         f"{export.name}.{ending}": Template(text).substitute(words) for ending, text in (("h", HEADER), ("c", SOURCE))
     }
-    return files, _notes(made, sizes, export.record)
+    return files, _notes(made, export.record)
 
 
 def _sizes(export: Export) -> list[float]:
@@ -349,7 +349,7 @@ def _sizes(export: Export) -> list[float]:
     return found
 
 
-def _notes(made: FixedPoint, sizes: Sequence[float], record: Record | None) -> list[str]:
+def _notes(made: FixedPoint, record: Record | None) -> list[str]:
     limits = ", ".join(f"{scale:g}" for scale in made.scales)
     found = [f"Words stand for values up to {limits} (the output, then the inputs); beyond, they are clipped."]
     if record is not None:

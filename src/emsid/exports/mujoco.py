@@ -58,7 +58,7 @@ def mujoco(export: Export) -> tuple[Files, list[str]]:
     notes, bristles = list(found.notes), None
     if kind == "dcmotor":
         bristles = lugre(plant, found)
-        carried = carried_by_dcmotor(plant, bristles is not None)
+        carried = carried_by_dcmotor(bristles is not None)
         notes = [note for note in notes if not note.startswith(carried)]
     if found.friction[0] != found.friction[1]:
         notes.append(f"Friction by direction, {found.friction[0]:.4g} and {found.friction[1]:.4g}: its mean is used.")
@@ -83,7 +83,7 @@ def whole_part(sample: float, longest: float) -> float:
     return sample / ceil(sample / longest - 1e-9)
 
 
-def carried_by_dcmotor(plant: Any, bristles: bool) -> tuple[str, ...]:
+def carried_by_dcmotor(bristles: bool) -> tuple[str, ...]:
     """The beginnings of the notes on what a ``dcmotor`` carries beside a ``general`` actuator."""
     excess = ("rotor_friction.stribeck ", "load_friction.stribeck ") if bristles else ()
     return ("inductance ", "cogging.cosine_1 ", "cogging.sine_1 ", *excess)

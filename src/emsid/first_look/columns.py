@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from emsid.estimation.rounding import quantisation, runs
 from emsid.first_look.levels import FEW, FEWEST_SAMPLES
 from emsid.first_look.names import ColumnQuantity, Meaning
+from emsid.io.options_by_column import unwrapped
 from emsid.io.selection import MOST_SKIPPED
-from emsid.io.wrapping import unwrapped
 
 Array = NDArray[np.float64]
 

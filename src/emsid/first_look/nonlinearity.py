@@ -8,26 +8,204 @@ output shows it, and the test of `dependence`.
 References:
     Pintelon, R., and Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed., chapter 4.
     Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed., section 6.1: coherence.
+
+Whether the residual of a linear model depends on nonlinear functions of the input, in noise of any colour.
+
+It is the F test of two nested regressions of the residual: on straight functions S, which are the derivatives of the
+linear model by its coefficients, and on [S C] with curved ones C of the input and of the simulated output. If the
+system is linear, C explains no more of the residual than as many columns explain of noise.
+
+The residual lasts long in slow systems, so its samples are not independent. Residual and columns are therefore filtered
+by an autoregression A(q) that whitens the noise (generalised least squares). The noise is what a regression leaves of
+the residual. A regression on [S C] also takes slow noise out of it, and one on S leaves a part of what is not noise. So
+both give an A(q), each is estimated again from what the filtered regression leaves, and the most likely is taken by the
+restricted likelihood, which allows for what the columns take out.
+
+The estimates of A(q) are stable, and near a root at one they are poor. Noise that wanders, as a random walk does, gives
+A(q) = (1 − q⁻¹)·B(q), where B(q) is estimated from differences. The constant in S is zero there. The restricted
+likelihood of the samples does not depend on the constant, so it is one of differences too, and both can be compared.
+
+References:
+    Davidson, R., and MacKinnon, J. G. (2004). Econometric Theory and Methods, sections 6.7 (a test by regression of
+        the residual on derivatives) and 7.4 (feasible generalised least squares).
+    Patterson, H. D., and Thompson, R. (1971). Recovery of inter-block information when block sizes are unequal.
+        Biometrika 58, 545-554: the restricted likelihood.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import fdtrc
 
-from emsid.estimation.linear.filtering import coherence, spectrum
+from emsid.estimation.linear.filtering import coherence, filtered, spectrum
+from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES, autoregression
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
-from emsid.first_look.dependence import dependence
 from emsid.first_look.examined import Response
-from emsid.first_look.levels import CHANCE, CLEAR, EXPLAINS, FEW, PART, SAME, SUGGESTS
+from emsid.first_look.levels import CHANCE, CLEAR, EXPLAINS, FEW, PART, SAME, SAMPLES, SUGGESTS
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+DELAYS = (-32, -16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16, 32)
+"""The delays of the straight functions, in samples from the delay of the linear model."""
+FARTHEST = 0.01
+"""They are no farther from it than this share of the samples."""
+RANK = 1e-5
+"""A function of which others leave less than this is described by them."""
+REPETITIONS = 2
+"""How often the noise is estimated, each time from what the filtered regression leaves."""
+
+
+class Dependence(NamedTuple):
+    """How much of the residual of a linear model depends on nonlinear functions.
+
+    Attributes:
+        share: of the output's variance, less what as many functions explain of noise alone.
+        probability: of at least as much in noise, if the system is linear; one where the samples are too few.
+    """
+
+    share: float
+    probability: float
+
+
+def dependence(linear: Baseline, u: Array, breaks: Sequence[int]) -> Dependence:
+    """Test whether nonlinear functions explain the residual of a linear model better than linear ones do.
+
+    Args:
+        linear: the model.
+        u: (N,) input.
+        breaks: the first sample of every segment but the first; at most `SAMPLES` from the middle are tested.
+    """
+    start = max((len(u) - SAMPLES) // 2, 0)
+    here = slice(start, start + SAMPLES)
+    edges = [edge - start for edge in breaks if start < edge < start + SAMPLES]
+    straight, curved = _columns(linear, linear.simulated[here], u[here], edges)
+    every, few = len(straight) + len(curved), len(straight)
+    table = np.column_stack([*straight, *curved, linear.residual[here]])
+    pieces = [piece for piece in np.split(table, edges) if len(piece) > 2 * MOST_POLES]
+    if sum(map(len, pieces)) < FEW * every or not np.any(linear.residual[here]):
+        return Dependence(0.0, 1.0)
+    for independent in (_independent, _independent_in_differences):
+        kept = independent(pieces)
+        few, every = int(np.count_nonzero(kept < few)), len(kept)
+        pieces = [piece[:, [*kept, -1]] for piece in pieces]
+    if few == every:
+        return Dependence(0.0, 1.0)
+    weighted = [*_weighted(pieces, few, every), *_weighted(_differences(pieces), few - 1, every - 1)]
+    ratio, probability = min(weighted, key=lambda each: each.criterion).test
+    squares = Regression(pieces, np.ones(1), few).triangle[:, -1] ** 2
+    explained = float(squares[few:-1].sum() / squares.sum())
+    of_noise = 1 / ratio if ratio > 1 else 1.0
+    return Dependence(explained * (1 - of_noise) * (1 - linear.fit) ** 2, probability)
+
+
+def _columns(linear: Baseline, simulated: Array, u: Array, breaks: Sequence[int]) -> tuple[list[Array], list[Array]]:
+    """The straight and the curved functions of the input that may explain the residual of a linear model.
+
+    The straight ones are the derivatives of the model by its coefficients: the input at delays around that of the
+    model, as it is and through 1/A(q), and the simulated output. The curved ones are the square, the cube, the sign and
+    the small values of the simulated output and of the delayed input, as they are and as they pass through the linear
+    model: friction acts where the input does. A further one is the simulated output while the input is zero, since a
+    drive that coasts slows down more slowly.
+    """
+    around = [each for each in DELAYS if abs(each) <= FARTHEST * len(u)]
+    lagged = {lag: _delayed(u, lag, breaks) for lag in (max(linear.delay + each, 0) for each in around)}
+    straight = [np.ones(len(u)), *lagged.values(), *(linear.summed(each, breaks) for each in lagged.values())]
+    curved = []
+    for x in (simulated, lagged[linear.delay]):
+        scaled = (x - x.mean()) / (x.std() or 1.0)
+        size = x / (np.max(np.abs(x)) or 1.0)
+        functions = [scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
+        straight += [scaled, linear.answer(scaled, breaks)]
+        curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
+    inner = lagged[linear.delay]
+    coasting = np.where(np.abs(inner) <= SAME * np.max(np.abs(inner)), simulated, 0.0)
+    return straight, [*curved, coasting, linear.answer(coasting, breaks)]
+
+
+def _delayed(x: Array, delay: int, breaks: Sequence[int]) -> Array:
+    """(N,) a signal this many samples later; before, it is the first sample of its segment."""
+    pieces = np.split(x, list(breaks))
+    return np.concatenate([np.r_[np.full(min(delay, len(p)), p[0]), p[: max(len(p) - delay, 0)]] for p in pieces])
+
+
+def _independent(pieces: Sequence[Array]) -> NDArray[np.intp]:
+    """The columns of tables (Nᵢ, p + 1) that no earlier ones describe, the last one left out."""
+    columns = np.concatenate([piece[MOST_POLES:, :-1] for piece in pieces])
+    size = np.sqrt(np.sum(columns**2, axis=0))
+    triangle = np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r")
+    return np.flatnonzero(np.abs(np.diag(triangle)) > RANK)
+
+
+def _independent_in_differences(pieces: Sequence[Array]) -> NDArray[np.intp]:
+    """Columns with independent differences from row to row, and the constant: some are constant in every segment."""
+    return np.concatenate([[0], 1 + _independent(_differences(pieces))])
+
+
+def _weighted(pieces: Sequence[Array], few: int, every: int) -> Iterator[Regression]:
+    """The regressions filtered by every estimate of A(q)."""
+    plain = Regression(pieces, np.ones(1), few)
+    for known in (few, every):
+        noise = plain.left(pieces, known)
+        for _ in range(REPETITIONS):
+            weighted = Regression(pieces, autoregression(noise)[0], few)
+            yield weighted
+            noise = weighted.left(pieces, every)
+
+
+def _differences(pieces: Sequence[Array]) -> list[Array]:
+    """Tables of differences from row to row, without the constant, which is the first column.
+
+    Regressions on them have a column less than on the tables, so they get a row less, in the first table; the first row
+    of the others is zero.
+    """
+    return [np.diff(piece[:, 1:], axis=0, prepend=piece[: min(k, 1), 1:]) for k, piece in enumerate(pieces)]
+
+
+class Regression:
+    """The nested regressions of a residual on [S] and on [S C], all of them filtered by A(q).
+
+    Args:
+        pieces: (Nᵢ, p + 1) columns and residual, segment by segment.
+        polynomial: A(q); the first `MOST_POLES` samples of every segment start the filter.
+        few: the number of columns of S.
+
+    Attributes:
+        triangle: (p + 1, p + 1) the triangular factor of the filtered columns and residual.
+    """
+
+    def __init__(self, pieces: Sequence[Array], polynomial: Array, few: int) -> None:
+        table = np.concatenate([filtered(polynomial, 1.0, piece.T).T[MOST_POLES:] for piece in pieces])
+        self.triangle = np.asarray(np.linalg.qr(table, mode="r"))
+        self._poles, self._samples, self._few = len(polynomial) - 1, len(table), few
+
+    def left(self, pieces: Sequence[Array], known: int) -> list[Array]:
+        """(Nᵢ,) what the estimate by the first ``known`` columns leaves of the residual, which is not filtered."""
+        estimate = solve_triangular(self.triangle[:known, :known], self.triangle[:known, -1])
+        return [piece[:, -1] - piece[:, :known] @ estimate for piece in pieces]
+
+    @property
+    def criterion(self) -> float:
+        """Schwarz's criterion of A(q) by the restricted likelihood: (N − p)·log RSS + log|ZᵀZ| + n·log N."""
+        sizes = 2 * np.log(np.maximum(np.abs(np.diag(self.triangle)), np.finfo(float).tiny))
+        freedom = self._samples - len(sizes) + 1
+        return float(freedom * sizes[-1] + sizes[:-1].sum() + self._poles * np.log(self._samples))
+
+    @property
+    def test(self) -> tuple[float, float]:
+        """The F ratio of both regressions, and the probability of at least that in noise."""
+        squares = self.triangle[:, -1] ** 2
+        functions, freedom = len(squares) - 1 - self._few, self._samples - len(squares) + 1
+        ratio = float(np.mean(squares[self._few : -1]) / max(squares[-1] / freedom, np.finfo(float).tiny))
+        return ratio, float(fdtrc(functions, freedom, ratio))
 
 
 def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:

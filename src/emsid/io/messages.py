@@ -1,15 +1,82 @@
-"""Logs with a row for every message, as of a CAN bus: each row has values in the columns of its own message only."""
+"""Logs with a row for every message, as of a CAN bus: each row has values in the columns of its own message only.
+
+Tables with a row for every value of every signal (``time,signal,value``), as loggers and databases export them.
+
+Such a table becomes one with a row for every time and a column for every signal. Signals that were logged at times of
+their own have missing values in between, as in a table with a row for every message (`emsid.io.messages`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import re
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.io.columns import Columns, as_numbers
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+_VALUE = re.compile(r"_?(val(ue)?|wert|messwert|reading)s?(?![a-z])", re.IGNORECASE)
+_NAME = re.compile(r"_?(signal|name|variable|channel|tag|field|sensor|parameter|metric|topic|kanal)", re.IGNORECASE)
+_TIME = re.compile(r"_?(time|t(?![a-z])|zeit|date|datum|stamp|clock|millis|micros)", re.IGNORECASE)
+_UNIT = re.compile(r"_?(unit|einheit)", re.IGNORECASE)
+_REPETITION = "repetition"
+MOST_SIGNALS = 1000
+"""More different names are texts of another kind."""
+FEWEST_VALUES = 3
+"""Signals have at least this many values on average."""
+
+
+def one_column_per_signal(columns: Columns) -> Columns:
+    """The columns of a table in long form, one for each signal; other columns as they are.
+
+    A table has this form where a column is called ``value`` or the like, another one holds the names of the signals,
+    and a third one the times. A column of units gives those of the signals.
+    """
+    import polars as pl
+
+    lengths = {len(series) for series in columns.series.values()}
+    texts = [name for name, series in columns.series.items() if series.dtype == pl.String]
+    value = _called(_VALUE, columns.series)
+    time = _called(_TIME, [name for name in columns.series if name not in (value, *texts)])
+    unit = _called(_UNIT, texts)
+    names = [name for name in texts if name not in (value, unit)]
+    signal = _called(_NAME, names) or (names[0] if len(names) == 1 else "")
+    if not (value and time and signal) or columns.clocks or len(lengths) != 1:
+        return columns
+    rows = pl.DataFrame([columns.series[name] for name in dict.fromkeys((time, signal, value, *([unit] * bool(unit))))])
+    rows = rows.drop_nulls([time, signal]).with_columns(pl.col(value).cast(pl.Float64, strict=False))
+    count = rows[signal].n_unique()
+    if not 2 <= count <= min(MOST_SIGNALS, len(rows) // FEWEST_VALUES):
+        return columns
+    wide = _pivoted(rows, time, signal, value)
+    units = {} if not unit else dict(rows.drop_nulls(unit).group_by(signal).agg(pl.first(unit)).iter_rows())
+    return replace(columns, series={each.name: each for each in wide}, units=units, lines=None, damaged=())
+
+
+def _pivoted(rows: pl.DataFrame, time: str, signal: str, value: str) -> pl.DataFrame:
+    """A row for every time and a column for every signal; a time that is repeated in a signal has several rows."""
+    import polars as pl
+
+    rows = rows.with_columns(pl.int_range(pl.len()).over(time, signal).alias(_REPETITION))
+    by_signal = rows.group_by(signal).agg((pl.col(time) == pl.col(time).sort()).all().alias("ascends"))
+    if not rows[time].is_sorted() and by_signal["ascends"].all():  # one signal after the other
+        rows = rows.sort(time, maintain_order=True)
+    wide = rows.pivot(on=signal, index=[time, _REPETITION], values=value, aggregate_function="first")
+    return wide.drop(_REPETITION)
+
+
+def _called(pattern: re.Pattern[str], names: Iterable[str]) -> str:
+    """The first name that begins with the pattern; empty where none does."""
+    return next((name for name in names if pattern.match(name)), "")
+
 
 TOGETHER = 0.5
 """Columns are of different messages where fewer of the values of the rarer one than this part share a row."""

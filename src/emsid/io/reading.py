@@ -30,32 +30,28 @@ from emsid.io.axes import with_axes
 from emsid.io.can import read_can, without_database
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, errors_of
-from emsid.io.derivative import check_window, derivative
 from emsid.io.edges import with_edges
 from emsid.io.files import gunzipped, is_large, looks_like, read_bytes
 from emsid.io.flight import read_dataflash, read_ulog
 from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.large import BLOCK, LargeTable, check_wide, columns_in, excerpt
-from emsid.io.long_form import one_column_per_signal
 from emsid.io.mask import OVER_ALL_ROWS
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
-from emsid.io.messages import with_clocks_of_messages
+from emsid.io.messages import one_column_per_signal, with_clocks_of_messages
 from emsid.io.npz import read_npz
-from emsid.io.options_by_column import check_options, surplus_units
+from emsid.io.options_by_column import check_options, check_window, continuous, derivative, shifted, surplus_units
 from emsid.io.other_files import about_files, with_other_files
 from emsid.io.parquet import large_parquet, read_parquet
 from emsid.io.regular_table import LARGE
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
 from emsid.io.selection import NothingLeft, check_column, select
-from emsid.io.shifting import shifted
 from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import large_text, read_table
 from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
-from emsid.io.wrapping import continuous
 from emsid.record import FileRows, Record, argument_types, concatenate
 from emsid.units import column_of, edges_of
 
@@ -245,10 +241,10 @@ def read(
             DataFlash; a file that is parsed already; or a pandas or Polars frame, or a dictionary of arrays.
         input: the column, or columns, that drive the system. A unit in brackets may be left out, here and in all
             other arguments: ``speed`` is the column ``speed [rad/s]``. ``d(name)`` is the derivative of column
-            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``edges(A)`` is the
-            number of edges of a column of pulses, and ``edges(A, B)`` the position of an encoder with two channels, in
-            counts of a quarter of a period, see `emsid.io.edges`. ``x.csv:1`` is the first column of another file, and
-            ``x.csv:name`` one by name.
+            ``name``, see `emsid.io.options_by_column.derivative`, unless a column has that very name. ``edges(A)`` is
+            the number of edges of a column of pulses, and ``edges(A, B)`` the position of an encoder with two channels,
+            in counts of a quarter of a period, see `emsid.io.edges`. ``x.csv:1`` is the first column of another file,
+            and ``x.csv:name`` one by name.
         output: the column, or columns, that answer; likewise.
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.

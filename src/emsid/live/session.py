@@ -2,6 +2,8 @@
 
 Every message is a dictionary that JSON can hold, with a ``kind``: ``start``, ``estimate``, ``finding`` or ``end``
 (``docs/tracking.md``). The terminal and ``--json`` show these messages and nothing else.
+
+The estimate of a tracking session over time, in constant memory.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding, plain
-from emsid.live.history import REMEMBERED, History
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser, Rows
 from emsid.live.receiver import Piece, Receiver
@@ -35,6 +36,35 @@ from emsid.wording import sentence
 from emsid.wording.terms import meanings
 
 Array = NDArray[np.float64]
+
+REMEMBERED = 2000
+"""Points of the history of the estimate."""
+
+
+@dataclass(eq=False)
+class History:
+    """The estimate over time, with at most `REMEMBERED` points: when it is full, every second point is dropped."""
+
+    time: list[float] = field(default_factory=list)
+    estimate: list[Array] = field(default_factory=list)
+    half_width: list[Array] = field(default_factory=list)
+    step: int = 1
+    _count: int = 0
+
+    def add(self, time: float, estimate: Array, half_width: Array) -> None:
+        """Remember a point."""
+        self._count += 1
+        if self._count % self.step:
+            return
+        self.time.append(time)
+        self.estimate.append(estimate)
+        self.half_width.append(half_width)
+        if len(self.time) >= REMEMBERED:
+            for each in (self.time, self.estimate, self.half_width):
+                del each[::2]
+            self.step *= 2
+
+
 Message = dict[str, Any]
 
 UNCHANGED = 200

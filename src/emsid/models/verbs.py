@@ -309,7 +309,7 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
         input = for_model(model, input)
     subject = as_model(model, input if isinstance(input, Record) else None)
     dt = model.sample_time if dt is None and isinstance(model, Fit) else dt
-    record = _named(as_record(subject, input, dt), model, subject)
+    record = _named(as_record(subject, input, dt), model)
     run = subject.simulate(record)
     if run.diverged_at is not None:
         raise ModelError(f"{subject.name}: the free run diverges at sample {run.diverged_at}; give a smaller input")
@@ -323,7 +323,7 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
     )
 
 
-def _named(record: Record, model: Any, subject: Model) -> Record:
+def _named(record: Record, model: Any) -> Record:
     """A record of inputs alone with the names and units of the inputs that a fit knows."""
     channels = model.channels if isinstance(model, Fit) else None
     nameless = record.input_names == tuple(f"u{k + 1}" for k in range(record.input.shape[1]))

@@ -4,6 +4,10 @@ A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at 
 hold several *segments*, pieces without a gap. Masking bad samples and joining experiments both make segments. No
 lagged value, filter or simulation crosses a break between segments. Every function that identifies, validates, plots
 or exports takes one or several records and works segment by segment.
+
+Conversion of the channels of a record to other units.
+
+Trends, decimation and low-pass filters of the samples of one segment, (N, channels) each.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from math import nan
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,23 +25,89 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
-from emsid.record.argument_types import NUMBER, SLICE, TEXT, WHOLE, brief, check_types, items_of, names_of, typed
-from emsid.record.checks import (
-    KINDS,
-    as_channels,
-    check_finite,
-    named_signals,
-    real_numbers,
-    segments_of,
-    whole_number,
-)
-from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, LOWEST, decimated, low_passed, without_trend
+from emsid.record.argument_types import NUMBER, SLICE, TEXT, UNITS, WHOLE, brief, check_types, items_of, names_of, typed
+from emsid.record.checks import KINDS, as_channels, check_finite, named_signals, real_numbers, segments_of, whole_number
 from emsid.record.frames import FrameMethods, numbers, seconds
 from emsid.record.time_axis import TimeAxis, about_time, equidistant, on_timer, time_axis
-from emsid.record.unit_methods import UnitMethods
-from emsid.units import called, name_and_unit, readable_unit
+from emsid.units import SI, called, name_and_unit, readable_unit, si_unit
 
 Array = NDArray[np.float64]
+
+LARGEST_TREND = 5
+"""The largest order of a trend. One of a higher order follows the motion, which is then subtracted too."""
+DECIMATED, FILTERED = 20, 15
+"""Samples of the slow rate, and of the record, that a segment must exceed for a filter to settle within it."""
+LOWEST = 1e-5
+"""The lowest cutoff as a part of the sampling frequency: below, the filter's poles lose half of their digits."""
+
+
+def without_trend(values: Array, time: Array, order: int) -> Array:
+    """The samples minus a polynomial of this order in the time (N,), fitted to every channel."""
+    span = time[-1] - time[0]
+    within = 2 * (time - time[0]) / span - 1 if span else np.zeros_like(time)
+    powers = np.polynomial.legendre.legvander(within, order)
+    size = np.maximum(np.abs(values).max(axis=0, initial=0.0), np.finfo(float).tiny)  # LAPACK must not overflow
+    return np.asarray(values - size * (powers @ np.linalg.lstsq(powers, values / size, rcond=None)[0]))
+
+
+def decimated(values: Array, factor: int) -> Array:
+    """Every ``factor``-th sample after a zero-phase FIR anti-alias filter.
+
+    `scipy.signal.decimate` assumes that the signal is zero before its start. Subtracting the first value avoids a false
+    transient where the signal starts at a constant level.
+    """
+    from scipy.signal import decimate
+
+    return np.asarray(decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1])
+
+
+def low_passed(values: Array, cutoff: float, dt: float) -> Array:
+    """The samples through a Butterworth filter of order 4, forwards and backwards, at a sample time of ``dt`` in s."""
+    from scipy.signal import butter, sosfiltfilt
+
+    return np.asarray(sosfiltfilt(butter(4, cutoff, fs=1 / dt, output="sos"), values, axis=0))
+
+
+OfRecord = TypeVar("OfRecord", bound=Any)
+
+
+class UnitMethods:
+    """`convert` and `in_si` of a record."""
+
+    @typed(units=UNITS)
+    def convert(self: OfRecord, units: Mapping[str, str | None] | None = None, **scales: float) -> OfRecord:
+        """Convert every channel with a unit to SI, or the named channels to the given units.
+
+        Args:
+            units: the new unit of each channel to convert, None for SI; without this argument all become SI.
+            scales: the scales of counts and PWM, see `emsid.units.conversion`: ``counts_per_revolution``,
+                ``supply_voltage``, ``pwm_full_scale``.
+        """
+        from emsid.units import conversion
+
+        present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
+        wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
+        result = self
+        for given, target in wanted.items():
+            name = self._own_name(given)
+            gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
+            result = result.scale(name, gain, offset, unit)
+        return result
+
+    def in_si(self: OfRecord, **scales: float) -> OfRecord:
+        """The record with every channel in SI whose unit can be converted; the record itself where all are.
+
+        Counts and PWM of unknown size, and units that are not understood, remain. `emsid.fit`, `emsid.identify`,
+        `emsid.simulate` and the functions that judge a fit convert their records in this way.
+
+        Args:
+            scales: as in `convert`.
+        """
+        sizes = {"sample_time": self.dt, **scales}
+        units = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
+        other = [name for name, unit in units.items() if unit and unit not in SI and si_unit(unit, **sizes)]
+        result: OfRecord = self.convert(dict.fromkeys(other), **scales) if other else self
+        return result
 
 
 class FileRows(NamedTuple):

@@ -1,4 +1,4 @@
-r"""`gauss_newton`, the one optimiser for every model that is nonlinear in its parameters.
+"""`gauss_newton`, the one optimiser for every model that is nonlinear in its parameters.
 
 Given residuals r(θ) ∈ ℝᴺ and their derivative J(θ) = ∂r/∂θ, it solves
 
@@ -42,6 +42,26 @@ References:
     Bates, Watts, *A relative offset orthogonality convergence criterion for nonlinear least squares*,
     Technometrics 23 (1981). Stark, Parker, *Bounded-variable least-squares*, Computational Statistics 10
     (1995).
+
+The bend of a narrow valley, which damped Gauss–Newton steps follow.
+
+Where few data distinguish two parameters, the minimum lies at the end of a narrow valley. A step along its tangent
+leaves it where it bends, so that the damping keeps all steps short, and a search uses up its steps before the minimum.
+The residual along a step p is r + Jp·s + ½r″s², with the second derivative from one residual more,
+
+    r″ = (2/h)·((r(θ + hp) − r(θ))/h − Jp).
+
+The step that lowers it most has a second part,
+
+    q = −½(JᵀWJ + λD²)⁻¹ JᵀW r″,
+
+the geodesic acceleration of Transtrum and Sethna. It is an extrapolation, of use while q is small beside p.
+
+References:
+    Transtrum, Sethna, *Improvements to the Levenberg–Marquardt algorithm for nonlinear least-squares minimization*,
+    arXiv:1201.5885 (2012).
+
+The bounds within which a search varies its parameters.
 """
 
 from __future__ import annotations
@@ -56,13 +76,12 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.acceleration import acceleration
-from emsid.estimation.nonlinear.box import Box, bounded
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
 from emsid.estimation.nonlinear.problem import (
     Array,
+    Block,
     Indices,
     Infeasible,
     Linearised,
@@ -74,6 +93,105 @@ from emsid.estimation.nonlinear.problem import (
 from emsid.estimation.nonlinear.smoothing import NONE, Penalty, Smoothing, chosen_weights
 from emsid.estimation.nonlinear.steps import bounded_step, promised, relative_offset
 from emsid.findings import Finding
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Bounds of all parameters.
+
+    Attributes:
+        low, high: (p,) the smallest and the largest values.
+        varied: (n,) indices of the parameters that are not fixed, of increasing size.
+    """
+
+    low: Array
+    high: Array
+    varied: Indices
+
+    def limits(self, theta: Array) -> tuple[Array, Array]:
+        """(n,) each: the steps of the varied parameters from θ (p,) to their lower and upper bounds."""
+        return (self.low - theta)[self.varied], (self.high - theta)[self.varied]
+
+    def moved(self, theta: Array, step: Array) -> Array:
+        """(p,) θ after a step (n,) of the varied parameters; a step to a bound ends exactly on it."""
+        down, up = self.limits(theta)
+        new = theta.copy()
+        new[self.varied] = np.where(
+            step <= down,
+            self.low[self.varied],
+            np.where(step >= up, self.high[self.varied], theta[self.varied] + step),
+        )
+        return new
+
+
+def bounded(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, Box]:
+    """(p,) start values, and their bounds (p,) or a number each.
+
+    Raises:
+        ModelError: for start values that are not finite or outside their bounds, bounds that cross, or names of
+            another number.
+    """
+    theta = np.array(start, dtype=float)
+    if theta.ndim != 1:
+        raise ModelError(f"start values of shape {theta.shape}; give (p,)")
+    if names and len(names) != len(theta):
+        raise ModelError(f"{len(names)} names for {len(theta)} parameters")
+    low = np.broadcast_to(np.asarray(lower, dtype=float), theta.shape)
+    high = np.broadcast_to(np.asarray(upper, dtype=float), theta.shape)
+    for k, (value, a, b) in enumerate(zip(theta, low, high, strict=True)):
+        what = names[k] if names else f"θ{k + 1}"
+        if not np.isfinite(value):
+            raise ModelError(f"start value of {what} is {value}; give a finite number")
+        if not a <= b:
+            raise ModelError(f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one")
+        if not a <= value <= b:
+            raise ModelError(f"start value {value:g} of {what} is outside its bounds [{a:g}, {b:g}]")
+    return theta, Box(low, high, np.flatnonzero(low < high))
+
+
+# h, the part of a step that the second derivative is taken over, and the largest length of q over that of p.
+ALONG, LONGEST = 0.1, 0.375
+
+
+def acceleration(
+    problem: Problem,
+    theta: Array,
+    blocks: Sequence[Block],
+    loss: Loss,
+    varied: Indices,
+    triangle: Array,
+    scale: Array,
+    step: Array,
+) -> Array | None:
+    """(n,) q for a damped step; None where there is no residual along it, or q is not small.
+
+    Args:
+        problem: of the residuals.
+        theta: (p,) θ.
+        blocks: residual and derivative there, of every experiment.
+        loss: with the weights W.
+        varied: (n,) the parameters that the step moves.
+        triangle: (n, n) the factor of JᵀWJ + λD².
+        scale: (n,) D, in which lengths are compared.
+        step: (n,) p.
+    """
+    from scipy.linalg.lapack import dtrtrs
+
+    whole = np.zeros(len(theta))
+    whole[varied] = step
+    try:
+        there = problem.residuals(theta + ALONG * whole)
+    except Infeasible:
+        return None
+    slope = np.zeros(len(theta))
+    with np.errstate(all="ignore"):
+        for (residual, jacobian), after in zip(blocks, there, strict=True):
+            second = 2 / ALONG * ((after - residual) / ALONG - jacobian @ whole)
+            slope += jacobian.T @ (loss.weight(residual) * second)
+        bend = -0.5 * dtrtrs(triangle, dtrtrs(triangle, slope[varied], trans=1)[0])[0]
+        small = np.linalg.norm(scale * bend) <= LONGEST * np.linalg.norm(scale * step)
+    return bend if small else None
+
 
 # A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
 # is less than this fraction.

@@ -1,9 +1,18 @@
-"""What cascades of filters and static maps can do; see `emsid.models.capabilities`."""
+"""What cascades of filters and static maps can do; see `emsid.models.capabilities`.
+
+A cascade in C: filters as statements, static maps as tables of polynomials between break points.
+
+The linear part of a cascade: its filters with the slopes of its maps at rest.
+
+Gain, time constants and dead zone of a cascade.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
+from math import isfinite
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,22 +23,157 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.models.bands import POINTS, Band
 from emsid.models.blocks import fitting
-from emsid.models.blocks.c_form import c_form
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.characteristics import of_cascade
-from emsid.models.blocks.linear_part import linear_part
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.blocks.stepping import CascadeStepper
-from emsid.models.c_form import CForm
+from emsid.models.c_form import SHIFT, CForm, entering, map_tables, number
 from emsid.models.capabilities import Capabilities, MapInUse, Modes
-from emsid.models.characteristics import Characteristic
+from emsid.models.characteristics import Characteristic, by_estimate, gain_unit, modes
 from emsid.models.curves import BandedCurve, banded_curve
+from emsid.models.linear.state_space import observer_form
 from emsid.models.linear.system import LinearSystem
 from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
+from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+
+def of_cascade(fit: Fit[Cascade], record: Record) -> tuple[Characteristic, ...]:
+    """Gain and slowest time constant, and the break points of a dead zone."""
+    model = fit.model
+    inside = record.dt / model.oversampling
+    found = [_quantity(fit, "gain", _gain, gain_unit(record))]
+    found += modes(partial(_quantity, fit), _poles_of_cascade, model, inside)
+    found += _edges(fit, record)
+    return tuple(each for each in found if isfinite(each.value) or not each.shown)
+
+
+def _poles_of_cascade(model: Cascade) -> NDArray[Any]:
+    return np.concatenate([np.empty(0), *(block.poles for block in model.blocks if isinstance(block, Rational))])
+
+
+def _edges(fit: Fit[Cascade], record: Record) -> list[Characteristic]:
+    """The break points of the first static map, where that is a dead zone, as levels of the input."""
+    blocks = fit.model.blocks
+    k = next((k for k, block in enumerate(blocks) if isinstance(block, StaticMap)), None)
+    if k is None or not {"b_l", "b_r"} <= set(blocks[k].names) or not _gain_before(fit.model, k):
+        return []
+    sides = ("b_l", "b_r") if _gain_before(fit.model, k) > 0 else ("b_r", "b_l")
+    names = zip(("backward", "forward"), sides, strict=True)
+    found = (
+        (
+            way,
+            _quantity(fit, f"dead zone {name}", partial(_edge, k, blocks[k].names.index(side)), record.input_units[0]),
+        )
+        for way, (name, side) in zip((-1, 1), names, strict=True)
+    )
+    visited = Visited(record.input[:, 0], np.empty(0))
+    judged = [(each, visited.shows(RestsOn(Needs.THRESHOLD, way), way * each.value)) for way, each in found]
+    return [each if approached else each.unknown() for each, approached in judged]
+
+
+def _edge(block: int, number: int, model: Cascade) -> float:
+    """The constant input at which a static map meets one of its break points."""
+    edge = float(model.blocks[block].parameters[number])
+    return edge / (_gain_before(model, block) or np.nan) + model.input_offset
+
+
+def _gain_before(model: Cascade, block: int) -> float:
+    """The gain at DC from the input to a static map; zero where a filter between them blocks DC or is unknown."""
+    gain = 1.0
+    for each in model.blocks[:block]:
+        if not isinstance(each, Rational):
+            return 0.0
+        numerator = float(np.sum(each.numerator))
+        rounding = 1e-9 * float(np.sum(np.abs(each.numerator)))
+        gain *= numerator / (1 + float(np.sum(each.denominator))) if abs(numerator) > rounding else 0.0
+    return gain
+
+
+def _gain(model: Cascade) -> float:
+    """Slope from input to output, in a stretch where the maps are straight."""
+    factors = [
+        block.gain if isinstance(block, Rational) else block.steepness
+        for block in model.blocks
+        if isinstance(block, Rational | StaticMap)
+    ]
+    return float(np.prod(factors))
+
+
+def _quantity(fit: Fit[Cascade], name: str, quantity: Callable[[Cascade], float], unit: str) -> Characteristic:
+    """A quantity of the model, whose free parameters are a part of its parameters."""
+    model = fit.model
+    at = [model.names.index(each) for each in fit.names]
+
+    def of(theta: Array) -> float:
+        whole = np.array(model.parameters, dtype=float)
+        whole[at] = theta
+        return quantity(model.with_parameters(whole))
+
+    return by_estimate(fit, name, of, unit)
+
+
+def linear_part(model: Cascade, at: float) -> LinearSystem:
+    """The filters with the slopes of the maps at rest; in steps of the blocks, with the delay aside."""
+    if model.dt is None:
+        raise ModelError(f"{model.name} has no sample time; make it with dt=… in s")
+    dt = model.dt / model.oversampling
+    system = LinearSystem(
+        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)), dt, model.delay * model.dt, model.name
+    )
+    x = at - model.input_offset
+    for block in model.blocks:
+        if isinstance(block, Rational):
+            b, a = block.transfer
+            own, columns = observer_form(a, [b])
+            n, m = len(system.a), len(own)
+            joined = np.zeros((n + m, n + m))
+            joined[:n, :n], joined[n:, :n], joined[n:, n:] = system.a, columns @ system.c, own
+            entering = np.vstack([system.b, columns @ system.d])
+            output = np.hstack([b[0] * system.c, np.eye(1, m)])
+            system = replace(system, a=joined, b=entering, c=output, d=b[0] * system.d)
+        else:
+            slope = float(block.slope(np.array([x]))[0])  # type: ignore[attr-defined]
+            system = replace(system, c=slope * system.c, d=slope * system.d)
+        x = block.resting(x)[1]
+    return system
+
+
+def c_form(stepper: CascadeStepper) -> CForm:
+    """The form in C of a cascade, from where its stepper is."""
+    maps, first, above, below = stepper.blocks
+    lines = []
+    for k, which in enumerate(maps.tolist()):
+        if which >= 0:
+            lines.append(f"        x = map_value({which}, x);")
+            continue
+        s, c, n = int(first[k]), int(first[k]) + k, int(first[k + 1] - first[k])
+        lines.append(f"        out = {number(above[c])} * x" + (f" + s->blocks[{s}];" if n else ";"))
+        for j in range(n):
+            following = f"s->blocks[{s + j + 1}] + " if j + 1 < n else ""
+            update = f"{following}{number(above[c + j + 1])} * x - {number(below[c + j + 1])} * out"
+            lines.append(f"        s->blocks[{s + j}] = {update};")
+        lines.append("        x = out;")
+    taps, offsets, past, blocks = stepper.numbers
+    rate = len(taps)
+    out = "    real out;\n" if any(which < 0 for which in maps) else ""
+    step = (
+        f"    real steps[{rate}];\n    real x;\n{out}    int i;\n    int k;\n"
+        + entering(taps)
+        + f"    for (k = 0; k < {rate}; ++k) {{\n        x = steps[k] - {number(offsets[0])};\n"
+        + "\n".join(lines)
+        + f"\n        if (k == 0) {{\n            y[0] = x + {number(offsets[1])};\n        }}\n    }}\n"
+    )
+    tables, functions = map_tables(stepper.tables) if (maps >= 0).any() else ((), "")
+    define = f"#define PAST {len(past)}\n\n"
+    state = (("past", past), ("blocks", blocks))
+    return CForm(1, 1, state, step, (("taps", taps.ravel()), *tables), f"{define}{SHIFT}\n{functions}")
+
+
 Complex = NDArray[np.complex128]
 
 

@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.problem import LARGEST
 from emsid.models.blocks.static_maps import Scaling, StaticMap
+from emsid.models.feedback.equations import Pair, multiple
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.sharing import Pair, multiple
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

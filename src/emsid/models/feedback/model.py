@@ -1,4 +1,4 @@
-r"""A linear system with static maps in its feedback (nonlinear LFR).
+"""A linear system with static maps in its feedback (nonlinear LFR).
 
     x(t+1) = A x(t) + B_u u(t) + B_w w(t)
     z(t)   = C_z x(t) + D_zu u(t) + z₀          g(t) = F_x x(t) + F_u u(t) + g₀          w(t) = f(z(t))·g(t)
@@ -25,6 +25,17 @@ References:
     method*, IEEE TIM 62 (2013). Schoukens, Tóth, *On the initialization of nonlinear LFR model identification with the
     best linear approximation*, IFAC World Congress (2020). Paduart et al., *Identification of nonlinear systems using
     polynomial nonlinear state space models*, Automatica 46 (2010).
+
+A sensor behind a feedback model: its curve is the first map, and a filter behind that has the last states.
+
+    the loop:      x(t+1) and z by x, u and w of the other maps
+    the sensor:    s(t+1) and y by s and w₁ = f₁(z₁)
+
+The loop does not depend on the sensor, and the output depends on the loop through z₁ only, as in a plant whose sensor
+is curved, slow, or loses the sign. All other elements of M are zero, and a change of the state mixes those of the loop
+or those behind the sensor. So such a model has far fewer parameters than one whose maps may act everywhere.
+
+The steady states of a feedback model: where a run under a constant input comes to rest.
 """
 
 from __future__ import annotations
@@ -34,7 +45,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +55,7 @@ from emsid.estimation.compiled import read_only
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.equations import equations, numbered
+from emsid.models.feedback.equations import entries, equations, numbered, shared_signals
 from emsid.models.feedback.kernels import (
     LoopSignals,
     MapSlopes,
@@ -56,9 +67,6 @@ from emsid.models.feedback.kernels import (
     run_reference,
     tables_of,
 )
-from emsid.models.feedback.sensor import absent, check_sensor
-from emsid.models.feedback.sharing import entries, shared_signals
-from emsid.models.feedback.steady_state import resting
 from emsid.models.initial_states import initial_state
 from emsid.models.input_path import InputPath
 from emsid.models.model import levels
@@ -67,6 +75,108 @@ from emsid.models.terms import check_whole
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+# Steps in which a state comes close to rest, and Newton steps that complete it.
+SETTLING, NEWTON = 2_000, 50
+# Newton steps below this share of the state end when they no longer shrink, and at rest a step changes less of it.
+ROUNDING = 1e-9
+
+
+class Stepping(Protocol):
+    """What a steady state needs of a model."""
+
+    @property
+    def states(self) -> int:
+        """How many there are, n."""
+        ...
+
+    @property
+    def centre(self) -> Array:
+        """(n,) where the run begins."""
+        ...
+
+    def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
+        """The signals of a run over an input (N,) from a state (n,), and the last state."""
+        ...
+
+    def linearised_at(self, x: Array, u: float) -> tuple[Array, Array]:
+        """(n,) the state one step after a state (n,), and (n + 1, n + 1) its derivative by state and input."""
+        ...
+
+
+def resting(model: Stepping, level: float) -> Array:
+    """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
+
+    Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
+    """
+    out, end = model.stepped(np.full(SETTLING, level), model.centre)
+    if not np.isfinite(out.y).all():
+        return _completed(model, model.centre, level)
+    rest = _completed(model, end, level)
+    after, whole = model.linearised_at(rest, level)
+    found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
+    poles = np.linalg.eigvals(whole[: model.states, : model.states]) if found else np.array([np.inf])
+    return rest if np.abs(poles).max(initial=0.0) <= 1 else end
+
+
+def _completed(model: Stepping, x: Array, level: float) -> Array:
+    """(n,) the steady state that Newton steps from a state x (n,) lead to."""
+    n, before = model.states, np.inf
+    for _ in range(NEWTON):
+        after, whole = model.linearised_at(x, level)
+        with np.errstate(all="ignore"):
+            try:
+                move = np.linalg.solve(np.eye(n) - whole[:n, :n], after - x)
+            except np.linalg.LinAlgError:  # an integrator rests anywhere
+                break
+        if not np.isfinite(move).all():
+            break
+        x, size = x + move, float(np.abs(move).max(initial=0.0))
+        if size <= ROUNDING * np.abs(x).max(initial=0.0) and size >= before / 2:  # moves are rounding errors now
+            break
+        before = size
+    return x
+
+
+def absent(states: int, maps: int, sensor: int | None) -> NDArray[np.bool_]:
+    """(n + m + 1, n + 1 + m) the elements of M that a sensor makes zero; none without a sensor.
+
+    Args:
+        states: n.
+        maps: m.
+        sensor: how many of the states are behind it.
+    """
+    n, m = states, maps
+    gone = np.zeros((n + m + 1, n + 1 + m), dtype=bool)
+    if sensor is not None:
+        behind = range(n - sensor, n)
+        rows, columns = [*behind, n + m], [*behind, n + 1]
+        gone[rows], gone[:, columns] = True, True
+        gone[np.ix_(rows, columns)] = False
+    return gone
+
+
+def check_sensor(name: str, states: int, maps: int, sensor: int | None, plain: bool) -> None:
+    """Refuse a sensor that a model cannot have.
+
+    Args:
+        name: of the model.
+        states: n.
+        maps: m.
+        sensor: how many of the states are behind it.
+        plain: whether no map is multiplied by a signal, and no signals are shared.
+
+    Raises:
+        ModelError: without a map, with more states behind it than there are, or where the model is not plain.
+    """
+    if sensor is None:
+        return
+    check_whole(f"{name}: sensor", sensor, 0, "this is the number of states behind the sensor", states)
+    if not maps:
+        raise ModelError(f"{name}: a sensor without a map; the first map is its curve")
+    if not plain:
+        raise ModelError(f"{name}: a sensor, and maps that are multiplied or signals that are shared; leave out either")
+
 
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
@@ -109,7 +219,7 @@ class FeedbackModel(OneChannelMethods):
         centre: (n,) the mean state over the records of its fit, from which `resting` looks for a steady state; by
             default zero. A model may have several steady states, of which those far from its data mean nothing.
         sensor: where the first map is the curve of a sensor behind the loop, how many of the last states are behind
-            that curve; the elements of the matrix that `emsid.models.feedback.sensor` excludes are made zero.
+            that curve; the elements of the matrix that `emsid.models.feedback.model` excludes are made zero.
 
     Raises:
         ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
@@ -376,7 +486,7 @@ class FeedbackModel(OneChannelMethods):
         return after, self.linearised(step.z[0], self.factor(step.x, np.full(1, u))[0])
 
     def resting(self, level: float) -> Array:
-        """(n,) the steady state for a constant input; see `emsid.models.feedback.steady_state`."""
+        """(n,) the steady state for a constant input; see `emsid.models.feedback.model`."""
         return resting(self, level)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:

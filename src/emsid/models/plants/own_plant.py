@@ -15,7 +15,7 @@ from emsid.arguments import did_you_mean
 from emsid.compiled import by_content
 from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.problem import Infeasible
-from emsid.models.interpolation import INTERPOLATION_REACH, between
+from emsid.models.input_path import INTERPOLATION_REACH, between
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.own_sampling import OwnSampler, compiled, compiled_runge_kutta, runge_kutta
 from emsid.models.plants.parameters import Handle, Signal

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
-from emsid.models.poles import oscillation, time_constants
+from emsid.models.characteristics import oscillation, time_constants
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.transforms import Transform

@@ -1,4 +1,4 @@
-r"""A structure fitted to its free run, by Gauss–Newton steps with exact derivatives.
+"""A structure fitted to its free run, by Gauss–Newton steps with exact derivatives.
 
 Least squares minimises the error one step ahead (equation error). Noise of the measured output enters its regressors
 and biases it, the more the shorter the sample time is. Here
@@ -19,17 +19,32 @@ its end.
 References:
     Ljung, *System Identification*, 2nd ed., sec. 4.2 and 10.2. Piroddi, Spinelli, *An identification algorithm for
     polynomial NARX models based on simulation error minimization*, International Journal of Control 76 (2003).
+
+Derivatives by differences over the uncertainty of an estimate, for residuals that jump.
+
+A free run with a jump inside, such as friction by the sign of a speed, jumps wherever the sign of a sample changes.
+Between such places its derivative is exact, and does not contain how the samples at which signs change move with θ. The
+cost has a minimum of its own in many of the pieces, and a search by this derivative ends in one of those near its
+start: estimates that are worse than their covariance says, as that is of a piece. Over a range in which many signs
+change, the mean derivative contains these moves. With J = U S Vᵀ and the standard deviation σ of the residual, one
+standard error in the direction wᵢ = Vᵢ/sᵢ is σ, and
+
+    ∂r/∂θ ≈ Σᵢ (r(θ + hσwᵢ) − r(θ − hσwᵢ)) / (2hσ) · sᵢVᵢᵀ
+
+is the mean derivative over h standard errors to both sides. A search with h from large to small passes the minima of
+single pieces, as graduated optimisation does (Blake, Zisserman, *Visual Reconstruction*, 1987); from its end, one by
+the exact derivative goes to the minimum of the last piece.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from emsid.errors import ModelError, some
 from emsid.estimation.compiled import read_only
@@ -38,10 +53,10 @@ from emsid.estimation.linear.least_squares import check_excitation, least_square
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
+from emsid.estimation.nonlinear.problem import Array, Block, Infeasible, Problem
 from emsid.estimation.nonlinear.restarts import begun_again, begun_around, confirmed, nearer
-from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.estimation.nonlinear.without_samples import Mask, without
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
@@ -49,7 +64,55 @@ from emsid.models.regression.transforms import Transform
 from emsid.models.terms import vector
 from emsid.record import Record, check_same_channels
 
-Array = NDArray[np.float64]
+WIDTHS = (8.0, 4.0, 2.0, 1.0)
+"""h of one search after another, in standard errors."""
+BEYOND = 10.0
+"""A residual on either side that is larger by this factor than the linearised one is that of a run that diverges."""
+LEAST = 1e-8
+"""Directions with a singular value below this part of the largest keep their exact derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Widened:
+    """A problem with the mean derivative over ``width`` standard errors to both sides.
+
+    Attributes:
+        problem: with residuals and the exact derivative between jumps.
+        width: h.
+    """
+
+    problem: Problem
+    width: float
+
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        """Those of the problem."""
+        return self.problem.residuals(theta)
+
+    def linearised(self, theta: Array) -> list[Block]:
+        """The residuals with the mean derivatives; exact ones in directions without a residual on either side."""
+        blocks = list(self.problem.linearised(theta))
+        residual = np.concatenate([r for r, _ in blocks])
+        _, sizes, axes = np.linalg.svd(np.linalg.qr(np.concatenate([j for _, j in blocks]), mode="r"))
+        reach = self.width * float(np.sqrt(residual @ residual / effective_samples([r for r, _ in blocks])))
+        found = [jacobian.copy() for _, jacobian in blocks]
+        for size, axis in zip(sizes, axes, strict=True):
+            if not (reach > 0 and size > LEAST * sizes[0]):
+                continue
+            step = reach / size * axis
+            try:
+                with np.errstate(over="ignore"):
+                    sides = [self.problem.residuals(theta + step), self.problem.residuals(theta - step)]
+                    most = max(np.sqrt(sum(r @ r for r in side)) for side in sides)
+            except Infeasible:
+                continue
+            if not most <= BEYOND * (np.linalg.norm(residual) + reach):
+                continue
+            for jacobian, (_, exact), ahead, behind in zip(found, blocks, *sides, strict=True):
+                mean = (ahead - behind) * (size / (2 * reach))
+                if np.isfinite(mean).all():
+                    jacobian += np.outer(mean - exact @ axis, axis)
+        return [(r, jacobian) for (r, _), jacobian in zip(blocks, found, strict=True)]
+
 
 # Shares of the model's own output in its past, on the way from prediction to simulation.
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)

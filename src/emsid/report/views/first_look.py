@@ -1,4 +1,7 @@
-"""A first look at a file as a table, as lines of text and as a page."""
+"""A first look at a file as a table, as lines of text and as a page.
+
+Lines as braille letters, for a terminal: every letter shows two columns of four dots.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import listed
 from emsid.findings import Finding
@@ -15,13 +18,45 @@ from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.first_look.nonlinearity import distortion_of
 from emsid.record import Record
-from emsid.report.braille import braille
 from emsid.report.document import Axis, Figure, Ink, Line, Notice, Plot, Points, Report, Section, Stroke, Table
 from emsid.report.numbers import number
 from emsid.report.views.conventions import TIME, channel_axis, in_words, timeline, with_gaps
 from emsid.units import in_unit, plain_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.lists import duration, how_sure
+
+# The bit of every dot of a braille letter, by row and column (Unicode 15, section 21.1).
+_DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+_BLANK = 0x2800
+
+
+def braille(values: ArrayLike, width: int, height: int) -> list[str]:
+    """A line through values (N,) as rows of braille letters; every column of dots spans the values that fall into it.
+
+    >>> braille([0.0, 1.0, 2.0, 3.0], 2, 1)
+    ['⡠⠊']
+
+    Args:
+        values: NaN leaves a gap.
+        width: letters in a row.
+        height: rows.
+    """
+    y = np.asarray(values, dtype=float)
+    low, high = (float(f(y)) for f in (np.nanmin, np.nanmax))
+    levels, columns = 4 * height, min(2 * width, max(len(y), 1))
+    span = high - low or 1.0
+    rows = (levels - 1) - np.rint((np.nan_to_num(y, nan=low) - low) / span * (levels - 1)).astype(int)
+    dots: NDArray[np.bool_] = np.zeros((levels, 2 * width), dtype=bool)
+    edges = np.linspace(0, len(y), columns + 1).astype(int)
+    places = np.linspace(0, 2 * width - 1, columns).astype(int)
+    for k, place in enumerate(places):
+        part = slice(edges[k], max(edges[k + 1], edges[k] + 1))
+        known = rows[part][np.isfinite(y[part])]
+        if len(known):
+            dots[known.min() : known.max() + 1, place] = True
+    letters = (dots.reshape(height, 4, width, 2) * _DOTS[None, :, None, :]).sum(axis=(1, 3))
+    return ["".join(chr(_BLANK + int(bits)) for bits in row) for row in letters]
+
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
 NAMED = 3

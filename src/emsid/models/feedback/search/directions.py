@@ -30,7 +30,7 @@ from emsid.models.feedback.coordinates import coordinates, whitened
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.kernels import LoopSignals, MapSlopes, pushed
 from emsid.models.feedback.model import FeedbackModel, slopes_along
-from emsid.models.interpolation import interpolated
+from emsid.models.input_path import interpolated
 from emsid.models.one_channel import Segments
 from emsid.selection.improvement import schwarz_gain
 

@@ -37,10 +37,10 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import coordinates, rows_of
+from emsid.models.feedback.equations import Pair
 from emsid.models.feedback.fitting import Found, FreeRun, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.trials import SearchData, Trial
-from emsid.models.feedback.sharing import Pair
 from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]

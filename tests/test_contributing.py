@@ -14,6 +14,7 @@ import pytest
 
 import emsid
 from emsid.excitation import SIGNALS
+from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES
 from emsid.io import READERS
 from emsid.models.blocks.static_maps import STATIC_MAPS
@@ -21,6 +22,7 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.regression import transforms
 from emsid.plant.friction import FRICTION_LAWS
 from emsid.report.views.sections import VIEWS, model_section
+from emsid.wording import CATALOGUE, Severity, sentence, severity
 
 TEXT = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
 SECTIONS = dict(re.findall(r"^### An? (.+?)\n(.*?)(?=^### |\Z)", TEXT, re.MULTILINE | re.DOTALL))
@@ -30,7 +32,7 @@ LONGEST = 15
 @pytest.fixture(autouse=True)
 def registries():
     """What the snippets register is gone after each test."""
-    tables = (READERS, SIGNALS, STATIC_MAPS, FRICTION_LAWS, PLANTS, CANDIDATES.given)
+    tables = (CATALOGUE, READERS, SIGNALS, STATIC_MAPS, FRICTION_LAWS, PLANTS, CANDIDATES.given)
     before = [dict(table) for table in tables]
     yield
     for table, entries in zip(tables, before, strict=True):
@@ -65,7 +67,7 @@ def responding(samples: int = 600, curve=lambda u: u) -> emsid.Record:
 def test_everything_of_the_plan_is_there_and_short():
     assert set(SECTIONS) == {
         "file format", "test signal", "static map", "regressor transform", "friction law", "plant", "kind of model",
-        "view of the report",
+        "finding", "view of the report",
     }  # fmt: skip
     for what, text in SECTIONS.items():
         (code,) = re.findall(r"```\w+\n(.*?)```", text, re.DOTALL)
@@ -157,3 +159,10 @@ def test_a_view_of_the_report():
     section = model_section(emsid.fit(emsid.arx(1, 1), record), record)
     (figure,) = (each for each in section.figures if each.name == "arx-estimates")
     np.testing.assert_allclose(figure.plots[0].marks[0].y, [0.4, 0.8], rtol=1e-6)
+
+
+def test_a_finding():
+    done("finding")
+    hot = Finding("motor-hot", "winding", {"most": 404.0, "unit": "K", "share": 0.04})
+    assert sentence(hot) == "winding reaches 404 K in 4 % of the samples; let it cool."
+    assert severity(hot) is Severity.WARNING

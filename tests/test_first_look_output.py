@@ -67,7 +67,7 @@ def test_distortion_is_drawn_over_frequency(write: Write) -> None:
     frequencies = {mark.label: set(np.rint(2 * mark.x).astype(int)) for mark in points}
     assert frequencies["at frequencies of the input"] == set(range(1, 20, 2))
     assert {k % 2 for k in frequencies["even distortion"]} == {0}
-    assert frequencies["odd distortion"] == set(range(21, 56, 2))
+    assert frequencies["odd distortion"] == set(range(21, 58, 2))  # up to three times the highest one
     assert all(np.median(mark.y) > 3 * np.median(noise.y) for mark in points)
     assert np.median(noise.y) == pytest.approx(0.01 * 2 / np.sqrt(200) / 2, rel=0.3)  # of the mean of four periods
     assert distortion_figure(describe(write({"t": T, "u": U, "y": Y}))) is None

@@ -225,6 +225,26 @@ def test_modes_are_exported_with_their_intervals(tmp_path: Path) -> None:
     assert (tmp_path / "two" / "axis_modes.csv").read_text().startswith("kind,frequency [Hz],damping [1]\n")
 
 
+def test_a_report_has_the_modes_of_a_linear_model_and_its_poles_with_intervals() -> None:
+    from emsid.report.views.sections import model_section
+
+    rng = np.random.default_rng(82_000)
+    u = rng.standard_normal(3000)
+    y = emsid.simulate(axis(), u).output[:, 0]
+    record = Record(u, y + 0.02 * y.std() * rng.standard_normal(3000), DT)
+    fit = emsid.fit(emsid.state_space(3), record, free_run=True)
+    section = model_section(fit, record)
+    (table,) = (each for each in section.tables if each.header[0] == "mode")
+    found = emsid.modes(fit)
+    assert [row[0] for row in table.rows] == list(found.kind)
+    np.testing.assert_allclose([float(row[1]) for row in table.rows], found.frequency, rtol=1e-3)
+    assert all(float(row[2]) > 0 for row in table.rows)
+    (figure,) = (each for each in section.figures if each.name == "state-space-poles")
+    assert "95 % intervals" in figure.caption
+    first_order = emsid.fit(emsid.arx(1, 1), record)
+    assert all(each.header[0] != "mode" for each in model_section(first_order, record).tables)
+
+
 def test_a_fitted_state_space_is_exported_in_modal_form() -> None:
     """One with a noise model as well: its C code has blocks of two states."""
     rng = np.random.default_rng(81_000)

@@ -114,6 +114,12 @@ def _check_period(u: Array, period: int) -> None:
         )
 
 
+def whole_periods(x: Array, period: int) -> Array:
+    """(P, period, n) the whole periods at the end of a signal (N,) or (N, n)."""
+    count = len(x) // period
+    return x[len(x) - count * period :].reshape(count, period, -1)
+
+
 def settled_periods(y: Array, period: int) -> int:
     """How many whole periods at the end of an output (N,) or (N, ny) are in steady state: all, or all but the first.
 
@@ -121,8 +127,8 @@ def settled_periods(y: Array, period: int) -> int:
         y: at least one period.
         period: in samples.
     """
-    count = len(y) // period
-    blocks = y[len(y) - count * period :].reshape(count, period, -1)
+    blocks = whole_periods(y, period)
+    count = len(blocks)
     return count - (count > 1 and any(_begins_unsettled(blocks[:, :, k]) for k in range(blocks.shape[2])))
 
 

@@ -1,12 +1,11 @@
 """How nonlinear the data are, before a nonlinear model is fitted.
 
 Where a multisine is repeated, its periods separate noise from distortion: the noise differs between periods, the
-distortion does not, and stands at frequencies that the input does not have (Pintelon and Schoukens). Even distortion
-stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise the coherence between input and
-output shows it, and the test of `dependence`.
+distortion does not, and stands at frequencies that the input does not have (`estimation.frequency.periodic`). Even
+distortion stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise the coherence between
+input and output shows it, and the test of `dependence`.
 
 References:
-    Pintelon, R., and Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed., chapter 4.
     Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed., section 6.1: coherence.
 
 Whether the residual of a linear model depends on nonlinear functions of the input, in noise of any colour.
@@ -43,9 +42,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
+from emsid.estimation.frequency.periodic import best_linear
 from emsid.estimation.linear.filtering import coherence, filtered, spectrum
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES, autoregression
-from emsid.excitation.periods import period_of
+from emsid.excitation.periods import period_of, settled_periods, whole_periods
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.examined import Response
@@ -255,7 +255,8 @@ class Distortion:
 
     Attributes:
         periods: how many were averaged.
-        amplitude: (F,) of the mean period, in the unit of the output.
+        amplitude: (F,) of the mean period, in the unit of the output; without input, of what no linear relation
+            explains.
         noise: (F,) the standard deviation of these amplitudes by noise.
         excited: (F,) whether the input has this frequency.
         band: (F,) whether it is at most three times the highest frequency of the input.
@@ -306,22 +307,19 @@ def distortion(u: Array, y: Array, period: int) -> Distortion | None:
 
     Args:
         u, y: (N,) input and output.
-        period: in samples; the first period is left out as transient where there are three or more.
+        period: in samples; the first period is left out where it is a transient.
     """
-    count = len(u) // period
-    periods = np.reshape(y[len(y) - count * period :], (count, period))
-    inputs = np.reshape(u[len(u) - count * period :], (count, period))
-    if count >= FEW:
-        periods, inputs = periods[1:], inputs[1:]
-    count = len(periods)
-    drive = np.abs(np.fft.rfft(inputs.mean(axis=0)))[1:]
-    lines = 2 / period * np.fft.rfft(periods, axis=1)[:, 1:]
-    mean = lines.mean(axis=0)
-    variance = np.mean(np.abs(lines - mean) ** 2, axis=0) / (count - 1)  # of the mean of the periods
-    excited = drive > 1e-4 * drive.max()
-    band = np.arange(len(drive)) <= 3 * np.flatnonzero(excited)[-1]
-    found = Distortion(count, np.abs(mean), np.sqrt(variance), excited, band)
-    if not np.any(mean[excited]) or np.count_nonzero(band & ~excited) < 4:
+    count = settled_periods(y, period)
+    inputs, outputs = (whole_periods(each[:, None], period)[-count:] for each in (u, y))
+    linear = best_linear([inputs], [outputs], [inputs])
+    if linear.scatter is None:
+        return None
+    amplitude, noise = 2 / period * np.abs(linear.output[0, :, 0]), 2 / period * np.sqrt(linear.scatter[:, 0])
+    excited = np.zeros(len(amplitude), dtype=bool)
+    excited[linear.lines - 1] = True
+    band = np.arange(1, len(amplitude) + 1) <= 3 * linear.lines[-1]
+    found = Distortion(count, amplitude, noise, excited, band)
+    if not np.any(amplitude[excited]) or np.count_nonzero(band & ~excited) < 4:
         return None
     return found if found.levels()["noise"] <= EXPLAINS else None
 

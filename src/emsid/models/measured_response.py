@@ -13,7 +13,7 @@ from emsid.arguments import as_names
 from emsid.errors import DataError, listed
 from emsid.estimation.frequency.arbitrary import NEIGHBOURS, half_width, local_polynomials, shared, welch
 from emsid.estimation.frequency.periodic import best_linear
-from emsid.excitation.periods import period_of, settled_periods
+from emsid.excitation.periods import period_of, settled_periods, whole_periods
 from emsid.record import Record
 from emsid.record.frequency_response import FrequencyResponse
 
@@ -114,7 +114,7 @@ def _periodic(r: Signals, u: Signals, y: Signals, closed: bool, period: int | No
     if min(map(len, u)) < size:
         raise DataError(f"a segment is shorter than the period of {size} samples")
     settled = [settled_periods(each, size) for each in y]
-    parts = [[whole(each, size)[-count:] for each, count in zip(x, settled, strict=True)] for x in (u, y, r)]
+    parts = [[whole_periods(each, size)[-count:] for each, count in zip(x, settled, strict=True)] for x in (u, y, r)]
     found = best_linear(parts[0], parts[1], parts[2])
     how = "robust" if found.total is not None and found.even is None else "fast"
     many = f"{len(u)} experiments of {min(settled)} periods"
@@ -127,12 +127,6 @@ def _periodic(r: Signals, u: Signals, y: Signals, closed: bool, period: int | No
         "realisations": max(len(u) // u[0].shape[1], 1),
         "method": f"periodic, {many}" if found.total is None else f"{how} method, {many}",
     }
-
-
-def whole(x: Array, period: int) -> Array:
-    """(P, period, n) the whole periods at the end of a signal (N, n)."""
-    count = len(x) // period
-    return x[len(x) - count * period :].reshape(count, period, -1)
 
 
 def _polynomial(r: Signals, u: Signals, y: Signals, closed: bool, window: int | None, dt: float) -> dict[str, Any]:

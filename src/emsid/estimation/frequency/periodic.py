@@ -55,6 +55,9 @@ class BestLinear:
         total: (F, ny, nu) variance by noise and distortion; None where neither more experiments than inputs nor lines
             without input show it.
         even: (F, ny, nu) variance by even distortion, of the fast method.
+        output: (M, L, ny) the mean output of every experiment at all L multiples of the lowest frequency; at lines that
+            are not excited, less what the response explains.
+        scatter: (L, ny) the variance by noise of these means; None for one period.
     """
 
     lines: NDArray[np.intp]
@@ -62,6 +65,8 @@ class BestLinear:
     noise: Array | None
     total: Array | None
     even: Array | None
+    output: Complex
+    scatter: Array | None
 
 
 def best_linear(inputs: Sequence[Array], outputs: Sequence[Array], references: Sequence[Array]) -> BestLinear:
@@ -112,7 +117,8 @@ def best_linear(inputs: Sequence[Array], outputs: Sequence[Array], references: S
     elif (found := _detected(mean, noise, lines)) is not None:
         odd, even = (levels(each) for each in found)
         total = odd if np.all((lines + 1) % 2) else odd + even
-    return BestLinear(lines + 1, g, None if noise is None else levels(noise[lines]), total, even)
+    mean[:, lines] = mean_y[:, lines]
+    return BestLinear(lines + 1, g, None if noise is None else levels(noise[lines]), total, even, mean, noise)
 
 
 def _excited(r: Complex) -> NDArray[np.intp]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from emsid.errors import EmsidError
 from emsid.estimation.borders import border
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.report.document import Figure, Section, Table
-from emsid.report.numbers import sentence, slug
+from emsid.report.numbers import estimate, number, sentence, slug
 from emsid.report.views.bands import regression_friction, static_map
 from emsid.report.views.front import parameter_table, regressor_column
 from emsid.wording import Spelling, as_python
@@ -72,7 +75,47 @@ class Parts:
 
 
 def _of_equation(fit: Fit[Any], record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
-    return Parts((fit.model.equation(),), (parameter_table(fit, columns=regressor_column(fit)),))
+    tables = [parameter_table(fit, columns=regressor_column(fit))]
+    oscillating = mode_table(fit)
+    if oscillating is None:
+        return Parts((fit.model.equation(),), tuple(tables))
+    return Parts((fit.model.equation(),), (*tables, oscillating), (partial(_poles, fit, prefix),))
+
+
+def mode_table(fit: Fit[Any]) -> Table | None:
+    """Resonances and antiresonances of a linear model with 95 % intervals; None without any."""
+    from emsid.validation.analysis import modes
+
+    if not getattr(fit.model, "is_linear", True):
+        return None
+    try:
+        found = modes(fit)
+    except EmsidError:  # no linear part
+        return None
+    if not len(found):
+        return None
+
+    def cells(value: float, error: float) -> tuple[str, str]:
+        return (
+            (estimate(value, HALF_WIDTH * error), number(HALF_WIDTH * error))
+            if isfinite(error)
+            else (number(value), "–")
+        )
+
+    columns = zip(found.kind, found.frequency, found.frequency_error, found.damping, found.damping_error, strict=True)
+    rows = tuple(
+        (kind, *cells(f, f_error), *cells(100 * ratio, 100 * error)) for kind, f, f_error, ratio, error in columns
+    )
+    head = ("mode", "frequency, Hz", "±", "damping, %", "±")
+    return Table(head, rows, f"Modes of {fit.model.name}.", "± is half of the 95 % interval.")
+
+
+def _poles(fit: Fit[Any], prefix: str) -> Figure:
+    """Its poles with their 95 % intervals."""
+    from emsid.report.views.analysis import poles_and_zeros
+    from emsid.validation.analysis import pole_map
+
+    return replace(poles_and_zeros([pole_map(fit)], [fit.model.name]), name=f"{prefix}-poles")
 
 
 def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:

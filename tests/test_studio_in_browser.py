@@ -742,14 +742,15 @@ def test_a_dataset_is_dragged_to_what_it_is_used_for(page: Page) -> None:
     page.post("edit", {"files": (names := page.state()["step"]["files"])})
     page.open("data")
     page.find(".group li", 2)
-    drags: list[Any] = []
-    page.browser.execute_cdp_cmd("Input.setInterceptDrags", {"enabled": False})
     for kind, list_ in (("unseen", "unseen_files"), ("not used", "other_files"), ("to fit", "files")):
-        item = page.find(f".group li:has([aria-label='Use {names[1]}'])")
-        ActionChains(page.browser, 100).drag_and_drop(item, page.find(f"[aria-label='Data {kind}']")).perform()
-        page.until(lambda list_=list_: names[1] in page.state()["step"][list_], 10)
-        drags.append(list_)
-        page.until(lambda kind=kind: names[1] in page.find(f"[aria-label='Data {kind}']").text, 10)
+
+        def moved(kind: str = kind, list_: str = list_) -> bool:
+            if names[1] not in page.state()["step"][list_]:
+                item = page.find(f".group li:has([aria-label='Use {names[1]}'])")
+                ActionChains(page.browser, 100).drag_and_drop(item, page.find(f"[aria-label='Data {kind}']")).perform()
+            return names[1] in page.find(f"[aria-label='Data {kind}']").text
+
+        page.until(moved)
     assert page.state()["step"]["files"] == names
 
 

@@ -1,7 +1,7 @@
 // Compare: any models on any data. Models and data are chosen on the left, the views of all of them are overlaid on the right.
 import { binary, get, question, save, unpack, upload } from "./api.js";
 import { attempt, button, el, field, labelled, number, select, table, tabs, withUnit } from "./dom.js";
-import { Chart, Group, color, figures } from "./plot.js";
+import { Chart, Group, color, faint, figures } from "./plot.js";
 import { copy } from "./main.js";
 
 const VIEWS = { runs: "Free run", residual: "Residuals", correlation: "Correlation", step: "Step", impulse: "Impulse", bode: "Bode", poles: "Poles", curves: "Friction and maps", parameters: "Parameters" };
@@ -130,10 +130,10 @@ async function runs(place, models, numbers, data, pane, current, view) {
     const add = (title, part, height, more) => {
       const box = el("div", { class: "plot" });
       place.append(box);
-      return new Chart(box, { y: { title: withUnit(title, unit) }, curves: [...more, ...curves], load: load(part), group, height: Math.max(Math.floor(height) - 50, 120), label: `${title} over time` });
+      return new Chart(box, { y: { title: withUnit(title, unit) }, curves: [...more, ...curves], load: load(part), group, height: Math.max(Math.floor(height) - 50, 170), label: `${title} over time` });
     };
-    if (view === "runs") add(name, "runs", each * 0.65, [{ label: "measured", color: color(null), width: 1.8 }]);
-    add(`residual of ${name}`, "left", each * (view === "runs" ? 0.35 : 1), []);
+    if (view === "runs") add(name, "runs", each * 0.6, [{ label: "measured", color: faint(), width: 4 }]);
+    add(`residual of ${name}`, "left", each * (view === "runs" ? 0.4 : 1), []);
   }
   const rows = found.rows.map((row) => [label(numbers.find((model) => model.id === row.id)), row.fit === null ? "diverges" : `${row.fit.toFixed(2)} %`, number(row.rmse), `${row.parameters}`, row.data]);
   place.append(table({ header: ["Model", "Fit of the free run", "RMSE", "Parameters", "Data"], rows, caption: `Free run on ${data.file}` }));

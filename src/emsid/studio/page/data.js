@@ -85,7 +85,8 @@ function datasets(app) {
   const groups = Object.entries(KINDS).map(([kind, title]) => {
     const items = app.state.step[kind].map((name) => {
       const current = chosen(app).file === name, record = app.state.records.find((each) => each.file === name);
-      return el("li", { draggable: true, class: current ? "current" : "", ondragstart: (event) => event.dataTransfer.setData("text/plain", name) },
+      return el("li", { draggable: true, class: current ? "current" : "", ondragend: () => app.hold(false),
+        ondragstart: (event) => { event.dataTransfer.setData("text/plain", name); app.hold(true); } },
         button(name, () => { app.file = name; app.draw(); }, { "aria-pressed": `${current}`, class: "plain" }),
         el("span", { class: "quiet" }, record.samples ? `${record.samples.toLocaleString("en")} samples` : ""),
         select(`Use ${name}`, kind, Object.entries(KINDS), (value) => assign(name, value)),
@@ -252,7 +253,8 @@ function plots(place, app, record, names) {
   const spans = () => [...marks().map((mark) => ({ ...mark, strong: mark.kind === mine.marked })), ...(split() === null ? [] : [{ kind: "unseen", first: split(), last: record.last }])];
   tools(place, app, record, group, names);
   const some = mine.overlay ? [names] : names.map((name) => [name]);
-  const height = Math.max(150, Math.floor((place.clientHeight - 110) / Math.max(some.length, 1)) - 45);
+  const used = [...place.children].reduce((sum, each) => sum + each.offsetHeight + 12, 0);
+  const height = Math.max(150, Math.floor((place.clientHeight - used - 60) / Math.max(some.length, 1)) - 45);
   const charts = some.filter((each) => each.length).map((columns) => {
     const box = el("div", { class: "plot" });
     place.append(box);

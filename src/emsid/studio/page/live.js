@@ -51,13 +51,15 @@ export function stage(app) { return [`${live.start?.source} ${live.start?.parame
 function build(place, app) {
   const status = el("p", { role: "status" }), below = el("div"), group = new Group([0, 1]);
   const boxes = [0, 1, 2].map(() => el("div", { class: "plot" }));
-  place.append(status, ...boxes, below);
+  const hint = el("p", { class: "quiet" }, "Name a serial port, a network address or a file on the left and press Follow: output, input and parameters with their intervals are drawn here, with an alarm where the system changes.");
+  place.append(status, ...(live.start ? boxes : [hint]), below);
+  if (!live.start) boxes.forEach((box) => { box.hidden = true; place.append(box); });
   const names = live.start?.parameters ?? [], [out, into] = [live.start?.output, live.start?.inputs?.[0]];
-  const title = (channel, otherwise) => (channel ? withUnit(channel.name, channel.unit) : otherwise), room = Math.max(420, place.clientHeight - 120);
+  const title = (channel, otherwise) => (channel ? withUnit(channel.name, channel.unit) : otherwise), room = Math.max(420, place.clientHeight - 190);
   const output = new Chart(boxes[0], { y: { title: title(out, "output") }, group, height: Math.floor(room * 0.38), label: "Output over time", curves: [{ label: "output", color: color(null), width: 1.6 }, { label: "predicted", color: color(1) }] });
   const input = new Chart(boxes[1], { y: { title: title(into, "input") }, group, height: Math.floor(room * 0.24), label: "Input over time", curves: [{ label: "input", color: color(0) }] });
   const parameters = names.length ? new Chart(boxes[2], { y: { title: "Parameters ± 95 %" }, group, height: Math.floor(room * 0.38), label: "Parameters over time",
-    curves: names.flatMap((label, k) => [{ label, color: color(k), width: 1.8 }, { label: `${label} low`, color: color(k), width: 0.8, dash: "dotted" }, { label: `${label} high`, color: color(k), width: 0.8, dash: "dotted" }]) }) : null;
+    curves: names.flatMap((label, k) => [{ label, color: color(k), width: 1.8 }, { label: `${label} low`, color: color(k), width: 0.8, dash: "dotted", quiet: true }, { label: `${label} high`, color: color(k), width: 0.8, dash: "dotted", quiet: true }]) }) : null;
   const column = (k) => live.rows.map((row) => row[k]);
   show = () => {
     const seconds = (performance.now() - live.came) / 1000, { last } = live;

@@ -28,8 +28,14 @@ function go(part) {
   draw();
 }
 
+// What is dragged stays where it is until it is dropped.
+let held = false, late = false;
+app.hold = (on) => { held = on; if (!on && late) draw(); };
+
 // The settings are drawn anew; the plots only where something else is to be seen.
 function draw() {
+  late = held;
+  if (held) return;
   const { state } = app, part = PARTS[app.part];
   fill(at("tabs"), tabs("", NAMES, app.part, go, "tab").map((tab) => { tab.setAttribute("aria-controls", "panel"); return tab; }));
   at("panel").setAttribute("aria-labelledby", `tab-${app.part}`);

@@ -5,6 +5,8 @@ import { el } from "./dom.js";
 
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const color = (k) => (k === null ? style("--quiet") : style(`--s${k % 6}`));
+// A measurement lies below the models that follow it closely, and is wider.
+export const faint = () => `color-mix(in srgb, ${style("--quiet")} 45%, ${style("--paper")})`;
 const INKS = { BLUE: "--quiet", RED: "--s1", NAVY: "--s0", ORANGE: "--s3", GREEN: "--s2", PURPLE: "--s4", GREY: "--quiet", BLACK: "--ink" };
 const SHADES = { gap: "--edge", outlier: "--s1", saturation: "--s3", standstill: "--s2", jitter: "--s5", unseen: "--s4", selection: "--accent" };
 const DASHES = { dashed: [7, 4], dotted: [2, 3], "dash-dotted": [8, 3, 2, 3] };
@@ -59,13 +61,13 @@ export class Chart {
         { ...axis, label: y.title, labelSize: 18, size: 62, space: 26, values: (u, v) => ticks(v, y.log) }],
       series: [{ label: x.title ?? "Time [s]", value: (u, v) => (v === null ? "–" : Number(v.toPrecision(7))) },
         ...(curves.length ? curves : [{}]).map((curve) => ({ label: curve.label, stroke: curve.color, width: curve.width ?? 1.3, dash: DASHES[curve.dash], spanGaps: false,
-          show: curves.length > 0, points: { show: false }, value: (u, v) => (v === null || v === undefined ? "–" : `${Number(v.toPrecision(5))}`) }))],
+          show: curves.length > 0, class: curve.quiet ? "off" : undefined, points: { show: false }, value: (u, v) => (v === null || v === undefined ? "–" : `${Number(v.toPrecision(5))}`) }))],
       hooks: { drawClear: [() => this.shade()], draw: [() => this.marks.length && this.draw()] },
     }, [extent ? this.xr : [], ...(curves.length ? curves : [0]).map(() => (extent ? [null, null] : []))], place);
     place.tabIndex = 0;
     place.setAttribute("role", "group");
     place.setAttribute("aria-label", label ?? y.title ?? "plot");
-    if (marks.length) place.append(legend(marks, (mark) => this.ink(mark)));
+    if (marks.length) place.append(legend(marks.filter((mark) => !(mark.ink in inks)), (mark) => this.ink(mark)));  // models have one of their own
     place.addEventListener("keydown", (event) => this.key(event));
     this.pointer(this.plot.over);
     this.observer = new ResizeObserver(() => { if (Math.abs(this.plot.width - this.width) > 4) { this.plot.setSize({ width: this.width, height }); this.show(); } });

@@ -1,7 +1,7 @@
 // Use: one model with sliders and an input that is chosen or drawn, exports, and what is made of it.
 import { binary, get, question, save, unpack } from "./api.js";
 import { attempt, button, details, drafts, el, field, labelled, number, select, table, withUnit } from "./dom.js";
-import { Chart, Group, color, figures } from "./plot.js";
+import { Chart, Group, color, faint, figures } from "./plot.js";
 import { adder, dataChoice, dataset, label } from "./compare.js";
 
 const chosen = { file: null, part: null }, input = { kind: "own", amplitude: null, duration: null, input: 0, output: 0, points: [] };
@@ -88,11 +88,11 @@ async function build(place, app, model) {
   const time = el("span", { class: "quiet" }), canvas = el("canvas", { class: "draw", width: 1000, height: 140, hidden: input.kind !== "drawn", "aria-label": "Draw the input here", role: "img" });
   const upper = el("div", { class: "plot" }), lower = el("div", { class: "plot" });
   place.append(el("h2", {}, `${label(model)}: free run`, " ", time), canvas, upper, lower);
-  const [inputs, outputs] = [state.about?.inputs, state.about?.outputs], room = Math.max(320, place.clientHeight - (input.kind === "drawn" ? 260 : 100));
+  const [inputs, outputs] = [state.about?.inputs, state.about?.outputs], room = Math.max(320, place.clientHeight - (input.kind === "drawn" ? 310 : 150));
   const group = new Group([0, 1]);
   const name = (list, k, otherwise) => (list?.[k] ? withUnit(...list[k]) : otherwise);
   const output = new Chart(upper, { y: { title: name(outputs, input.output, "output") }, group, height: Math.floor(room * 0.62), label: "Output over time",
-    curves: [{ label: "measured", color: color(null), width: 1.8 }, { label: "simulated", color: color(model.number) }] });
+    curves: [{ label: "measured", color: faint(), width: 4 }, { label: "simulated", color: color(model.number) }] });
   const given = new Chart(lower, { y: { title: name(inputs, input.input, "input") }, group, height: Math.floor(room * 0.38), label: "Input over time", curves: [{ label: "input", color: color(0) }] });
   let busy = false, again = false;
   state.play = async () => {

@@ -836,6 +836,17 @@ def test_a_running_source_is_followed_with_parameters_and_alarms(page: Page, ses
         page.says("4000 samples")
         rows = page.browser.execute_script(CELLS)
         page.picture("live")
+        plot = page.find("[aria-label='Output over time']")
+
+        def shown() -> list[float]:
+            return [float(word) for word in str(plot.get_attribute("aria-description")).split()[1::2]]
+
+        first, last = shown()
+        plot.send_keys("+")
+        zoomed = pytest.approx([first + (last - first) / 4, last - (last - first) / 4], rel=1e-4)
+        page.until(lambda: shown() == zoomed)
+        time.sleep(1.5)  # it is drawn anew every second, and stays where it is
+        assert shown() == zoomed
         page.press("Stop")
         page.says("the source has ended")
         alarms = page.text()

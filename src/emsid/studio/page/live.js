@@ -69,7 +69,9 @@ function build(place, app) {
     status.className = live.lost || live.problem ? "problem" : "";
     if (live.rows.length > 1) {
       const t = column(0);
-      group.ends = group.range = [t[0], t.at(-1)];
+      const follows = `${group.range}` === `${group.ends}`;  // a part that was zoomed to stays, until 0 or a double click
+      group.ends = [t[0], t.at(-1)];
+      if (follows) group.range = group.ends;
       const low = thinned(t, [column(1), column(2)], output.width), drive = thinned(t, [column(3)], input.width);
       output.put([low.t, ...low.rows]);
       input.put([drive.t, ...drive.rows]);

@@ -62,7 +62,8 @@ export class Chart {
       series: [{ label: x.title ?? "Time [s]", value: (u, v) => (v === null ? "–" : Number(v.toPrecision(7))) },
         ...(curves.length ? curves : [{}]).map((curve) => ({ label: curve.label, stroke: curve.color, width: curve.width ?? 1.3, dash: DASHES[curve.dash], spanGaps: false,
           show: curves.length > 0, class: curve.quiet ? "off" : undefined, points: { show: false }, value: (u, v) => (v === null || v === undefined ? "–" : `${Number(v.toPrecision(5))}`) }))],
-      hooks: { drawClear: [() => this.shade()], draw: [() => this.marks.length && this.draw()] },
+      hooks: { setScale: [(u, key) => key === "x" && place.setAttribute("aria-description", `from ${Number(u.scales.x.min?.toPrecision(6))} to ${Number(u.scales.x.max?.toPrecision(6))}`)],
+        drawClear: [() => this.shade()], draw: [() => this.marks.length && this.draw()] },
     }, [extent ? this.xr : [], ...(curves.length ? curves : [0]).map(() => (extent ? [null, null] : []))], place);
     place.tabIndex = 0;
     place.setAttribute("role", "group");

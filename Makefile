@@ -56,7 +56,7 @@ coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_feedback.py 300
 	cd tests && ../$(BIN)/python coverage_grey_box.py 300
 	cd tests && ../$(BIN)/python coverage_settings.py 300
-	cd tests && ../$(BIN)/python coverage_brushless.py 100
+	cd tests && ../$(BIN)/python coverage_brushless.py 100 10kHz
 	$(BIN)/pytest -m long
 
 # What lint, pages and tests need, so that no installation runs beside them.

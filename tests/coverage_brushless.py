@@ -4,9 +4,9 @@
 
 The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
 20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
-the dead time; ``switched`` has the ripple of the carrier, too. Of ``1kHz``, every tenth reading, the voltages in
-between are not known, so that an interval that is given anyway is counted there, too.
-`make coverage` runs 100 records each; the test suite runs a few of them.
+the dead time; ``switched`` has the ripple of the carrier, too, which bends the law of dead time. Of ``1kHz``, every
+tenth reading, the voltages in between are not known. `make coverage` runs 100 records of ``10kHz``. The intervals of
+the other two are too short today: run them to see by how much.
 """
 
 from __future__ import annotations

@@ -204,7 +204,9 @@ def test_phases_of_a_file_become_columns_of_the_axes(tmp_path: Path) -> None:
     log = driven(DRIVE, 2, 0.1)
     at = DRIVE.pairs * log.angle[:, None] - 2 * np.pi / 3 * np.arange(3)
     table = {f"v{name}": log.v_d * np.cos(phi) - log.v_q * np.sin(phi) for name, phi in zip("abc", at.T, strict=True)}
-    table |= {f"i{name}": log.i_d * np.cos(phi) - log.i_q * np.sin(phi) for name, phi in zip("ab", at.T[:2], strict=True)}
+    table |= {
+        f"i{name}": log.i_d * np.cos(phi) - log.i_q * np.sin(phi) for name, phi in zip("ab", at.T[:2], strict=True)
+    }
     table |= {"theta": np.rad2deg(np.mod(log.angle, 2 * np.pi)), "erpm": log.speed * DRIVE.pairs * 60 / (2 * np.pi)}
     given = {
         "input": ["v_d", "v_q", "rotor"], "output": ["i_d", "i_q", "erpm"], "dt": log.period, "rotor_angle": "theta",
@@ -230,6 +232,20 @@ def test_the_frame_and_the_delay_of_an_inverter_are_found() -> None:
     fit = emsid.fit(emsid.plants.brushless(), driven(DRIVE, 4, 0.3).record())
     plant = fit.model.plant
     assert (plant.held_in, plant.delay, plant.advance) == ("stator", DRIVE.period, DRIVE.advance * DRIVE.period)
+
+
+def test_a_log_with_the_rotor_held_shows_the_winding_and_says_what_it_does_not_show() -> None:
+    rng, n = np.random.default_rng(5), 1500
+    wanted = np.repeat(rng.uniform(-6, 6, (n // 100, 2)), 100, axis=0)
+    drive = Switched(switched=False)
+    log = on_switched(drive, wanted[:, 0], wanted[:, 1], np.full(n, np.nan), 3, locked=True)
+    fit = emsid.fit(emsid.plants.brushless(), log.record("i_d i_q"))
+    for name in ("resistance", "inductance_d", "inductance_q"):
+        assert fit[name].value == pytest.approx(getattr(drive, name), rel=0.01)
+    rows = {row.name: row for row in fit.table}
+    assert all(rows[name].status is emsid.plants.Status.KEPT for name in ("flux", "inertia"))
+    (said,) = (each for each in fit.findings if each.code == "not-identifiable")
+    assert {"flux", "inertia"} <= {*said.data["parameters"]}
 
 
 def constants(text: str) -> dict[str, float]:

@@ -199,7 +199,8 @@ class Brushless(Plant):
         """Electrical constants, inertia, friction, what has an effect besides, and all harmonics."""
         level = f"friction.{self.friction.parameters[0].name}"
         usual = ("resistance", "inductance_d", "inductance_q", "flux", "inertia", "viscous_friction", level)
-        more = tuple(name for name in ("dead_time_voltage", "heating", "cooling", "gravity.torque") if self.value(name))
+        usual = (*usual, "dead_time_voltage")
+        more = tuple(name for name in ("heating", "cooling", "gravity.torque") if self.value(name))
         return (*usual, *more, *(name for name in self.handles if name.startswith(("cogging.", "torque_ripple."))))
 
     @property

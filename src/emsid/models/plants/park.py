@@ -28,8 +28,8 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-TURNING = 0.5
-"""A convention is wrong where more than this part of the mean square is in what turns, and less in another one."""
+MORE = 4.0
+"""A convention is wrong where the means over a turn keep this many times as much of the mean square in another one."""
 
 
 def park(
@@ -145,16 +145,16 @@ def _check(
     samples = int(np.clip(np.ceil(2 * pi / max(turned, 1e-12)), 2, max(len(theta) // 4, 2)))
     whole = len(theta) // samples * samples
     for letter, abc in measured.items():
-        left = {}
+        kept = {}
         for way, factor in ways.items():
             found = axes(abc, theta * factor - offset)[:whole]
             means = found.reshape(-1, samples, 2).mean(axis=1)
-            left[way] = 1.0 - float(np.mean(means**2) / max(np.mean(found**2), 1e-300))
-        best = min(left, key=lambda way: left[way])
-        if pairs > 1 and left[given] > TURNING > left[best]:
+            kept[way] = float(np.mean(means**2) / max(np.mean(found**2), 1e-300))
+        best = max(kept, key=lambda way: kept[way])
+        if pairs > 1 and kept[best] > MORE * kept[given]:
             raise DataError(
-                f"{label}: in the frame of an angle that is {given}, {100 * left[given]:.3g} % of {letter} turn within "
-                f"{samples} samples; of one that is {best}, {100 * left[best]:.3g} %; correct the angle, or say which "
-                "it is",
+                f"{label}: in the frame of an angle that is {given}, means over {samples} samples keep "
+                f"{100 * kept[given]:.3g} % of the power of {letter}; of one that is {best}, {100 * kept[best]:.3g} %; "
+                "correct the angle, or say which it is",
                 arguments=("electrical_angle", "pole_pairs"),
             )

@@ -1,10 +1,11 @@
 // Requests to the server, relative to the address of the page, which contains the token.
 
-// The state that is shown, and the version that the page's own changes have made since.
-const shown = { state: null, version: null };
+// The state that is shown, and the version that the page's own changes have made since. Of answers that overtake each
+// other the newest counts, except `anew`: after a refusal, and from a server that is back and counts from 0.
+const shown = { state: null, version: null, anew: true };
 
 async function checked(response) {
-  if (response.status === 409) window.dispatchEvent(new Event("stale"));
+  if (response.status === 409) { shown.anew = true; window.dispatchEvent(new Event("stale")); }
   if (!response.ok) throw new Error(await response.text() || `the server answered ${response.status}`);
   return response;
 }
@@ -14,6 +15,7 @@ async function ask(path, options) {
     return await checked(await fetch(`api/${path}`, options));
   } catch (problem) {
     if (!(problem instanceof TypeError)) throw problem;
+    shown.anew = true;
     window.dispatchEvent(new Event("gone"));
     throw new Error("the server does not answer");
   }
@@ -21,7 +23,9 @@ async function ask(path, options) {
 
 export async function get(path) {
   const found = await (await ask(path)).json();
-  if (path === "state") { shown.state = found; shown.version = found.version; }
+  if (path !== "state") return found;
+  if (!shown.anew && found.version < shown.version) return shown.state;
+  Object.assign(shown, { state: found, version: found.version, anew: false });
   return found;
 }
 
@@ -78,7 +82,7 @@ export function unpack(buffer, first, withEnds) {
 // "gone" that the server does not answer.
 export function events(onMessage, onReturn, onGone) {
   const name = `emsid ${location.pathname}`, others = new BroadcastChannel(name);
-  const take = (message) => (message === null ? onReturn() : message === "gone" ? onGone() : onMessage(message));
+  const take = (message) => (message === null ? (shown.anew = true, onReturn()) : message === "gone" ? onGone() : onMessage(message));
   const pass = (message) => { take(message); others.postMessage(message); };
   others.onmessage = (event) => take(event.data);
   let waited = true, lost = false;

@@ -13,11 +13,14 @@ const COPIES = { "copy-command": "command", "copy-python": "script" };
 const at = (id) => document.getElementById(id);
 const hash = () => (location.hash.slice(1) in PARTS ? location.hash.slice(1) : "data");
 export const app = { state: null, catalogue: null, part: hash(), known: {}, go, draw, refresh, stage: at("stage") };
-let built = null, close = () => {};
+let built = null, close = () => {}, asked = 0, taken = 0;
 
 async function refresh() {
   app.catalogue ??= await get("catalogue");
-  app.state = await get("state");
+  const mine = ++asked, state = await get("state");
+  if (mine < taken) return;  // a later answer came before
+  taken = mine;
+  app.state = state;
   at("gone").hidden = true;
   draw();
 }

@@ -31,9 +31,10 @@ from emsid.exports.assumptions import refuse_assumed
 from emsid.exports.firmware import crossover
 from emsid.exports.verb import c_name
 from emsid.io.files import indented_json, write_new
-from emsid.models.plants.brushless import Brushless
 from emsid.models.verbs import as_model
 
+WINDING = ("resistance", "inductance_d", "inductance_q")
+"""The parameters of a winding with two axes."""
 HELD = 0.5
 """Holding a voltage over a sample delays it by half of it."""
 HALVINGS = 14
@@ -108,9 +109,10 @@ def current_control(
     (819, [0.0737, 0.0983])
     """
     subject: Any = as_model(model)
-    if not isinstance(getattr(subject, "plant", None), Brushless):
+    values = getattr(subject, "parameter_values", dict)()
+    if not {*WINDING} <= values.keys():
         raise ModelError(f"{subject.name} has no current loop of its own here; identify brushless", arguments=("loop",))
-    step = dt if dt is not None else subject.plant.delay
+    step = dt if dt is not None else values["delay"]
     for name, value in (("dt", step), ("bandwidth", bandwidth)):
         if value is not None and not (isfinite(value) and value > 0):
             raise ModelError(f"{name} {value!r}; give a positive number", arguments=(name,))
@@ -123,9 +125,7 @@ def current_control(
     check_identified(model)
     refuse_assumed(model if isinstance(model, Fit) else None, "control", assume)
     region = models_of_region(model, seed)
-    r, d, q = np.array([
-        [each.plant.resistance, each.plant.inductance_d, each.plant.inductance_q] for each in region
-    ]).T  # fmt: skip
+    r, d, q = np.array([[each.parameter_values()[name] for name in WINDING] for each in region]).T
     late = (CURRENT_DELAY + HELD) * step
 
     def tried(wanted: float) -> tuple[float, Margins]:
@@ -135,8 +135,7 @@ def current_control(
     high = pi / step if bandwidth is None else 2 * pi * bandwidth
     found = tried(high)
     if not found[1].hold(LEAST):
-        low, high = high / 1000.0, np.log(high)
-        low = np.log(low)
+        low, high = np.log(high / 1000.0), np.log(high)
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if tried(float(np.exp(middle)))[1].hold(LEAST) else (low, middle)

@@ -504,28 +504,33 @@ def test_keys_alone_lead_from_an_example_to_a_view(page: Page) -> None:
     page.open("data")
     page.says("Or begin with an example")
 
-    def reach(name: str) -> Any:
-        """Move the focus with Tab until it is on a control."""
+    def focused() -> list[str | None]:
+        """The names of the control that has the focus; it may be drawn anew meanwhile."""
+        found = page.browser.switch_to.active_element
+        return [found.get_attribute("aria-label"), found.get_attribute("value"), found.text]
+
+    def reach(name: str, key: str) -> None:
+        """Move the focus with Tab until it is on a control, and press a key there."""
         for _ in range(150):
             ActionChains(page.browser).send_keys(Keys.TAB).perform()
-            found = page.browser.switch_to.active_element
-            if name in (found.get_attribute("aria-label"), found.get_attribute("value"), found.text):
-                return found
+            if name in page.until(focused):
+                ActionChains(page.browser).send_keys(key).perform()
+                return
         raise AssertionError(f"{name} is not reached")
 
-    reach("motor with a dead zone").send_keys(Keys.ENTER)
+    reach("motor with a dead zone", Keys.ENTER)
     page.find(".uplot", 2)
-    reach("Data").send_keys(Keys.ARROW_RIGHT)
-    reach("arx").send_keys(Keys.SPACE)
+    reach("Data", Keys.ARROW_RIGHT)
+    reach("arx", Keys.SPACE)
     page.until(lambda: page.state()["step"]["models"] == ["arx"])
     page.until(lambda: page.browser.switch_to.active_element.get_attribute("value") == "arx")  # it is where it was
     page.browser.execute_script("document.getElementById('tab-models').focus()")
-    reach("Fit").send_keys(Keys.ENTER)
+    reach("Fit", Keys.ENTER)
     finished(page)
     page.find("#stage .card table")
-    reach("Models").send_keys(Keys.ARROW_RIGHT)
+    reach("Models", Keys.ARROW_RIGHT)
     page.find("#shown .uplot", 2)
-    reach("Free run").send_keys(Keys.END)
+    reach("Free run", Keys.END)
     page.find("#shown > .legend")
     assert page.browser.switch_to.active_element.text == "Parameters"
 

@@ -262,8 +262,14 @@ class Routes:
         return path
 
     def _window(self, content: Mapping[str, Any]) -> bytes:
-        given = typed(READ, content.get("given", {}))
-        signals = self.studio.data.signals(self.studio.session.step, {**content, "given": given})
+        """A window of signals; an empty one with what is typed and cannot be used, or not yet."""
+        try:
+            given = typed(READ, content.get("given", {}))
+            signals = self.studio.data.signals(self.studio.session.step, {**content, "given": given})
+        except EmsidError:
+            if "given" in content:
+                return bytes(4)
+            raise
         return packed(signals, float(content["from"]), float(content["to"]), int(content["width"]))
 
     def _shown(self, request: Request, content: Any) -> Response:

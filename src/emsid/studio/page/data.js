@@ -263,9 +263,8 @@ function plots(place, app, record, names) {
       const window = async (more) => unpack(await binary("window", { file: record.file, columns, from: a, to: b, width, ...more }), a);
       const now = await window({}), rows = [...now.rows];
       for (const more of others()) {
-        let found = null;
-        try { found = more && await window(more); } catch { /* what is typed is not complete */ }
-        rows.push(...columns.map((_, k) => (found ? aligned(found.t, found.rows[k], now.t) : now.t.map(() => null))));
+        const found = more ? await window(more) : null;  // empty where what is typed is not complete
+        rows.push(...columns.map((_, k) => (found?.rows.length ? aligned(found.t, found.rows[k], now.t) : now.t.map(() => null))));
       }
       return { t: now.t, rows };
     };

@@ -37,6 +37,7 @@ from emsid.studio.server import POLICY, SMALL, Messages, application, last_door,
 from emsid.studio.session import Session
 from emsid.studio.studio import Studio
 from emsid.studio.use import input_of
+from emsid.study.demonstration import EXAMPLES
 from emsid.wording import CATALOGUE
 
 TOKEN = "token-of-the-test"
@@ -697,6 +698,36 @@ def test_a_correction_of_a_long_file_does_not_wait_for_its_look(
     assert client.post("api/undo").status_code == 200
     assert studio.data.reading(studio.session.step, "log.csv").get("mask") is None
     assert state(client)["records"][0]["samples"] == 400
+
+
+def test_the_reading_with_which_an_example_opens_is_that_of_its_first_look(tmp_path: Path) -> None:
+    for example in EXAMPLES:
+        emsid.write_record(example.record(), tmp_path / f"{example.name}.csv")
+        look = emsid.describe(tmp_path / f"{example.name}.csv")
+        assert (look.reading, look.mends) == (example.reading, {})
+
+
+def test_a_long_file_opens_with_a_look_at_an_excerpt_and_is_looked_at_in_another_process(
+    opened: tuple[TestClient, Studio], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, studio = opened
+    monkeypatch.setattr("emsid.studio.data.LONG", 100)
+    monkeypatch.setattr("emsid.studio.data.EXCERPT", 800)
+    monkeypatch.setattr("emsid.studio.data.PAUSE", 0.0)
+    content = table(4000).splitlines()
+    content[3005] = content[3005].rpartition(b",")[0] + b",900.0"
+    client.post("api/files?name=log.csv", content=b"\n".join(content))
+    first = look(client)
+    assert (first["looking"], "of which" in first["caption"]) == (True, True)
+    assert state(client)["records"][0]["samples"] == 3999  # an excerpt has the extremes; the outlier is left out
+    until = time.monotonic() + 120
+    while look(client)["looking"]:
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    whole = emsid.describe(studio.session.path("log.csv"))
+    found = look(client)
+    assert "of which" not in found["caption"]
+    assert [each["code"] for each in found["findings"]] == [each.code for each in whole.findings]
 
 
 def test_views_overlay_models_of_runs_and_of_files_in_their_colours(fitted: tuple[TestClient, Studio]) -> None:

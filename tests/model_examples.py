@@ -232,6 +232,11 @@ ALL: dict[str, Model] = {
     **dict(feedback()),
     **dict(plants()),
 }
+EXPORTED: dict[str, Model] = {
+    **{name: model for name, model in ALL.items() if not isinstance(model, TransferFunction)},
+    **dict(joints()),
+}
+"""What the tests of exports run in another language."""
 
 
 def inputs(seed: int = 0, samples: int = SAMPLES) -> Array:

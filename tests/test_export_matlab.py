@@ -12,23 +12,11 @@ from scipy.io import loadmat
 
 import emsid
 from emsid.exports.matlab_source import translated
-from model_examples import (
-    DT,
-    cascades,
-    feedback,
-    inputs,
-    joints,
-    plants,
-    polynomials,
-    processes,
-    regressions,
-    state_spaces,
-)
+from model_examples import DT, EXPORTED, feedback, inputs, plants
 
 MODELS: dict[str, Any] = {
     name: model
-    for kind in (regressions, state_spaces, polynomials, processes, cascades, feedback, plants, joints)
-    for name, model in kind()
+    for name, model in EXPORTED.items()
     if not any(word in name for word in ("user", "own plant", "elastic"))
 }
 needs_octave = pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")

@@ -262,9 +262,11 @@ def test_a_log_of_a_can_bus_needs_a_database(
     with pytest.raises(FormatError, match="give the DBC file of the bus") as refused:
         emsid.read(log, input="u", output="y")
     assert refused.value.arguments == ("dbc",)
-    if suffix == ".asc":  # one in a process of its own is enough for a test
-        monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    here = (packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    if suffix == ".asc":
+        monkeypatch.setattr(*here)
     columns = read_columns(log, dbc=dbc)
+    monkeypatch.setattr(*here)  # one in a process of its own is enough for a test
     assert set(columns.series) == {"u", "Command.State", "y", "Motor.State", "time", "y.time"}
     np.testing.assert_allclose(columns.series["y"], np.round(Y[::2], 1), atol=1e-9)
     record = emsid.read(log, input="u", output="y", dbc=dbc)  # at the times of the output; the input is held

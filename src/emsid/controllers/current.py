@@ -109,7 +109,7 @@ def current_control(
     (819, [0.0737, 0.0983])
     """
     subject: Any = as_model(model)
-    values = getattr(subject, "parameter_values", dict)()
+    values: dict[str, float] = getattr(subject, "parameter_values", dict)()
     if not {*WINDING} <= values.keys():
         raise ModelError(f"{subject.name} has no current loop of its own here; identify brushless", arguments=("loop",))
     step = dt if dt is not None else values["delay"]

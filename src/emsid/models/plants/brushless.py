@@ -198,8 +198,8 @@ class Brushless(Plant):
     def default_free(self) -> tuple[str, ...]:
         """Electrical constants, inertia, friction, what has an effect besides, and all harmonics."""
         level = f"friction.{self.friction.parameters[0].name}"
-        usual = ("resistance", "inductance_d", "inductance_q", "flux", "inertia", "viscous_friction", level)
-        usual = (*usual, "dead_time_voltage")
+        electrical = ("resistance", "inductance_d", "inductance_q", "flux")
+        usual = (*electrical, "inertia", "viscous_friction", level, "dead_time_voltage")
         more = tuple(name for name in ("heating", "cooling", "gravity.torque") if self.value(name))
         return (*usual, *more, *(name for name in self.handles if name.startswith(("cogging.", "torque_ripple."))))
 

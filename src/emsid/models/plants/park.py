@@ -115,7 +115,7 @@ def transformed(
     Raises:
         DataError: where another convention fits much better.
     """
-    whole = np.unwrap(theta)
+    whole: Array = np.asarray(np.unwrap(theta), dtype=np.float64)
     measured = {letter: _three(values) for letter, values in phases.items()}
     _check(label, measured, whole, pole_pairs, electrical, offset)
     phase = whole * (1 if electrical else pole_pairs) - offset

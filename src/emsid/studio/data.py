@@ -393,7 +393,7 @@ class Data:
         reading, leader = self.reading(step, name), self._leader(step, name)
         given = step["given"].get(name, {}) if leader == name else reading
         before, look = self._latest(name, given)
-        notes = [
+        notes: list[dict[str, Any]] = [
             {
                 "code": finding.code,
                 "text": sentence(finding, field_name),

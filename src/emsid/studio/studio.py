@@ -13,6 +13,8 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import emsid
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.borders import border
@@ -128,7 +130,7 @@ class Studio:
         with suppress(EmsidError):
             self.state()
             filtered([1.0], [1.0], [1.0])
-            some = [0.0, 1.0] * 50
+            some = np.tile([0.0, 1.0], 50).astype(np.float64)
             emsid.Record(some, some, 1.0, output_units=("rpm",)).in_si().lowpass(0.1)
 
     def change(self, on: int, step: Mapping[str, Any], **values: Any) -> dict[str, int]:

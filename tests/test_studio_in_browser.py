@@ -179,6 +179,8 @@ class Page:
 
         def typed() -> bool:
             field = self.browser.find_element(By.CSS_SELECTOR, f"[aria-label='{label}']")
+            if not field.is_displayed():  # its section came after the others were opened
+                self.open_all()
             field.send_keys(Keys.CONTROL + "a" + Keys.NULL, text, Keys.TAB)  # clearing it would be a change of its own
             return True
 
@@ -539,9 +541,13 @@ def test_drafts_scroll_and_zoom_survive_what_another_page_does(page: Page) -> No
     page.post("files?name=log.csv", body=table())
     page.open("data")
     page.find(".uplot", 2)
-    page.open_all()
-    field = page.find("[aria-label='Filter [Hz]']")
-    field.send_keys("12")
+
+    def typed() -> bool:
+        page.open_all()  # once the look is there, which has the field
+        page.browser.find_element(By.CSS_SELECTOR, "[aria-label='Filter [Hz]']").send_keys("12")
+        return True
+
+    page.until(typed)
     page.browser.execute_script("document.getElementById('side').scrollTop = 200")
     page.find(".plot").send_keys("+")
     page.find("[aria-label='Filter [Hz]']").click()

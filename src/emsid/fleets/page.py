@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from emsid.estimation.uncertainty.intervals import HALF_WIDTH
-from emsid.fleets.spread import Series, long_enough, reasons
+from emsid.fleets.spread import Change, Outlier, Series, long_enough, reasons
 from emsid.fleets.verb import Fleet
 from emsid.fleets.work import FleetRow
 from emsid.report.document import (
@@ -94,7 +94,8 @@ def _named(result: Fleet) -> str:
     """The motors that differ or have changed, with the parameters in which they do; nothing where it was not tested."""
     parts, explained = [], {(each.motor, name) for each in result.causes for name in each.parameters}
     plural = {"differs from the others": "differ from the others", "has changed": "have changed"}
-    for found, (what, tested) in zip((result.outliers, result.changes), result.tested.items(), strict=True):
+    named: tuple[Sequence[Outlier | Change], ...] = result.outliers, result.changes
+    for found, (what, tested) in zip(named, result.tested.items(), strict=True):
         of: dict[str, list[str]] = {}
         for cause in result.causes if found is result.outliers else ():
             of[cause.motor] = [FACTORS[cause.causes[0]]]

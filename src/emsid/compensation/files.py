@@ -1,9 +1,8 @@
-"""The files of a compensation: the C of the model, the C of its inverse beside it, and a README.
+"""The files of a compensation: the C of the model, the C of its inverse, and a README.
 
-A compensation as C99, beside the form of the model: ``NAME_compensation.h`` and ``NAME_compensation.c``.
-
-The functions have no state. They are the same expressions as `Compensation`; in double precision they give its numbers.
-The inverse of a static map is a table, interpolated linearly, whose error at the middles of its intervals is stated.
+The inverse is in ``NAME_compensation.h`` and ``NAME_compensation.c``, beside the files of the model. Its functions have
+no state. They are the same expressions as `Compensation`; in double precision they give its numbers. The inverse of a
+static map is a table, interpolated linearly, whose error at the middles of its intervals is stated.
 """
 
 from __future__ import annotations

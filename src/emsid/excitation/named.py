@@ -1,27 +1,18 @@
-"""Test signals by name, with defaults for everything but their size.
+"""Test signals as functions, and by name in `SIGNALS`, with defaults for everything but their size.
 
-The defaults excite one band: from one cycle in the record to a twentieth of the sampling frequency, where a drive that
-is sampled fast enough still responds.
+`prbs` and `amplitude_modulated_prbs` switch between two or many levels at times from a shift register. `chirp` is a
+swept sine; `staircase` and `ramp` change slowly and show static curves and break-away.
 
-Sweeps, staircases and ramps: deterministic test signals.
-
-References:
-    Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
-    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
-
-Binary and multilevel noise from a shift register.
-
-The bits s(t+n) = ⊕ₑ s(t+e), e the lower exponents of a primitive polynomial of degree n over GF(2), pass through all
-2ⁿ − 1 states but zero [Golomb]. Squaring over GF(2) only doubles exponents, p(x)² = p(x²), so that the recursion also
-holds with every lag times 2, 4, 8, … A few array operations, each on a block as long as the bits known so far,
-therefore replace the bit-by-bit loop.
+The defaults of `SIGNALS` excite one band: from one cycle in the record to a twentieth of the sampling frequency, where
+a drive that is sampled fast enough still responds.
 
 References:
-    Golomb, S. W. (1967). Shift Register Sequences.
-    Stahnke, W. (1973). Primitive binary polynomials. Mathematics of Computation 27, 977–980.
     Godfrey, K. (1993). Perturbation Signals for System Identification.
-    Nelles, O. (2001). Nonlinear System Identification.
+    Golomb, S. W. (1967). Shift Register Sequences.
     Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
+    Nelles, O. (2001). Nonlinear System Identification.
+    Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
+    Stahnke, W. (1973). Primitive binary polynomials. Mathematics of Computation 27, 977–980.
 """
 
 from __future__ import annotations
@@ -105,7 +96,13 @@ def amplitude_modulated_prbs(
 
 
 def _shift_register(order: int, length: int, start: int | None) -> NDArray[np.uint8]:
-    """(length,) bits of the maximal-length register, see the docstring of the module."""
+    """(length,) bits of the maximal-length register.
+
+    The bits s(t+n) = ⊕ₑ s(t+e), e the lower exponents of a primitive polynomial of degree n over GF(2), pass through
+    all 2ⁿ − 1 states but zero [Golomb]. Squaring over GF(2) only doubles exponents, p(x)² = p(x²), so that the
+    recursion also holds with every lag times 2, 4, 8, … A few array operations, each on a block as long as the bits
+    known so far, therefore replace the bit-by-bit loop.
+    """
     if order not in PRIMITIVE_POLYNOMIALS:
         raise DataError(f"no shift register of order {order}; give 2 … {max(PRIMITIVE_POLYNOMIALS)}")
     exponents = PRIMITIVE_POLYNOMIALS[order]

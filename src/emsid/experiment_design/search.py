@@ -1,16 +1,18 @@
-"""The search for a test signal: the best sections, and then sections near them.
+"""The search for a test signal: the best sections of a library, and then sections near them.
 
-The information of an experiment is nearly the sum of that of its sections, as each begins and ends at rest. For a
-fixed number of sections, an exchange (Fedorov, *Theory of Optimal Experiments*, 1972) puts in the place of each the one
-of the library that lowers the criterion most, until no exchange does. Then sections near the chosen ones are tried.
-With relative parameters the criteria of the wanted ones are
+**Sections.** A test signal is put together from sections, short pieces from rest to rest. A section is a shape, its
+size and its number of cycles. Every shape has no mean, so that a plant that is alike in both directions returns to
+where it began, and ends with a pause in which it stops.
+
+**The search.** The information of an experiment is nearly the sum of that of its sections, as each begins and ends at
+rest. For a fixed number of sections, an exchange puts in the place of each the one of the library that lowers the
+criterion most, until no exchange does. Then sections near the chosen ones are tried. With relative parameters the
+criteria of the wanted ones are
 
     A:  trace of their covariance,           D:  logarithm of its determinant.
 
-Sections of a test signal: short pieces from rest to rest, from which a design is put together.
-
-A section is a shape, its size and its number of cycles. Every shape has no mean, so that a plant that is alike in both
-directions returns to where it began, and ends with a pause in which it stops.
+References:
+    Fedorov, *Theory of Optimal Experiments* (1972), on the exchange.
 """
 
 from __future__ import annotations
@@ -78,7 +80,7 @@ SHAPES: tuple[Callable[[Array], Array], ...] = (triangle, square, steps, stairs,
 
 @dataclass(frozen=True)
 class Section:
-    """A section.
+    """A short piece of a test signal, from rest to rest.
 
     Attributes:
         shape: of one cycle.

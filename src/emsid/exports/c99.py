@@ -4,15 +4,15 @@ The state is a struct of the caller. ``NAME_init`` puts it into the steady state
 the inputs of a sample and gives its outputs: the same statements and, in double precision, the same numbers as
 `emsid.start`.
 
-Recursive least squares in C for the structure of a regression: ``NAME_rls.h`` and ``NAME_rls.c`` beside the model.
-
-The state is the triangular factor of the information, as `emsid.estimation.linear.information` has it: R and z with
+**Recursive least squares.** For the structure of a regression, ``NAME_rls.h`` and ``NAME_rls.c`` estimate its
+parameters sample by sample. Their state is the triangular factor of the information, as
+`emsid.estimation.linear.information` has it: R and z with
 
     [R z]  ←  the triangle of  [√λ·[R z]; φᵀ y]
 
-by p Givens rotations for a sample, which never form the covariance, so that rounding cannot make it indefinite; this is
-what single precision needs. The parameters are θ = R⁻¹z. They begin at those of the model, R = √w·I: the weight w says
-how many samples with regressors of size one they are worth.
+by p Givens rotations for a sample. The covariance is never formed, so rounding cannot make it indefinite, which is what
+single precision needs. The parameters are θ = R⁻¹z. They begin at those of the model, R = √w·I: the weight w says how
+many samples with regressors of size one they are worth.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ void NAME_rls_parameters(const NAME_rls_state *s, real theta[])
 
 
 def recursive(export: Export, *, single: bool, macros: Any, helpers: Any) -> Files:
-    """The two files.
+    """The header and the source of recursive least squares for the structure of a regression.
 
     Args:
         export: the model.

@@ -1,12 +1,7 @@
-"""What the checks of a record share: its first input and output, how one answers the other, and a linear model of them.
+"""What the checks of a record share: its first input and output, and how one answers the other.
 
-All of it is found without outliers of the output, a few of which hide everything else.
-
-A slow change of an output that its input does not explain.
-
-The dynamics of a linear model are those of the record without its trends, so that no slow pole follows the drift. Gain,
-offset and slope are then fitted together: a step of the input is a part of a trend, too. There is no drift where a
-linear model without one is as good, as of a system that integrates.
+A linear model describes the answer; a drift is what its input does not explain (`drift_of`). All of it is found without
+outliers of the output, a few of which hide everything else.
 """
 
 from __future__ import annotations
@@ -50,7 +45,11 @@ class Drift(NamedTuple):
 
 
 def drift_of(record: Record, linear: Baseline | None, changing: Baseline | None) -> Drift | None:
-    """The drift of the first output; None where there is none.
+    """The drift of the first output, a slow change that its input does not explain; None where there is none.
+
+    The dynamics are those of a linear model of the record without its trends, so that no slow pole follows the drift.
+    Gain, offset and slope are then fitted together, because a step of the input is a part of a trend, too. There is no
+    drift where a linear model without one is as good, as of a system that integrates.
 
     Args:
         record: with an output.

@@ -2,14 +2,6 @@
 
 A model of a sensor that stood still is a model of something else. These samples are left out of every identification,
 as the command that `emsid describe` proposes leaves them out, and a finding says so.
-
-Whether an output that stays at one value is stuck, and not at rest.
-
-At a steady input an output may stay at one value, more so a quantised one, and friction or a dead zone holds it while
-the input changes a little. A linear model of the other rows answers that change by no more than it is wrong elsewhere,
-since the same friction acts there. An output is stuck where the model's answer is far larger. At zero, where a drive
-rests, the input must also be larger most of the time than where the output rests elsewhere, and than a part of where
-it moves.
 """
 
 from __future__ import annotations
@@ -35,7 +27,13 @@ AT_REST, IN_MOTION = 95, 25
 
 
 def is_stuck(u: Array, y: Array, stretch: Stretch) -> bool:
-    """Whether the output should have changed in a stretch in which it did not.
+    """Whether the output should have changed in a stretch in which it did not, and was not at rest.
+
+    At a steady input an output may stay at one value, more so a quantised one, and friction or a dead zone holds it
+    while the input changes a little. A linear model of the other rows answers that change by no more than it is wrong
+    elsewhere, since the same friction acts there. An output is stuck where the model's answer is far larger. At zero,
+    where a drive rests, the input must also be larger most of the time than where the output rests elsewhere, and than
+    a part of where it moves.
 
     Args:
         u: (N,) the input; NaN where it is not known.

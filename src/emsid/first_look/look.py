@@ -1,9 +1,8 @@
 """The first look at a file: what its columns hold, which are input, output and time, and how to read it.
 
 Everything that is not given is guessed, and every guess has a confidence. `FirstLook.reading` holds the arguments of
-`emsid.read` with which the file becomes a record.
-
-What columns that are neither input nor output may be: a load, a second output, a better sensor, a sign.
+`emsid.read` with which the file becomes a record. A column that is neither input nor output may be a load, a second
+output, a better sensor or a sign; findings name it.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """What the name of a column says about it: the quantity, and the unit in brackets or at its end.
 
-Names are divided into words: ``Motor_Speed(RPM)`` has the words *motor* and *speed* and the unit *rpm*, ``mVel`` the
-word *vel*, ``u11`` the word *u*.
+**Words.** Names are divided into words: ``Motor_Speed(RPM)`` has the words *motor* and *speed* and the unit *rpm*,
+``mVel`` the word *vel*, ``u11`` the word *u*.
 
-Names of columns in the logs of drives, one a line: name, quantity, what the numbers must be like, and their unit.
-
-A name is compared without its unit, its digits at the end and the groups before its last dot or slash, in small letters
-and with `_` for blanks. Names whose words say the same (`emsid.first_look.names`) are not listed. An entry counts only
-where the numbers of the column agree with it: an accumulated count of a VESC is whole, while a ``tachometer`` in volts
-is a speed.
+**Names of devices.** The logs of drives have names whose words do not say what they are. `_NAMES` lists them, one a
+line: the name, its quantity, what the numbers must be like, and their unit. Names whose words say the same are not
+listed. A name is compared without its unit, its digits at the end and the groups before its last dot or slash, in small
+letters and with ``_`` for blanks. An entry counts only where the numbers of the column agree with it: an accumulated
+count of a VESC is whole, while a ``tachometer`` in volts is a speed.
 """
 
 from __future__ import annotations

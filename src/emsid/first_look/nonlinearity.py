@@ -2,33 +2,32 @@
 
 Where a multisine is repeated, its periods separate noise from distortion: the noise differs between periods, the
 distortion does not, and stands at frequencies that the input does not have (`estimation.frequency.periodic`). Even
-distortion stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise the coherence between
-input and output shows it, and the test of `dependence`.
+distortion stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise two measures show it:
+the coherence between input and output (Bendat and Piersol, section 6.1), and a test of the residual of a linear model
+(`dependence`).
+
+**The test.** Whether the residual of a linear model depends on nonlinear functions of the input is an F test of two
+nested regressions of the residual: on straight functions S, which are the derivatives of the linear model by its
+coefficients, and on [S C] with curved ones C of the input and of the simulated output (Davidson and MacKinnon,
+section 6.7). If the system is linear, C explains no more of the residual than as many columns explain of noise.
+
+**Coloured noise.** The residual lasts long in slow systems, so its samples are not independent. Residual and columns
+are therefore filtered by an autoregression A(q) that whitens the noise (generalised least squares, Davidson and
+MacKinnon, section 7.4). The noise is what a regression leaves of the residual. A regression on [S C] also takes slow
+noise out of it, and one on S leaves a part of what is not noise. So both give an A(q), each is estimated again from
+what the filtered regression leaves, and the most likely is taken by the restricted likelihood, which allows for what
+the columns take out (Patterson and Thompson).
+
+**Noise that wanders.** The estimates of A(q) are stable, and near a root at one they are poor. Noise that wanders, as a
+random walk does, gives A(q) = (1 − q⁻¹)·B(q), where B(q) is estimated from differences. The constant in S is zero
+there. The restricted likelihood of the samples does not depend on the constant, so it is one of differences too, and
+both can be compared.
 
 References:
-    Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed., section 6.1: coherence.
-
-Whether the residual of a linear model depends on nonlinear functions of the input, in noise of any colour.
-
-It is the F test of two nested regressions of the residual: on straight functions S, which are the derivatives of the
-linear model by its coefficients, and on [S C] with curved ones C of the input and of the simulated output. If the
-system is linear, C explains no more of the residual than as many columns explain of noise.
-
-The residual lasts long in slow systems, so its samples are not independent. Residual and columns are therefore filtered
-by an autoregression A(q) that whitens the noise (generalised least squares). The noise is what a regression leaves of
-the residual. A regression on [S C] also takes slow noise out of it, and one on S leaves a part of what is not noise. So
-both give an A(q), each is estimated again from what the filtered regression leaves, and the most likely is taken by the
-restricted likelihood, which allows for what the columns take out.
-
-The estimates of A(q) are stable, and near a root at one they are poor. Noise that wanders, as a random walk does, gives
-A(q) = (1 − q⁻¹)·B(q), where B(q) is estimated from differences. The constant in S is zero there. The restricted
-likelihood of the samples does not depend on the constant, so it is one of differences too, and both can be compared.
-
-References:
-    Davidson, R., and MacKinnon, J. G. (2004). Econometric Theory and Methods, sections 6.7 (a test by regression of
-        the residual on derivatives) and 7.4 (feasible generalised least squares).
+    Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed.
+    Davidson, R., and MacKinnon, J. G. (2004). Econometric Theory and Methods.
     Patterson, H. D., and Thompson, R. (1971). Recovery of inter-block information when block sizes are unequal.
-        Biometrika 58, 545-554: the restricted likelihood.
+        Biometrika 58, 545–554.
 """
 
 from __future__ import annotations

@@ -1,19 +1,17 @@
 """The first look at several files: which of them belong together, and what they show together.
 
-Whether data suffice for a model is a question about all of its records: each may be one step, and all of them may show
-dead zone and friction well.
+**Systems.** Files of one logger may be of different motors. Files that are read alike are told apart by two signs
+together: other words above the header of the table, and another response. The response is compared by regressions of
+the output on past outputs, past inputs, hinges of the input and the sign of the speed, which allow for a dead zone and
+for friction: F is the growth of the residual where two records share their parameters. Two halves of one record show
+how large F is without a change of the system (Chow, 1960).
 
-Whether files that are read alike are of the same system.
-
-Files of one logger may be of different motors. They are told apart by two signs together: other words above the header
-of the table, and another response. The response is compared by regressions of the output on past outputs, past inputs,
-hinges of the input and the sign of the speed, which allow for a dead zone and for friction: F is the growth of the
-residual where two records share their parameters. Two halves of one record show how large F is without a change of the
-system (Chow, 1960).
+**Groups.** Whether data suffice for a model is a question about all of its records: each may be one step, and all of
+them may show dead zone and friction well.
 
 References:
     Chow, G. C. (1960). Tests of equality between sets of coefficients in two linear regressions. Econometrica 28(3),
-    591–605.
+        591–605.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
 """MAT files: version 4 to 7 by SciPy, and version 7.3, which is HDF5, by h5py.
 
 Both are parsed in a process of their own (see `emsid.io.sandbox`), because a damaged file can end the process that
-parses it. Objects of MATLAB's classes have a format of their own that neither library decodes;
-`emsid.io.mat` says how to save their numbers.
-
-What to write in MATLAB so that the numbers of an object can be read.
-
-MATLAB saves objects of its classes in a format that is not documented. One line of MATLAB makes arrays or a table of
-each that holds signals.
+parses it. MATLAB saves objects of its classes in a format that is not documented and that neither library decodes. For
+each object that holds signals, a message gives the line of MATLAB that makes a file of its numbers.
 """
 
 from __future__ import annotations

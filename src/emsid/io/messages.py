@@ -1,9 +1,11 @@
-"""Logs with a row for every message, as of a CAN bus: each row has values in the columns of its own message only.
+"""Logs in which the columns have times of their own: a row for every message, or a row for every value.
 
-Tables with a row for every value of every signal (``time,signal,value``), as loggers and databases export them.
+A log of a CAN bus has a row for every message, with values in the columns of that message only. It gets a clock for
+every message.
 
-Such a table becomes one with a row for every time and a column for every signal. Signals that were logged at times of
-their own have missing values in between, as in a table with a row for every message (`emsid.io.messages`).
+Loggers and databases export tables with a row for every value of every signal (``time,signal,value``). Such a table
+becomes one with a row for every time and a column for every signal. Signals that were logged at times of their own have
+missing values in between, as in a table with a row for every message.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Arguments of `emsid.read` that are given by column: which columns they may name.
+"""Arguments of `emsid.read` that are given by column: what they do to a column, and which they may name.
 
-The derivative of a measured signal, for records that contain a position instead of a speed.
-
-Columns moved by whole rows, as a logger needs that writes a command into the row after the one where it acts.
-
-Counters and angles that start again after a period, such as an encoder of 16 bits, made continuous.
+A counter or an angle that starts again after a period, such as an encoder of 16 bits, is made continuous. A column is
+moved by whole rows, as for a logger that writes a command into the row after the one where it acts. A signal is
+differentiated, for records that contain a position instead of a speed.
 """
 
 from __future__ import annotations

@@ -1,18 +1,17 @@
-"""Text tables: CSV, TSV, ``.dat``, as data loggers, spreadsheets and MATLAB write them.
+"""Text tables: CSV, TSV, ``.dat``, as data loggers, spreadsheets and MATLAB write them, and lines of a serial monitor.
 
-The dialect is recognised. Blank lines and lines that begin with ``#`` or ``%`` are ignored. The last of the other lines
-are always data; they give the separator (semicolon, tab, comma, blanks) and the number of columns. The data begin with
-the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
-has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
-the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
-monitor shows them, and the brackets of a list or a matrix are taken off (`emsid.io.table`). A last line that
-is cut off is left out (`emsid.io.cut_off`). What a column holds is recognised cell by cell (`emsid.io.cells`).
+**The dialect.** It is recognised from the lines. Blank lines and lines that begin with ``#`` or ``%`` are ignored. The
+last of the other lines are always data; they give the separator (semicolon, tab, comma, blanks) and the number of
+columns. The data begin with the first line of this width that contains a number and is followed by similar lines. The
+line above is the header if it has a name for every column (a row of units may stand between); the lines above it are
+the preamble. Without a header the columns are called ``c1``, ``c2``, …. A last line that is cut off is left out
+(`emsid.io.cut_off`). What a column holds is recognised cell by cell (`emsid.io.cells`).
 
-Lines of a serial monitor or of a log as rows of a table: ``12:00:00.010 -> PWM:120, speed:3.4 rad/s``.
-
-Boards print a label before each value, so that a plotter can name its curves, or a JSON object a line. Monitors print
-the time of day and an arrow before each line, logs a time, a level and the name of a part. The labels become the
-header, and the time becomes the first column. Rows of a list, ``[0.01, 12.0, 3.4]``, lose their brackets.
+**A serial monitor.** Its lines and those of a log, such as ``12:00:00.010 -> PWM:120, speed:3.4 rad/s``, first become
+rows of a table. Boards print a label before each value, so that a plotter can name its curves, or a JSON object a line.
+Monitors print the time of day and an arrow before each line, logs a time, a level and the name of a part. The labels
+become the header, and the time becomes the first column. Rows of a list, ``[0.01, 12.0, 3.4]``, and of a matrix lose
+their brackets.
 """
 
 from __future__ import annotations

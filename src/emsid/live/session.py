@@ -1,9 +1,8 @@
 """A session of tracking: what a receiver brings becomes a stream of messages, and in the end a record and a summary.
 
 Every message is a dictionary that JSON can hold, with a ``kind``: ``start``, ``estimate``, ``finding`` or ``end``
-(``docs/tracking.md``). The terminal and ``--json`` show these messages and nothing else.
-
-The estimate of a tracking session over time, in constant memory.
+(``docs/tracking.md``). The terminal and ``--json`` show these messages and nothing else. The session keeps the estimate
+over time in constant memory (`History`).
 """
 
 from __future__ import annotations

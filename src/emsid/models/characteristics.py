@@ -1,11 +1,10 @@
-"""Characteristics of a drive with intervals: gain, time constant, dead zone, friction.
+"""Characteristics of a drive with intervals: gain, time constant, natural frequency, dead zone, friction.
 
 A quantity q(θ) of the estimate has the variance ∇qᵀ·Σ·∇q to first order (the delta method).
 
-What poles of sampled models say in continuous time: time constants, natural frequencies and damping ratios.
-
-A pole z is s = ln(z)/T. A real one decays with the time constant −1/s; a pair of complex ones oscillates with the
-natural frequency ω₀ = |s| and the damping ratio ζ = −Re(s)/|s|, and has no time constant of its own.
+A pole z of a sampled model is s = ln(z)/T in continuous time. A real one decays with the time constant −1/s; a pair of
+complex ones oscillates with the natural frequency ω₀ = |s| and the damping ratio ζ = −Re(s)/|s|, and has no time
+constant of its own.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The way of an input into a model: delayed, and brought to the rate of the model's own steps.
-
-Band-limited interpolation of an input between its samples.
-"""
+"""The way of an input into a model: delayed, and held or interpolated to the rate of the model's own steps."""
 
 from __future__ import annotations
 

@@ -3,11 +3,8 @@
 A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may
 hold several *segments*, pieces without a gap. Masking bad samples and joining experiments both make segments. No
 lagged value, filter or simulation crosses a break between segments. Every function that identifies, validates, plots
-or exports takes one or several records and works segment by segment.
-
-Conversion of the channels of a record to other units.
-
-Trends, decimation and low-pass filters of the samples of one segment, (N, channels) each.
+or exports takes one or several records and works segment by segment. Trends are removed and samples decimated and
+filtered within each segment, (N, channels) at a time.
 """
 
 from __future__ import annotations

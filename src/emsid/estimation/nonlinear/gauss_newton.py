@@ -15,12 +15,25 @@ one for squares. `Information` reduces the rows [√w·J, −√w·r], experimen
 the damping enters as a prior of weight λD². Normal equations, which would square the condition number, are never
 formed, and a change of λ needs no new factorisation of length N. Where the step would leave the bounds, the small
 triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so the search reaches a bound exactly.
+`Box` holds the bounds of all parameters.
 
 **The damping.** With ϱ the ratio of actual to predicted reduction, a step is taken when ϱ > 0. λ is then
 multiplied by max(1/10, 1 − (2ϱ − 1)³), and otherwise by 2, 4, 8, … (Nielsen 1999). A trial point without a
 residual (an unstable filter, a simulation that overflowed) counts as a failed step; the next one is shorter.
 
-With ``accelerated``, damped steps follow the bend of a narrow valley (`acceleration`).
+**Acceleration.** Where few data distinguish two parameters, the minimum lies at the end of a narrow valley. A step
+along its tangent leaves it where it bends, so that the damping keeps all steps short, and a search uses up its steps
+before the minimum. With ``accelerated`` the damped steps follow the bend (`acceleration`). After a part s of a step p
+the residual is nearly r + Jp·s + ½r″s². The second derivative takes one residual more,
+
+    r″ = (2/h)·((r(θ + hp) − r(θ))/h − Jp),
+
+and gives the second part of the step that lowers the cost most,
+
+    q = −½(JᵀWJ + λD²)⁻¹ JᵀW r″,
+
+with the weights w on the diagonal of W. This is the geodesic acceleration of Transtrum & Sethna (2012). It is an
+extrapolation, of use only while q is small beside p.
 
 **The end.** The search has converged when the undamped step to the linearised minimum is shorter than
 ``tolerance`` standard errors, the relative offset of Bates & Watts (1981),
@@ -35,33 +48,13 @@ weight μ is chosen from every linearisation (`smoothing`). Intervals treat Rθ 
 they include the bias of a smooth curve (Nychka 1988).
 
 References:
-    Nychka, *Bayesian confidence intervals for smoothing splines*, JASA 83 (1988).
-    Nocedal, Wright, *Numerical Optimization*, 2nd ed., ch. 10. Dennis, Schnabel, *Numerical Methods for
-    Unconstrained Optimization and Nonlinear Equations*, ch. 10. Moré, *The Levenberg–Marquardt algorithm:
-    implementation and theory* (1978). Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
-    Bates, Watts, *A relative offset orthogonality convergence criterion for nonlinear least squares*,
-    Technometrics 23 (1981). Stark, Parker, *Bounded-variable least-squares*, Computational Statistics 10
-    (1995).
-
-The bend of a narrow valley, which damped Gauss–Newton steps follow.
-
-Where few data distinguish two parameters, the minimum lies at the end of a narrow valley. A step along its tangent
-leaves it where it bends, so that the damping keeps all steps short, and a search uses up its steps before the minimum.
-The residual along a step p is r + Jp·s + ½r″s², with the second derivative from one residual more,
-
-    r″ = (2/h)·((r(θ + hp) − r(θ))/h − Jp).
-
-The step that lowers it most has a second part,
-
-    q = −½(JᵀWJ + λD²)⁻¹ JᵀW r″,
-
-the geodesic acceleration of Transtrum and Sethna. It is an extrapolation, of use while q is small beside p.
-
-References:
-    Transtrum, Sethna, *Improvements to the Levenberg–Marquardt algorithm for nonlinear least-squares minimization*,
-    arXiv:1201.5885 (2012).
-
-The bounds within which a search varies its parameters.
+    Bates, Watts, *A relative offset orthogonality convergence criterion for nonlinear least squares*, Technometrics 23
+    (1981). Dennis, Schnabel, *Numerical Methods for Unconstrained Optimization and Nonlinear Equations* (1983), ch. 10.
+    Moré, *The Levenberg–Marquardt algorithm: implementation and theory* (1978). Nielsen, *Damping parameter in
+    Marquardt's method*, IMM-REP-1999-05 (1999). Nocedal, Wright, *Numerical Optimization*, 2nd ed. (2006), ch. 10.
+    Nychka, *Bayesian confidence intervals for smoothing splines*, JASA 83 (1988). Stark, Parker, *Bounded-variable
+    least-squares*, Computational Statistics 10 (1995). Transtrum, Sethna, *Improvements to the Levenberg–Marquardt
+    algorithm for nonlinear least-squares minimization*, arXiv:1201.5885 (2012).
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """What cascades of filters and static maps can do; see `emsid.models.capabilities`.
 
-A cascade in C: filters as statements, static maps as tables of polynomials between break points.
-
-The linear part of a cascade: its filters with the slopes of its maps at rest.
-
-Gain, time constants and dead zone of a cascade.
+Their characteristics are gain, time constants and dead zone, with intervals. Their linear part has the slopes at rest
+in place of the static maps. In C the filters are statements, and the static maps are tables of polynomials between
+break points.
 """
 
 from __future__ import annotations

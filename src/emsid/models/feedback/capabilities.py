@@ -1,6 +1,6 @@
 """What feedback models can do; see `emsid.models.capabilities`.
 
-A feedback model in C: its linear system as statements without zeros, its static maps as tables.
+In C the linear system is statements without zeros, and the static maps are tables.
 """
 
 from __future__ import annotations

@@ -1,10 +1,4 @@
-"""A feedback model as text: one equation for every signal.
-
-Signals of a feedback model that are multiples of one another.
-
-A force that adds to the input acts as the input does: its column of B_w and D_yw is a multiple of that of u. A spring
-depends on the position that is measured: its row of C_z and D_zu is a multiple of that of the output.
-"""
+"""A feedback model as text, one equation for every signal, and signals of it that are multiples of one another."""
 
 from __future__ import annotations
 
@@ -23,6 +17,9 @@ Pair = tuple[str, str]
 
 def shared_signals(name: str, matrix: Array, maps: int, shared: Iterable[Pair]) -> tuple[tuple[Pair, ...], Array]:
     """The pairs, earlier signals first, and M with the elements of the first of each made the closest multiple.
+
+    A force that adds to the input acts as the input does: its column of B_w and D_yw is a multiple of that of u. A
+    spring depends on the position that is measured: its row of C_z and D_zu is a multiple of that of the output.
 
     Args:
         name: of the model.

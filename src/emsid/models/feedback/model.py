@@ -20,22 +20,23 @@ can be identified if the input excites every map.
 **Sampling.** With ``oversampling`` L the model makes L steps per sample, because what a map gives varies between
 samples. The input is interpolated (band-limited) to L times the rate, or held over each sample, as a drive does.
 
-References:
-    Vanbeylen, *Nonlinear LFR block-oriented model: potential benefits and improved, user-friendly identification
-    method*, IEEE TIM 62 (2013). Schoukens, Tóth, *On the initialization of nonlinear LFR model identification with the
-    best linear approximation*, IFAC World Congress (2020). Paduart et al., *Identification of nonlinear systems using
-    polynomial nonlinear state space models*, Automatica 46 (2010).
+**Steady state.** A run under a constant input comes close to rest, and Newton steps complete it (`resting`).
 
-A sensor behind a feedback model: its curve is the first map, and a filter behind that has the last states.
+**Sensor.** A plant may have a sensor behind it that is curved, slow, or loses the sign. Its curve is the first map, and
+a filter behind that has the last states:
 
     the loop:      x(t+1) and z by x, u and w of the other maps
     the sensor:    s(t+1) and y by s and w₁ = f₁(z₁)
 
-The loop does not depend on the sensor, and the output depends on the loop through z₁ only, as in a plant whose sensor
-is curved, slow, or loses the sign. All other elements of M are zero, and a change of the state mixes those of the loop
-or those behind the sensor. So such a model has far fewer parameters than one whose maps may act everywhere.
+The loop does not depend on the sensor, and the output depends on the loop through z₁ only. All other elements of M are
+zero, and a change of the state mixes those of the loop or those behind the sensor. So such a model has far fewer
+parameters than one whose maps may act everywhere.
 
-The steady states of a feedback model: where a run under a constant input comes to rest.
+References:
+    Paduart et al., *Identification of nonlinear systems using polynomial nonlinear state space models*, Automatica 46
+    (2010). Schoukens, Tóth, *On the initialization of nonlinear LFR model identification with the best linear
+    approximation*, IFAC World Congress (2020). Vanbeylen, *Nonlinear LFR block-oriented model: potential benefits and
+    improved, user-friendly identification method*, IEEE TIM 62 (2013).
 """
 
 from __future__ import annotations

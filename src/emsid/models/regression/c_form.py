@@ -1,7 +1,4 @@
-"""A regression in C: one statement for each regressor.
-
-A regression sample by sample.
-"""
+"""A regression sample by sample: in Python, and in C with one statement for each regressor."""
 
 from __future__ import annotations
 

@@ -1,16 +1,7 @@
 """What regressions can do; see `emsid.models.capabilities`.
 
-A structure fitted by the method that its options ask for.
-
-Gain, time constants and friction of a regression with one input and one output.
-
-A regression near its rest at a constant input.
-
-A regression y(t) = Σ θⱼ φⱼ is linearised by the slopes of its regressors at rest, ∂φⱼ/∂y(t−k) and ∂φⱼ/∂u(t−k), so that
-
-    A(q) = 1 − Σⱼₖ θⱼ ∂φⱼ/∂y(t−k) q⁻ᵏ        B(q) = Σⱼₖ θⱼ ∂φⱼ/∂u(t−k) q⁻ᵏ
-
-Curves of a regression of one input at rest: its static map, and its friction.
+A structure is fitted by the method that its options ask for. A regression with one input and one output has gain, time
+constants and friction, with intervals; one of one input has curves at rest, its static map and its friction.
 """
 
 from __future__ import annotations
@@ -127,6 +118,11 @@ def _sum(model: Narx, regressors: dict[int, Regressor], x: Array) -> Array:
 
 def linearised(model: Narx, around: float) -> tuple[Array, Array, float]:
     """A (memory + 1,) and B (nu, memory + 1) of a regression in powers of q⁻¹ at its rest, and its output there.
+
+    A regression y(t) = Σ θⱼ φⱼ is linearised by the slopes of its regressors at rest, ∂φⱼ/∂y(t−k) and ∂φⱼ/∂u(t−k),
+    so that
+
+        A(q) = 1 − Σⱼₖ θⱼ ∂φⱼ/∂y(t−k) q⁻ᵏ        B(q) = Σⱼₖ θⱼ ∂φⱼ/∂u(t−k) q⁻ᵏ
 
     Raises:
         ModelError: where it does not come to rest at this input.

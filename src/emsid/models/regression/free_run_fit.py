@@ -11,29 +11,27 @@ For ARX this is the output-error model of the textbooks. The derivative is exact
 The outputs at the start of every segment are estimated too, unless there are many segments: measured ones carry noise,
 which a slow or lightly damped model would keep for long.
 
-The search starts from least squares. Where the free run of that estimate diverges or explains nothing, it goes from
-prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened. Signs of past
-outputs make the free run jump; a search that may begin again then uses `wide_differences` first, and so do those around
-its end.
+**The start.** The search starts from least squares. Where the free run of that estimate diverges or explains nothing,
+it goes from prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened.
 
-References:
-    Ljung, *System Identification*, 2nd ed., sec. 4.2 and 10.2. Piroddi, Spinelli, *An identification algorithm for
-    polynomial NARX models based on simulation error minimization*, International Journal of Control 76 (2003).
-
-Derivatives by differences over the uncertainty of an estimate, for residuals that jump.
-
-A free run with a jump inside, such as friction by the sign of a speed, jumps wherever the sign of a sample changes.
-Between such places its derivative is exact, and does not contain how the samples at which signs change move with θ. The
-cost has a minimum of its own in many of the pieces, and a search by this derivative ends in one of those near its
-start: estimates that are worse than their covariance says, as that is of a piece. Over a range in which many signs
-change, the mean derivative contains these moves. With J = U S Vᵀ and the standard deviation σ of the residual, one
-standard error in the direction wᵢ = Vᵢ/sᵢ is σ, and
+**Jumps.** A free run with a jump inside, such as friction by the sign of a speed, jumps wherever the sign of a sample
+changes. Between such places its derivative is exact, and does not contain how the samples at which signs change move
+with θ. The cost has a minimum of its own in many of the pieces, and a search by this derivative ends in one of those
+near its start: estimates that are worse than their covariance says, as that is of a piece. Over a range in which many
+signs change, the mean derivative contains these moves. With J = U S Vᵀ and the standard deviation σ of the residual,
+one standard error in the direction wᵢ = Vᵢ/sᵢ is σ, and
 
     ∂r/∂θ ≈ Σᵢ (r(θ + hσwᵢ) − r(θ − hσwᵢ)) / (2hσ) · sᵢVᵢᵀ
 
-is the mean derivative over h standard errors to both sides. A search with h from large to small passes the minima of
-single pieces, as graduated optimisation does (Blake, Zisserman, *Visual Reconstruction*, 1987); from its end, one by
-the exact derivative goes to the minimum of the last piece.
+is the mean derivative over h standard errors to both sides (`Widened`). A search with h from large to small passes the
+minima of single pieces, as graduated optimisation does (Blake, Zisserman 1987); from its end, one by the exact
+derivative goes to the minimum of the last piece. Where signs of past outputs are among the regressors, a search that
+may begin again does this first, and so do those around its end.
+
+References:
+    Blake, Zisserman, *Visual Reconstruction* (1987). Ljung, *System Identification*, 2nd ed. (1999), sec. 4.2 and 10.2.
+    Piroddi, Spinelli, *An identification algorithm for polynomial NARX models based on simulation error minimization*,
+    International Journal of Control 76 (2003).
 """
 
 from __future__ import annotations

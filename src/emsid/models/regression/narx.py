@@ -8,12 +8,6 @@ functions that return a structure.
 
 Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 + a₁q⁻¹ + …``, so the regressor of a₁ is
 −y(t−1).
-
-The state at the start of a free run, estimated from several measured outputs.
-
-A regression starts from as many past outputs as its largest lag. Measured ones carry noise. Where the sample time is
-short, the difference of two of them says little of the slope, and the error takes the longest time constant to decay.
-For a model whose noise is in its output, the first outputs ŷ₀ minimise Σ (y − ŷ)² over the samples before the start.
 """
 
 from __future__ import annotations
@@ -86,8 +80,11 @@ class StartError:
 
 
 def estimated_outputs(problem: StartError) -> Array:
-    """(N,) the outputs over the samples before the start, the first ones estimated.
+    """(N,) the outputs over the samples before the start of a free run, the first ones estimated.
 
+    A regression starts from as many past outputs as its largest lag. Measured ones carry noise. Where the sample time
+    is short, the difference of two of them says little of the slope, and the error takes the longest time constant to
+    decay. For a model whose noise is in its output, the first outputs ŷ₀ minimise Σ (y − ŷ)² over these samples.
     Where no run over these samples is finite, they are the measured outputs.
     """
     begin, memory = problem.memory - problem.depth, problem.memory

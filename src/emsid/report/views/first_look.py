@@ -1,7 +1,4 @@
-"""A first look at a file as a table, as lines of text and as a page.
-
-Lines as braille letters, for a terminal: every letter shows two columns of four dots.
-"""
+"""A first look at a file as a table, as lines of text with curves in braille letters, and as a page."""
 
 from __future__ import annotations
 
@@ -32,6 +29,8 @@ _BLANK = 0x2800
 
 def braille(values: ArrayLike, width: int, height: int) -> list[str]:
     """A line through values (N,) as rows of braille letters; every column of dots spans the values that fall into it.
+
+    Every letter shows two columns of four dots.
 
     >>> braille([0.0, 1.0, 2.0, 3.0], 2, 1)
     ['⡠⠊']

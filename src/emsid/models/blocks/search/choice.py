@@ -1,15 +1,13 @@
-"""Choice of start values, static map and size by the free-run error on unseen data.
+"""Choice of start values, static map, size and orders by the free-run error on unseen data.
 
 Pairs of filters from all sources are scored (`sources`), the best few are refined on a part of the record, on all
 cores, and their free run on unseen data ranks them (`refinement`). The best is refined again with more steps per
 sample. The family of the static map, if none is given, and then its size (knots, degree) are chosen in the same way.
 All comparisons use free runs, not one-step predictions.
 
-Filters of higher order where one more pole and zero explain a part of the error.
-
-A frequency response in which a static map leaves distortion shows fewer poles than the system has. The error of the
-fitted cascade shows those that are missing. A pole p that a zero cancels, (1 − pq⁻¹)/(1 − pq⁻¹), changes nothing; the
-derivative with respect to the zero is the output s of the filter through a lag,
+**Higher orders.** A frequency response in which a static map leaves distortion shows fewer poles than the system has.
+The error of the fitted cascade shows those that are missing. A pole p that a zero cancels, (1 − pq⁻¹)/(1 − pq⁻¹),
+changes nothing; the derivative with respect to the zero is the output s of the filter through a lag,
 
     ∂y/∂z = −F · q⁻¹/(1 − pq⁻¹) s,
 
@@ -18,8 +16,8 @@ direction explains in addition to the parameters of the cascade (Rao's score tes
 pole that explains most.
 
 References:
-    Rao, *Large sample tests of statistical hypotheses concerning several parameters*, Math. Proc. Cambridge Phil. Soc.
-    44 (1948).
+    Rao, *Large sample tests of statistical hypotheses concerning several parameters*, Mathematical Proceedings of the
+    Cambridge Philosophical Society 44 (1948).
 """
 
 from __future__ import annotations

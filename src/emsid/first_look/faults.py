@@ -22,6 +22,40 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
+
+def without_faults(record: Record) -> Record:
+    """The record without samples that are no measurements, and with findings about them.
+
+    It stays as it is where fewer than `FEWEST_SAMPLES` would be left.
+    """
+    out, findings = np.zeros(len(record), dtype=bool), list[Finding]()
+    for where, finding in _faults(record):
+        out |= where
+        findings.append(finding)
+    if not findings or len(record) - np.count_nonzero(out) < FEWEST_SAMPLES:
+        return record
+    left = record.mask(out)
+    return replace(left, findings=(*left.findings, *findings), excerpt_of=())
+
+
+def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
+    """Samples (N,) that are no measurements, and what they are, channel by channel."""
+    u, place = record.input[:, 0], np.arange(len(record))
+    for name, x in zip(record.input_names, record.input.T, strict=True):
+        found, away = impossible_commands(x)
+        if len(found):
+            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
+    for name, y in zip(record.output_names, record.output.T, strict=True):
+        found, away = outliers_of_answer(y, u)
+        if len(found):
+            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
+        for each in stretches_without_change(y, np.unique(np.delete(y, found))):
+            if is_stuck(u, y, each):
+                where = (place >= each.start) & (place < each.start + each.length)
+                data = {"row": each.start, "length": each.length, "value": each.value}
+                yield where, Finding("value-stuck", name, data | {"masked": True})
+
+
 AT_REST, IN_MOTION = 95, 25
 """In percent of the samples at rest the input is too small to move the output; in motion after a drive it often is."""
 
@@ -60,36 +94,3 @@ def _is_driven(u: Array, y: Array, inside: NDArray[np.bool_]) -> bool:
     size, rests = np.abs(u), y == 0
     known = ((size[~inside & rests], AT_REST), (size[~inside & ~rests], IN_MOTION))
     return bool(all(np.median(size[inside]) >= np.percentile(x, share) for x, share in known if len(x)))
-
-
-def without_faults(record: Record) -> Record:
-    """The record without samples that are no measurements, and with findings about them.
-
-    It stays as it is where fewer than `FEWEST_SAMPLES` would be left.
-    """
-    out, findings = np.zeros(len(record), dtype=bool), list[Finding]()
-    for where, finding in _faults(record):
-        out |= where
-        findings.append(finding)
-    if not findings or len(record) - np.count_nonzero(out) < FEWEST_SAMPLES:
-        return record
-    left = record.mask(out)
-    return replace(left, findings=(*left.findings, *findings), excerpt_of=())
-
-
-def _faults(record: Record) -> Iterator[tuple[NDArray[np.bool_], Finding]]:
-    """Samples (N,) that are no measurements, and what they are, channel by channel."""
-    u, place = record.input[:, 0], np.arange(len(record))
-    for name, x in zip(record.input_names, record.input.T, strict=True):
-        found, away = impossible_commands(x)
-        if len(found):
-            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
-    for name, y in zip(record.output_names, record.output.T, strict=True):
-        found, away = outliers_of_answer(y, u)
-        if len(found):
-            yield np.isin(place, found), about_outliers(name, found, away, masked=True)
-        for each in stretches_without_change(y, np.unique(np.delete(y, found))):
-            if is_stuck(u, y, each):
-                where = (place >= each.start) & (place < each.start + each.length)
-                data = {"row": each.start, "length": each.length, "value": each.value}
-                yield where, Finding("value-stuck", name, data | {"masked": True})

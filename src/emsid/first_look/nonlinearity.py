@@ -53,6 +53,130 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
+
+def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
+    """At most one finding about how nonlinear the relation between the first input and output is."""
+    repeated = distortion_of(record)
+    if repeated is not None:
+        found, period = repeated
+        yield Finding("distortion-levels", record.output_names[0], found.levels() | {"period": period * record.dt})
+        return
+    if linear is None or response.delay is None:
+        return
+    share, probability = dependence(linear, record.input[:, 0], record.breaks)
+    segment = max(record.segments, key=len)
+    of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
+    nonlinear = probability < CHANCE and share > SAME**2 and of_residual > PART
+    data = {
+        "share": share,
+        "of_residual": min(of_residual, 1.0),
+        "coherence": _coherence(segment.input[:, 0], segment.output[:, 0]),
+        "fit_percent": 100 * linear.fit,
+        "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
+    }
+    if nonlinear:
+        yield Finding("nonlinear-likely", record.output_names[0], data)
+    elif linear.fit >= SUGGESTS:
+        because = "little" if of_residual <= PART else "small-error" if probability < CHANCE else "noise"
+        yield Finding("nearly-linear", record.output_names[0], data | {"because": because})
+    else:
+        yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})
+
+
+def _coherence(u: Array, y: Array) -> float:
+    """The part of the power of y (N,) that a linear relation to u (N,) explains, means apart.
+
+    It is the mean of the coherence over frequency, weighted by the power of y: where a smooth input has no power, y has
+    none but noise, and the coherence there says nothing about the relation.
+    """
+    size = min(len(u) // 4, 1024) or 1
+    power = spectrum(y, y, size).real[1:]
+    explained = np.nan_to_num(coherence(u, y, size)[1:]) * power
+    return float(explained.sum() / power.sum()) if power.sum() > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """The output at the multiples 1, 2, … of the lowest frequency of a periodic input.
+
+    Attributes:
+        periods: how many were averaged.
+        amplitude: (F,) of the mean period, in the unit of the output; without input, of what no linear relation
+            explains.
+        noise: (F,) the standard deviation of these amplitudes by noise.
+        excited: (F,) whether the input has this frequency.
+        band: (F,) whether it is at most three times the highest frequency of the input.
+    """
+
+    periods: int
+    amplitude: Array
+    noise: Array
+    excited: NDArray[np.bool_]
+    band: NDArray[np.bool_]
+
+    @property
+    def even(self) -> NDArray[np.bool_]:
+        """(F,) the even multiples without input, where unsymmetric nonlinearities show."""
+        even: NDArray[np.bool_] = np.arange(1, len(self.amplitude) + 1) % 2 == 0
+        return self.band & ~self.excited & even
+
+    @property
+    def odd(self) -> NDArray[np.bool_]:
+        """(F,) the odd multiples without input, where symmetric nonlinearities show, such as a dead zone."""
+        return self.band & ~self.excited & ~self.even
+
+    def levels(self) -> dict[str, float | int]:
+        """Noise of a period, even and odd distortion as shares of the amplitude at the frequencies of the input.
+
+        ``least`` is the smallest distortion that stands out from the noise: the power of one line of noise has as large
+        a standard deviation as its mean.
+        """
+        signal = float(np.sum(self.amplitude[self.excited] ** 2))
+
+        def level(where: NDArray[np.bool_]) -> float:
+            power = float(np.sum(self.amplitude[where] ** 2) - np.sum(self.noise[where] ** 2))
+            return float(np.sqrt(max(power, 0.0) / signal))
+
+        deviation = max(float(np.linalg.norm(self.noise[where] ** 2)) for where in (self.even, self.odd))
+        return {
+            "periods": self.periods,
+            "noise": float(np.sqrt(np.sum(self.noise[self.band] ** 2) * self.periods / signal)),
+            "even": level(self.even),
+            "odd": level(self.odd),
+            "least": float(np.sqrt(CLEAR * deviation / signal)),
+            "lines": int(np.count_nonzero(self.excited)),
+        }
+
+
+def distortion(u: Array, y: Array, period: int) -> Distortion | None:
+    """The output at the frequencies of a periodic input and between them; None where noise hides the distortion.
+
+    Args:
+        u, y: (N,) input and output.
+        period: in samples; the first period is left out where it is a transient.
+    """
+    count = settled_periods(y, period)
+    inputs, outputs = (whole_periods(each[:, None], period)[-count:] for each in (u, y))
+    linear = best_linear([inputs], [outputs], [inputs])
+    if linear.scatter is None:
+        return None
+    amplitude, noise = 2 / period * np.abs(linear.output[0, :, 0]), 2 / period * np.sqrt(linear.scatter[:, 0])
+    excited = np.zeros(len(amplitude), dtype=bool)
+    excited[linear.lines - 1] = True
+    band = np.arange(1, len(amplitude) + 1) <= 3 * linear.lines[-1]
+    found = Distortion(count, amplitude, noise, excited, band)
+    if not np.any(amplitude[excited]) or np.count_nonzero(band & ~excited) < 4:
+        return None
+    return found if found.levels()["noise"] <= EXPLAINS else None
+
+
+def distortion_of(record: Record) -> tuple[Distortion, int] | None:
+    """The distortion of the first output of a record with a periodic input, and the period in samples."""
+    period = None if record.breaks else period_of(record.input[:, 0])
+    found = None if period is None else distortion(record.input[:, 0], record.output[:, 0], period)
+    return None if found is None or period is None else (found, period)
+
+
 DELAYS = (-32, -16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16, 32)
 """The delays of the straight functions, in samples from the delay of the linear model."""
 FARTHEST = 0.01
@@ -205,126 +329,3 @@ class Regression:
         functions, freedom = len(squares) - 1 - self._few, self._samples - len(squares) + 1
         ratio = float(np.mean(squares[self._few : -1]) / max(squares[-1] / freedom, np.finfo(float).tiny))
         return ratio, float(fdtrc(functions, freedom, ratio))
-
-
-def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
-    """At most one finding about how nonlinear the relation between the first input and output is."""
-    repeated = distortion_of(record)
-    if repeated is not None:
-        found, period = repeated
-        yield Finding("distortion-levels", record.output_names[0], found.levels() | {"period": period * record.dt})
-        return
-    if linear is None or response.delay is None:
-        return
-    share, probability = dependence(linear, record.input[:, 0], record.breaks)
-    segment = max(record.segments, key=len)
-    of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
-    nonlinear = probability < CHANCE and share > SAME**2 and of_residual > PART
-    data = {
-        "share": share,
-        "of_residual": min(of_residual, 1.0),
-        "coherence": _coherence(segment.input[:, 0], segment.output[:, 0]),
-        "fit_percent": 100 * linear.fit,
-        "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
-    }
-    if nonlinear:
-        yield Finding("nonlinear-likely", record.output_names[0], data)
-    elif linear.fit >= SUGGESTS:
-        because = "little" if of_residual <= PART else "small-error" if probability < CHANCE else "noise"
-        yield Finding("nearly-linear", record.output_names[0], data | {"because": because})
-    else:
-        yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})
-
-
-def _coherence(u: Array, y: Array) -> float:
-    """The part of the power of y (N,) that a linear relation to u (N,) explains, means apart.
-
-    It is the mean of the coherence over frequency, weighted by the power of y: where a smooth input has no power, y has
-    none but noise, and the coherence there says nothing about the relation.
-    """
-    size = min(len(u) // 4, 1024) or 1
-    power = spectrum(y, y, size).real[1:]
-    explained = np.nan_to_num(coherence(u, y, size)[1:]) * power
-    return float(explained.sum() / power.sum()) if power.sum() > 0 else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Distortion:
-    """The output at the multiples 1, 2, … of the lowest frequency of a periodic input.
-
-    Attributes:
-        periods: how many were averaged.
-        amplitude: (F,) of the mean period, in the unit of the output; without input, of what no linear relation
-            explains.
-        noise: (F,) the standard deviation of these amplitudes by noise.
-        excited: (F,) whether the input has this frequency.
-        band: (F,) whether it is at most three times the highest frequency of the input.
-    """
-
-    periods: int
-    amplitude: Array
-    noise: Array
-    excited: NDArray[np.bool_]
-    band: NDArray[np.bool_]
-
-    @property
-    def even(self) -> NDArray[np.bool_]:
-        """(F,) the even multiples without input, where unsymmetric nonlinearities show."""
-        even: NDArray[np.bool_] = np.arange(1, len(self.amplitude) + 1) % 2 == 0
-        return self.band & ~self.excited & even
-
-    @property
-    def odd(self) -> NDArray[np.bool_]:
-        """(F,) the odd multiples without input, where symmetric nonlinearities show, such as a dead zone."""
-        return self.band & ~self.excited & ~self.even
-
-    def levels(self) -> dict[str, float | int]:
-        """Noise of a period, even and odd distortion as shares of the amplitude at the frequencies of the input.
-
-        ``least`` is the smallest distortion that stands out from the noise: the power of one line of noise has as large
-        a standard deviation as its mean.
-        """
-        signal = float(np.sum(self.amplitude[self.excited] ** 2))
-
-        def level(where: NDArray[np.bool_]) -> float:
-            power = float(np.sum(self.amplitude[where] ** 2) - np.sum(self.noise[where] ** 2))
-            return float(np.sqrt(max(power, 0.0) / signal))
-
-        deviation = max(float(np.linalg.norm(self.noise[where] ** 2)) for where in (self.even, self.odd))
-        return {
-            "periods": self.periods,
-            "noise": float(np.sqrt(np.sum(self.noise[self.band] ** 2) * self.periods / signal)),
-            "even": level(self.even),
-            "odd": level(self.odd),
-            "least": float(np.sqrt(CLEAR * deviation / signal)),
-            "lines": int(np.count_nonzero(self.excited)),
-        }
-
-
-def distortion(u: Array, y: Array, period: int) -> Distortion | None:
-    """The output at the frequencies of a periodic input and between them; None where noise hides the distortion.
-
-    Args:
-        u, y: (N,) input and output.
-        period: in samples; the first period is left out where it is a transient.
-    """
-    count = settled_periods(y, period)
-    inputs, outputs = (whole_periods(each[:, None], period)[-count:] for each in (u, y))
-    linear = best_linear([inputs], [outputs], [inputs])
-    if linear.scatter is None:
-        return None
-    amplitude, noise = 2 / period * np.abs(linear.output[0, :, 0]), 2 / period * np.sqrt(linear.scatter[:, 0])
-    excited = np.zeros(len(amplitude), dtype=bool)
-    excited[linear.lines - 1] = True
-    band = np.arange(1, len(amplitude) + 1) <= 3 * linear.lines[-1]
-    found = Distortion(count, amplitude, noise, excited, band)
-    if not np.any(amplitude[excited]) or np.count_nonzero(band & ~excited) < 4:
-        return None
-    return found if found.levels()["noise"] <= EXPLAINS else None
-
-
-def distortion_of(record: Record) -> tuple[Distortion, int] | None:
-    """The distortion of the first output of a record with a periodic input, and the period in samples."""
-    period = None if record.breaks else period_of(record.input[:, 0])
-    found = None if period is None else distortion(record.input[:, 0], record.output[:, 0], period)
-    return None if found is None or period is None else (found, period)

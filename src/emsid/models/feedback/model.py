@@ -77,107 +77,6 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# Steps in which a state comes close to rest, and Newton steps that complete it.
-SETTLING, NEWTON = 2_000, 50
-# Newton steps below this share of the state end when they no longer shrink, and at rest a step changes less of it.
-ROUNDING = 1e-9
-
-
-class Stepping(Protocol):
-    """What a steady state needs of a model."""
-
-    @property
-    def states(self) -> int:
-        """How many there are, n."""
-        ...
-
-    @property
-    def centre(self) -> Array:
-        """(n,) where the run begins."""
-        ...
-
-    def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
-        """The signals of a run over an input (N,) from a state (n,), and the last state."""
-        ...
-
-    def linearised_at(self, x: Array, u: float) -> tuple[Array, Array]:
-        """(n,) the state one step after a state (n,), and (n + 1, n + 1) its derivative by state and input."""
-        ...
-
-
-def resting(model: Stepping, level: float) -> Array:
-    """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
-
-    Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
-    """
-    out, end = model.stepped(np.full(SETTLING, level), model.centre)
-    if not np.isfinite(out.y).all():
-        return _completed(model, model.centre, level)
-    rest = _completed(model, end, level)
-    after, whole = model.linearised_at(rest, level)
-    found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
-    poles = np.linalg.eigvals(whole[: model.states, : model.states]) if found else np.array([np.inf])
-    return rest if np.abs(poles).max(initial=0.0) <= 1 else end
-
-
-def _completed(model: Stepping, x: Array, level: float) -> Array:
-    """(n,) the steady state that Newton steps from a state x (n,) lead to."""
-    n, before = model.states, np.inf
-    for _ in range(NEWTON):
-        after, whole = model.linearised_at(x, level)
-        with np.errstate(all="ignore"):
-            try:
-                move = np.linalg.solve(np.eye(n) - whole[:n, :n], after - x)
-            except np.linalg.LinAlgError:  # an integrator rests anywhere
-                break
-        if not np.isfinite(move).all():
-            break
-        x, size = x + move, float(np.abs(move).max(initial=0.0))
-        if size <= ROUNDING * np.abs(x).max(initial=0.0) and size >= before / 2:  # moves are rounding errors now
-            break
-        before = size
-    return x
-
-
-def absent(states: int, maps: int, sensor: int | None) -> NDArray[np.bool_]:
-    """(n + m + 1, n + 1 + m) the elements of M that a sensor makes zero; none without a sensor.
-
-    Args:
-        states: n.
-        maps: m.
-        sensor: how many of the states are behind it.
-    """
-    n, m = states, maps
-    gone = np.zeros((n + m + 1, n + 1 + m), dtype=bool)
-    if sensor is not None:
-        behind = range(n - sensor, n)
-        rows, columns = [*behind, n + m], [*behind, n + 1]
-        gone[rows], gone[:, columns] = True, True
-        gone[np.ix_(rows, columns)] = False
-    return gone
-
-
-def check_sensor(name: str, states: int, maps: int, sensor: int | None, plain: bool) -> None:
-    """Refuse a sensor that a model cannot have.
-
-    Args:
-        name: of the model.
-        states: n.
-        maps: m.
-        sensor: how many of the states are behind it.
-        plain: whether no map is multiplied by a signal, and no signals are shared.
-
-    Raises:
-        ModelError: without a map, with more states behind it than there are, or where the model is not plain.
-    """
-    if sensor is None:
-        return
-    check_whole(f"{name}: sensor", sensor, 0, "this is the number of states behind the sensor", states)
-    if not maps:
-        raise ModelError(f"{name}: a sensor without a map; the first map is its curve")
-    if not plain:
-        raise ModelError(f"{name}: a sensor, and maps that are multiplied or signals that are shared; leave out either")
-
 
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
@@ -611,3 +510,105 @@ def slopes_along(model: FeedbackModel, x: Array, u: Array, z: Array) -> MapSlope
     """The maps and their derivatives at the states (K, n), inputs (K,) and inputs of the maps (K, m) of a run."""
     g = model.factor(x, u).T if len(model.multiplied) else model.factors[:, -1:]
     return map_slopes(model.maps, g, model.multiplied, z)
+
+
+# Steps in which a state comes close to rest, and Newton steps that complete it.
+SETTLING, NEWTON = 2_000, 50
+# Newton steps below this share of the state end when they no longer shrink, and at rest a step changes less of it.
+ROUNDING = 1e-9
+
+
+class Stepping(Protocol):
+    """What a steady state needs of a model."""
+
+    @property
+    def states(self) -> int:
+        """How many there are, n."""
+        ...
+
+    @property
+    def centre(self) -> Array:
+        """(n,) where the run begins."""
+        ...
+
+    def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
+        """The signals of a run over an input (N,) from a state (n,), and the last state."""
+        ...
+
+    def linearised_at(self, x: Array, u: float) -> tuple[Array, Array]:
+        """(n,) the state one step after a state (n,), and (n + 1, n + 1) its derivative by state and input."""
+        ...
+
+
+def resting(model: Stepping, level: float) -> Array:
+    """(n,) the steady state for a constant input: where a run from the centre ends, completed by Newton steps.
+
+    Where these find no rest, or one that a run leaves, it is the end of the run, as of an oscillation in friction.
+    """
+    out, end = model.stepped(np.full(SETTLING, level), model.centre)
+    if not np.isfinite(out.y).all():
+        return _completed(model, model.centre, level)
+    rest = _completed(model, end, level)
+    after, whole = model.linearised_at(rest, level)
+    found = np.abs(after - rest).max(initial=0.0) <= ROUNDING * np.abs(rest).max(initial=0.0)
+    poles = np.linalg.eigvals(whole[: model.states, : model.states]) if found else np.array([np.inf])
+    return rest if np.abs(poles).max(initial=0.0) <= 1 else end
+
+
+def _completed(model: Stepping, x: Array, level: float) -> Array:
+    """(n,) the steady state that Newton steps from a state x (n,) lead to."""
+    n, before = model.states, np.inf
+    for _ in range(NEWTON):
+        after, whole = model.linearised_at(x, level)
+        with np.errstate(all="ignore"):
+            try:
+                move = np.linalg.solve(np.eye(n) - whole[:n, :n], after - x)
+            except np.linalg.LinAlgError:  # an integrator rests anywhere
+                break
+        if not np.isfinite(move).all():
+            break
+        x, size = x + move, float(np.abs(move).max(initial=0.0))
+        if size <= ROUNDING * np.abs(x).max(initial=0.0) and size >= before / 2:  # moves are rounding errors now
+            break
+        before = size
+    return x
+
+
+def absent(states: int, maps: int, sensor: int | None) -> NDArray[np.bool_]:
+    """(n + m + 1, n + 1 + m) the elements of M that a sensor makes zero; none without a sensor.
+
+    Args:
+        states: n.
+        maps: m.
+        sensor: how many of the states are behind it.
+    """
+    n, m = states, maps
+    gone = np.zeros((n + m + 1, n + 1 + m), dtype=bool)
+    if sensor is not None:
+        behind = range(n - sensor, n)
+        rows, columns = [*behind, n + m], [*behind, n + 1]
+        gone[rows], gone[:, columns] = True, True
+        gone[np.ix_(rows, columns)] = False
+    return gone
+
+
+def check_sensor(name: str, states: int, maps: int, sensor: int | None, plain: bool) -> None:
+    """Refuse a sensor that a model cannot have.
+
+    Args:
+        name: of the model.
+        states: n.
+        maps: m.
+        sensor: how many of the states are behind it.
+        plain: whether no map is multiplied by a signal, and no signals are shared.
+
+    Raises:
+        ModelError: without a map, with more states behind it than there are, or where the model is not plain.
+    """
+    if sensor is None:
+        return
+    check_whole(f"{name}: sensor", sensor, 0, "this is the number of states behind the sensor", states)
+    if not maps:
+        raise ModelError(f"{name}: a sensor without a map; the first map is its curve")
+    if not plain:
+        raise ModelError(f"{name}: a sensor, and maps that are multiplied or signals that are shared; leave out either")

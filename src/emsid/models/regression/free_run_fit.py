@@ -62,56 +62,6 @@ from emsid.models.regression.transforms import Transform
 from emsid.models.terms import vector
 from emsid.record import Record, check_same_channels
 
-WIDTHS = (8.0, 4.0, 2.0, 1.0)
-"""h of one search after another, in standard errors."""
-BEYOND = 10.0
-"""A residual on either side that is larger by this factor than the linearised one is that of a run that diverges."""
-LEAST = 1e-8
-"""Directions with a singular value below this part of the largest keep their exact derivative."""
-
-
-@dataclass(frozen=True, eq=False)
-class Widened:
-    """A problem with the mean derivative over ``width`` standard errors to both sides.
-
-    Attributes:
-        problem: with residuals and the exact derivative between jumps.
-        width: h.
-    """
-
-    problem: Problem
-    width: float
-
-    def residuals(self, theta: Array) -> Sequence[Array]:
-        """Those of the problem."""
-        return self.problem.residuals(theta)
-
-    def linearised(self, theta: Array) -> list[Block]:
-        """The residuals with the mean derivatives; exact ones in directions without a residual on either side."""
-        blocks = list(self.problem.linearised(theta))
-        residual = np.concatenate([r for r, _ in blocks])
-        _, sizes, axes = np.linalg.svd(np.linalg.qr(np.concatenate([j for _, j in blocks]), mode="r"))
-        reach = self.width * float(np.sqrt(residual @ residual / effective_samples([r for r, _ in blocks])))
-        found = [jacobian.copy() for _, jacobian in blocks]
-        for size, axis in zip(sizes, axes, strict=True):
-            if not (reach > 0 and size > LEAST * sizes[0]):
-                continue
-            step = reach / size * axis
-            try:
-                with np.errstate(over="ignore"):
-                    sides = [self.problem.residuals(theta + step), self.problem.residuals(theta - step)]
-                    most = max(np.sqrt(sum(r @ r for r in side)) for side in sides)
-            except Infeasible:
-                continue
-            if not most <= BEYOND * (np.linalg.norm(residual) + reach):
-                continue
-            for jacobian, (_, exact), ahead, behind in zip(found, blocks, *sides, strict=True):
-                mean = (ahead - behind) * (size / (2 * reach))
-                if np.isfinite(mean).all():
-                    jacobian += np.outer(mean - exact @ axis, axis)
-        return [(r, jacobian) for (r, _), jacobian in zip(blocks, found, strict=True)]
-
-
 # Shares of the model's own output in its past, on the way from prediction to simulation.
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 # Steps at each share before the last.
@@ -340,3 +290,53 @@ def _towards_free_run(
             theta, share = found.estimate, following
             break
     return theta
+
+
+WIDTHS = (8.0, 4.0, 2.0, 1.0)
+"""h of one search after another, in standard errors."""
+BEYOND = 10.0
+"""A residual on either side that is larger by this factor than the linearised one is that of a run that diverges."""
+LEAST = 1e-8
+"""Directions with a singular value below this part of the largest keep their exact derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Widened:
+    """A problem with the mean derivative over ``width`` standard errors to both sides.
+
+    Attributes:
+        problem: with residuals and the exact derivative between jumps.
+        width: h.
+    """
+
+    problem: Problem
+    width: float
+
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        """Those of the problem."""
+        return self.problem.residuals(theta)
+
+    def linearised(self, theta: Array) -> list[Block]:
+        """The residuals with the mean derivatives; exact ones in directions without a residual on either side."""
+        blocks = list(self.problem.linearised(theta))
+        residual = np.concatenate([r for r, _ in blocks])
+        _, sizes, axes = np.linalg.svd(np.linalg.qr(np.concatenate([j for _, j in blocks]), mode="r"))
+        reach = self.width * float(np.sqrt(residual @ residual / effective_samples([r for r, _ in blocks])))
+        found = [jacobian.copy() for _, jacobian in blocks]
+        for size, axis in zip(sizes, axes, strict=True):
+            if not (reach > 0 and size > LEAST * sizes[0]):
+                continue
+            step = reach / size * axis
+            try:
+                with np.errstate(over="ignore"):
+                    sides = [self.problem.residuals(theta + step), self.problem.residuals(theta - step)]
+                    most = max(np.sqrt(sum(r @ r for r in side)) for side in sides)
+            except Infeasible:
+                continue
+            if not most <= BEYOND * (np.linalg.norm(residual) + reach):
+                continue
+            for jacobian, (_, exact), ahead, behind in zip(found, blocks, *sides, strict=True):
+                mean = (ahead - behind) * (size / (2 * reach))
+                if np.isfinite(mean).all():
+                    jacobian += np.outer(mean - exact @ axis, axis)
+        return [(r, jacobian) for (r, _), jacobian in zip(blocks, found, strict=True)]

@@ -65,151 +65,6 @@ from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
-SHORTEST = 1_000
-"""Samples of the shortest period that is averaged; the average over a shorter one is a very short record."""
-SETTLED = 1e-4
-"""A free run is in steady state when what was before has decayed to this part."""
-
-
-@dataclass(frozen=True, eq=False)
-class Steady:
-    """Records of one period each.
-
-    Attributes:
-        records: one for every segment.
-        period: in samples.
-        averages: the number of periods in all segments together.
-        noise: standard deviation of the noise on the output over periods; None if no segment has two.
-    """
-
-    records: list[Record]
-    period: int
-    averages: int
-    noise: float | None
-
-    @property
-    def each(self) -> float:
-        """The mean number of periods that a record is the mean of."""
-        return self.averages / len(self.records)
-
-    def with_end_ahead(self, model: Cascade) -> tuple[list[Record], int]:
-        """The records with the end of each put ahead of it, for a model to settle, and how many samples that are."""
-        slowest = max((abs(pole) for b in model.blocks if isinstance(b, Rational) for pole in b.poles), default=0.0)
-        decay = np.log(SETTLED) / np.log(min(max(slowest, 1e-6), 1 - 1e-9))
-        ahead = int(min(model.memory + decay, self.period))
-        return [_turned(record, ahead) for record in self.records], ahead
-
-    def finding(self, name: str) -> Finding:
-        """What was averaged."""
-        data = {"period": self.period, "periods": self.averages, "records": len(self.records), "noise": self.noise}
-        return Finding("periods-averaged", name, data)
-
-
-def steady_state(records: Sequence[Record], period: int | None) -> Steady | None:
-    """The records as periods in steady state; None if their inputs do not repeat.
-
-    Args:
-        records: one input, one output each.
-        period: in samples, of inputs that are known to be periodic and in steady state; None detects it, 0 takes no
-            input for periodic.
-
-    Raises:
-        ModelError: for a segment that is shorter than a given period.
-    """
-    segments = [segment for record in records for segment in record.segments]
-    if period is None:
-        found = {period_of(segment.input[:, 0], SHORTEST) for segment in segments}
-        period = found.pop() if len(found) == 1 else None
-    if not period:
-        return None
-    short = min(len(segment) for segment in segments)
-    if short < period:
-        raise ModelError(
-            f"a period of {period} in a segment of {short} samples; give a smaller one, or unseen records of their own",
-            arguments=("period",),
-        )
-    made = [averaged(segment.input[:, 0], segment.output[:, 0], period) for segment in segments]
-    several = [each for each in made if each.averages > 1]
-    freedom = sum(each.averages - 1 for each in several)
-    noise = sum(each.variance * (each.averages - 1) for each in several) / freedom if freedom else None
-    return Steady(
-        [
-            replace(segment[-period:], output=each.output[:, None], before=())
-            for segment, each in zip(segments, made, strict=True)
-        ],
-        period,
-        sum(each.averages for each in made),
-        None if noise is None else float(np.sqrt(noise)),
-    )
-
-
-def _turned(record: Record, ahead: int) -> Record:
-    """A period with its last samples put ahead of it."""
-    around = [np.concatenate([each[len(each) - ahead :], each]) for each in (record.input, record.output)]
-    return replace(record, input=around[0], output=around[1], before=())
-
-
-ZERO = 3.0
-"""A leading coefficient of fewer standard errors than this may be zero."""
-LONGEST = 4
-"""The most samples of dead time that are moved to the input."""
-ITERATIONS = 40
-"""A fit without a coefficient that is zero begins near its minimum; one that needs more steps is not taken."""
-
-
-def at_the_input(fit: Fit[Cascade], records: Sequence[Record], how: Search) -> Fit[Cascade]:
-    """The fit with the dead time of its filters counted at its input, and a finding where that is any.
-
-    Args:
-        fit: of a cascade; one whose search was stopped is left as it is.
-        records: what it was fitted to.
-        how: of further fits, as in `fit_cascade`.
-    """
-    moved = 0
-    for _ in range(LONGEST if fit.ending is Ending.CONVERGED and fit.model.oversampling == 1 else 0):
-        found = [again for k in _late(fit) if (again := _moved(fit, k, records, how)) is not None]
-        if not found:
-            break
-        fit = min(found, key=lambda each: each.noise_variance)
-        moved += 1
-    if not moved:
-        return fit
-    filters = sum(isinstance(block, Rational) for block in fit.model.blocks)
-    data = {"model": fit.model.name, "delay": fit.model.delay, "moved": moved, "filters": filters}
-    return replace(fit, findings=(*fit.findings, Finding("dead-time-at-input", fit.model.name, data)))
-
-
-def _late(fit: Fit[Cascade]) -> list[int]:
-    """The filters whose leading coefficient may be zero."""
-    cascade, errors = fit.model, dict(zip(fit.names, fit.standard_error.tolist(), strict=True))
-    late = []
-    for k, (block, span) in enumerate(zip(cascade.blocks, cascade.spans, strict=True)):
-        if isinstance(block, Rational) and len(block.numerator) > 1:
-            error = errors.get(cascade.names[span.start], 0.0)
-            if np.isfinite(error) and abs(block.numerator[0]) < ZERO * error:
-                late.append(k)
-    return late
-
-
-def _moved(fit: Fit[Cascade], k: int, records: Sequence[Record], how: Search) -> Fit[Cascade] | None:
-    """The converged fit without the leading coefficient of one filter, a sample later; None where that is worse."""
-    blocks = list(fit.model.blocks)
-    block = blocks[k]
-    assert isinstance(block, Rational)
-    blocks[k] = Rational(block.numerator[1:], block.denominator, block.delay)
-    limits = Search(max_iterations=min(how.get("max_iterations", ITERATIONS), ITERATIONS))
-    try:
-        again = fit_cascade(
-            replace(fit.model, blocks=tuple(blocks), delay=fit.model.delay + 1), records, **(how | limits)
-        )
-    except EmsidError:
-        return None
-    if again.ending is not Ending.CONVERGED or not fit.noise_variance > 0:
-        return None
-    worse = fit.samples * log(again.noise_variance / fit.noise_variance)
-    return again if worse <= log(fit.samples) else None
-
-
 # Choices are made in one thread if they look at segments of fewer samples on average: what is computed of a segment is
 # so short then that threads wait for each other.
 SHARED_SAMPLES = 5_000
@@ -543,3 +398,148 @@ def _check_unseen(topology: Topology, rounds: Sequence[Round], orders: Orders) -
             f"{topology.name}: with these orders a free run takes {needed} samples to start, and the unseen data have "
             f"{longest}; give smaller orders or a longer record"
         )
+
+
+SHORTEST = 1_000
+"""Samples of the shortest period that is averaged; the average over a shorter one is a very short record."""
+SETTLED = 1e-4
+"""A free run is in steady state when what was before has decayed to this part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """Records of one period each.
+
+    Attributes:
+        records: one for every segment.
+        period: in samples.
+        averages: the number of periods in all segments together.
+        noise: standard deviation of the noise on the output over periods; None if no segment has two.
+    """
+
+    records: list[Record]
+    period: int
+    averages: int
+    noise: float | None
+
+    @property
+    def each(self) -> float:
+        """The mean number of periods that a record is the mean of."""
+        return self.averages / len(self.records)
+
+    def with_end_ahead(self, model: Cascade) -> tuple[list[Record], int]:
+        """The records with the end of each put ahead of it, for a model to settle, and how many samples that are."""
+        slowest = max((abs(pole) for b in model.blocks if isinstance(b, Rational) for pole in b.poles), default=0.0)
+        decay = np.log(SETTLED) / np.log(min(max(slowest, 1e-6), 1 - 1e-9))
+        ahead = int(min(model.memory + decay, self.period))
+        return [_turned(record, ahead) for record in self.records], ahead
+
+    def finding(self, name: str) -> Finding:
+        """What was averaged."""
+        data = {"period": self.period, "periods": self.averages, "records": len(self.records), "noise": self.noise}
+        return Finding("periods-averaged", name, data)
+
+
+def steady_state(records: Sequence[Record], period: int | None) -> Steady | None:
+    """The records as periods in steady state; None if their inputs do not repeat.
+
+    Args:
+        records: one input, one output each.
+        period: in samples, of inputs that are known to be periodic and in steady state; None detects it, 0 takes no
+            input for periodic.
+
+    Raises:
+        ModelError: for a segment that is shorter than a given period.
+    """
+    segments = [segment for record in records for segment in record.segments]
+    if period is None:
+        found = {period_of(segment.input[:, 0], SHORTEST) for segment in segments}
+        period = found.pop() if len(found) == 1 else None
+    if not period:
+        return None
+    short = min(len(segment) for segment in segments)
+    if short < period:
+        raise ModelError(
+            f"a period of {period} in a segment of {short} samples; give a smaller one, or unseen records of their own",
+            arguments=("period",),
+        )
+    made = [averaged(segment.input[:, 0], segment.output[:, 0], period) for segment in segments]
+    several = [each for each in made if each.averages > 1]
+    freedom = sum(each.averages - 1 for each in several)
+    noise = sum(each.variance * (each.averages - 1) for each in several) / freedom if freedom else None
+    return Steady(
+        [
+            replace(segment[-period:], output=each.output[:, None], before=())
+            for segment, each in zip(segments, made, strict=True)
+        ],
+        period,
+        sum(each.averages for each in made),
+        None if noise is None else float(np.sqrt(noise)),
+    )
+
+
+def _turned(record: Record, ahead: int) -> Record:
+    """A period with its last samples put ahead of it."""
+    around = [np.concatenate([each[len(each) - ahead :], each]) for each in (record.input, record.output)]
+    return replace(record, input=around[0], output=around[1], before=())
+
+
+ZERO = 3.0
+"""A leading coefficient of fewer standard errors than this may be zero."""
+LONGEST = 4
+"""The most samples of dead time that are moved to the input."""
+ITERATIONS = 40
+"""A fit without a coefficient that is zero begins near its minimum; one that needs more steps is not taken."""
+
+
+def at_the_input(fit: Fit[Cascade], records: Sequence[Record], how: Search) -> Fit[Cascade]:
+    """The fit with the dead time of its filters counted at its input, and a finding where that is any.
+
+    Args:
+        fit: of a cascade; one whose search was stopped is left as it is.
+        records: what it was fitted to.
+        how: of further fits, as in `fit_cascade`.
+    """
+    moved = 0
+    for _ in range(LONGEST if fit.ending is Ending.CONVERGED and fit.model.oversampling == 1 else 0):
+        found = [again for k in _late(fit) if (again := _moved(fit, k, records, how)) is not None]
+        if not found:
+            break
+        fit = min(found, key=lambda each: each.noise_variance)
+        moved += 1
+    if not moved:
+        return fit
+    filters = sum(isinstance(block, Rational) for block in fit.model.blocks)
+    data = {"model": fit.model.name, "delay": fit.model.delay, "moved": moved, "filters": filters}
+    return replace(fit, findings=(*fit.findings, Finding("dead-time-at-input", fit.model.name, data)))
+
+
+def _late(fit: Fit[Cascade]) -> list[int]:
+    """The filters whose leading coefficient may be zero."""
+    cascade, errors = fit.model, dict(zip(fit.names, fit.standard_error.tolist(), strict=True))
+    late = []
+    for k, (block, span) in enumerate(zip(cascade.blocks, cascade.spans, strict=True)):
+        if isinstance(block, Rational) and len(block.numerator) > 1:
+            error = errors.get(cascade.names[span.start], 0.0)
+            if np.isfinite(error) and abs(block.numerator[0]) < ZERO * error:
+                late.append(k)
+    return late
+
+
+def _moved(fit: Fit[Cascade], k: int, records: Sequence[Record], how: Search) -> Fit[Cascade] | None:
+    """The converged fit without the leading coefficient of one filter, a sample later; None where that is worse."""
+    blocks = list(fit.model.blocks)
+    block = blocks[k]
+    assert isinstance(block, Rational)
+    blocks[k] = Rational(block.numerator[1:], block.denominator, block.delay)
+    limits = Search(max_iterations=min(how.get("max_iterations", ITERATIONS), ITERATIONS))
+    try:
+        again = fit_cascade(
+            replace(fit.model, blocks=tuple(blocks), delay=fit.model.delay + 1), records, **(how | limits)
+        )
+    except EmsidError:
+        return None
+    if again.ending is not Ending.CONVERGED or not fit.noise_variance > 0:
+        return None
+    worse = fit.samples * log(again.noise_variance / fit.noise_variance)
+    return again if worse <= log(fit.samples) else None

@@ -41,7 +41,7 @@ def test_a_section_shows_what_a_model_of_its_kind_has():
         "rigid-motor-profile-rotor-inertia",
         "rigid-motor-profile-rotor-friction-coulomb",
     ]
-    assert shown(RECURSIVE[0], drive()) == []
+    assert shown(RECURSIVE[0], drive()) == ["arx-poles"]
 
 
 def test_what_cannot_be_drawn_is_left_out_of_a_section():

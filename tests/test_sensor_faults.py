@@ -244,7 +244,7 @@ def test_description_identification_validation_fleet_and_studio_say_the_same(cas
     (validated,) = json.loads(out)["records"]
     session = Session.at_folder(tmp_path / "session")
     session.change(0, files=[session.add(path)], given={"log.csv": how})
-    shown = Data(session, str, lambda: None).described(session.step, "log.csv")
+    shown = Data(session, lambda: None).described(session.step, "log.csv")
     said = {each["code"] for each in validated["findings"]}
     assert status == 0
     for door in (codes(look.findings), codes(result.findings), said, {each["code"] for each in shown["findings"]}):

@@ -103,6 +103,7 @@ def current_control(
     Raises:
         ModelError: for another plant, one that is not identified, or targets that the sampling cannot reach.
 
+    >>> import emsid
     >>> motor = emsid.plants.brushless(resistance=0.12, inductance_d=9e-5, inductance_q=1.2e-4)
     >>> found = emsid.controllers.current_control(motor, dt=1e-4, bandwidth=150.0)
     >>> round(found.crossover), [round(each, 4) for each in found.proportional]

@@ -7,7 +7,7 @@ evidence of how well a model describes a real drive.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any, NamedTuple
 
@@ -55,7 +55,7 @@ class Example:
     contents: str
     true: tuple[Simulated, ...]
     record: Callable[[], Record]
-    reading: Mapping[str, Any]
+    reading: Mapping[str, Any] = field(hash=False)
 
 
 def _reading(u: str, y: str, *, derivative: bool = False) -> dict[str, Any]:

@@ -66,8 +66,9 @@ def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> 
         title="Fleet",
         summary=(
             _named(result),
-            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model. In a healthy "
-            "fleet at most one run in 20 names any motor as different, and one in 20 as changed.",
+            f"{len(motors):,} motors of {source}: {good:,} of {len(result.rows):,} rows have a model."
+            + " In a healthy fleet at most one run in 20 names any motor as different, and one in 20 as changed."
+            * any(result.tested.values()),
             *(sentence(each, argument) for each in result.findings if each.code.startswith("fleet-too-")),
         ),
         facts=(
@@ -232,7 +233,7 @@ def over_motors(result: Fleet, series: Sequence[Series], name: str = "over-motor
         if len(at):
             texts = tuple(named) if len(named) <= MOST_NAMED else ()
             marks.append(Points(places[at], means[at], "differs", Ink.RED, texts))
-        span = _range(means[known])
+        span = _range(means[known], HALF_WIDTH * float(np.median(errors[known])))
         plots.append(
             Plot(
                 tuple(marks),
@@ -248,9 +249,9 @@ def over_motors(result: Fleet, series: Sequence[Series], name: str = "over-motor
     )
 
 
-def _range(values: np.ndarray) -> tuple[float, float]:
-    """All values with a margin; intervals may leave the plot, so that a wide one does not flatten the others."""
-    low, high = float(values.min()), float(values.max())
+def _range(values: np.ndarray, half_width: float = 0.0) -> tuple[float, float]:
+    """All values with the interval of a typical one; wide ones may leave the plot, so that they do not flatten it."""
+    low, high = float(values.min()) - half_width, float(values.max()) + half_width
     room = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
     return low - room, high + room
 

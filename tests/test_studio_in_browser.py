@@ -356,9 +356,10 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     page.until(lambda: page.find("[aria-label='Filter [Hz]']").get_attribute("aria-invalid") == "true")
     assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "fast"
     page.type("Filter [Hz]", "20")
-    page.picture("data")
+    assert page.find("[aria-label='Filter [Hz]']").get_attribute("aria-invalid") is None
     page.press("Apply")
     page.until(lambda: next(iter(page.state()["step"]["given"].values())).get("filter") == 20)
+    page.picture("data")
     page.press("Undo")
     page.until(lambda: "filter" not in next(iter(page.state()["step"]["given"].values())))
     page.refused()  # also by the preview of what was typed

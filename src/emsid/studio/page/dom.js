@@ -56,7 +56,7 @@ export function field(key, label, value, take, { about = "", type = "input", lis
     box.classList.toggle("draft", drafts.has(key));
     if (refused.has(key)) { box.setAttribute("aria-invalid", "true"); box.setAttribute("aria-describedby", why.id); } else box.removeAttribute("aria-invalid");
   };
-  box.addEventListener("input", () => { drafts.set(key, box.value); mark(); now?.(box.value); });
+  box.addEventListener("input", () => { drafts.set(key, box.value); refused.delete(key); mark(); now?.(box.value); });
   box.addEventListener("change", async () => {
     if (!take) return;
     const text = box.value.trim(), work = take(text);

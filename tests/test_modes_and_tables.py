@@ -187,7 +187,7 @@ def test_the_command_estimates_fits_and_writes(tmp_path: Path, run: Any) -> None
     table, out = tmp_path / "response.csv", tmp_path / "out"
     code, printed, _ = run("frequency", *words, "--poles", "3", "--table", str(table), "--out", str(out))
     assert code == 0
-    assert "periodic, 1 experiments of 3 periods" in printed
+    assert "periodic, 1 experiment of 3 periods" in printed
     assert (out / "report.html").exists()
     shown = json.loads(run("show", str(out / "transfer-function.json"), "--json")[1])
     assert shown["models"][0]["linear"]["modes"]["frequency"][-1] == pytest.approx(RESONANCE, rel=0.01)

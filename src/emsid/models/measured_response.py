@@ -117,7 +117,7 @@ def _periodic(r: Signals, u: Signals, y: Signals, closed: bool, period: int | No
     parts = [[whole_periods(each, size)[-count:] for each, count in zip(x, settled, strict=True)] for x in (u, y, r)]
     found = best_linear(parts[0], parts[1], parts[2])
     how = "robust" if found.total is not None and found.even is None else "fast"
-    many = f"{len(u)} experiments of {min(settled)} periods"
+    many = f"{len(u)} experiment{'s' * (len(u) != 1)} of {min(settled)} periods"
     return {
         "frequency": found.lines / (size * dt),
         "response": found.response,

@@ -212,7 +212,9 @@ def control(
     """
     if loop not in ("position", "speed"):
         raise ModelError(
-            f"loop {loop!r}; give position or speed, or call emsid.controllers.current_control", arguments=("loop",)
+            f"loop {loop!r}; give position or speed, or current of a brushless motor (in Python, "
+            "emsid.controllers.current_control)",
+            arguments=("loop",),
         )
     subject: Any = as_model(model)
     step = dt if dt is not None else subject.dt

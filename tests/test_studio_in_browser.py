@@ -107,6 +107,19 @@ class Page:
         found: list[Any] = self.browser.find_elements(By.CSS_SELECTOR, selector)
         return found
 
+    def attribute(self, selector: str, name: str) -> Any:
+        """An attribute of an element, which may be drawn anew meanwhile."""
+        return self.until(lambda: [self.find(selector).get_attribute(name)])[0]
+
+    def send(self, selector: str, *keys: str) -> None:
+        """Send keys, or the name of a file, to an element, which may be drawn anew meanwhile."""
+
+        def sent() -> bool:
+            self.find(selector).send_keys(*keys)
+            return True
+
+        self.until(sent)
+
     def press(self, text: str) -> None:
         """Press the button with this text, once it is there."""
 
@@ -329,7 +342,7 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     page.open("data")
     page.says("Or begin with an example")
     page.picture("first")
-    page.find("#pick-files").send_keys(str(file))
+    page.send("#pick-files", str(file))
     page.find(".uplot", 2)
     page.fits()
     assert page.browser.title == "emsid studio"
@@ -347,16 +360,16 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     span = plot.size["width"]
     drag = ActionChains(page.browser, 50).move_to_element_with_offset(plot, -span // 4, 0).click_and_hold()
     drag.move_by_offset(span // 20, 0).move_by_offset(span // 20, 0).release().perform()
-    page.until(lambda: float(page.find("[aria-label='From [s]']").get_attribute("value")) > 0.3)
+    page.until(lambda: float(page.attribute("[aria-label='From [s]']", "value")) > 0.3)
     page.press("Leave out")
     page.until(lambda: 340 <= page.state()["records"][0]["samples"] <= 370)
     page.open_all()
     page.type("Filter [Hz]", "fast")  # it is not taken, and stays to be corrected
     page.press("Apply")
-    page.until(lambda: page.find("[aria-label='Filter [Hz]']").get_attribute("aria-invalid") == "true")
-    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "fast"
+    page.until(lambda: page.attribute("[aria-label='Filter [Hz]']", "aria-invalid") == "true")
+    assert page.attribute("[aria-label='Filter [Hz]']", "value") == "fast"
     page.type("Filter [Hz]", "20")
-    assert page.find("[aria-label='Filter [Hz]']").get_attribute("aria-invalid") is None
+    assert page.attribute("[aria-label='Filter [Hz]']", "aria-invalid") is None
     page.press("Apply")
     page.until(lambda: next(iter(page.state()["step"]["given"].values())).get("filter") == 20)
     page.picture("data")
@@ -384,7 +397,7 @@ def test_a_first_user_gets_from_a_file_to_a_model_elsewhere(
     assert finished(page, runs + 2)["state"] in ("done", "failed", "ended")
     page.press("Data")
     page.open_all()
-    page.find("#pick-unseen_files").send_keys(str(other))
+    page.send("#pick-unseen_files", str(other))
     page.until(lambda: page.state()["step"]["unseen_files"] == [other.name])
     page.press("Compare")
     number = page.state()["runs"][1]["number"]
@@ -444,14 +457,14 @@ def test_what_is_copied_repeats_a_fit(page: Page, tmp_path: Path) -> None:
     page.open("models")
     page.press("Copy as Python")
     script = tmp_path / "fit.py"
-    script.write_text(page.find("dialog textarea").get_attribute("value"), "utf-8")
+    script.write_text(page.attribute("dialog textarea", "value"), "utf-8")
     page.press("Close")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=True)
     assert "arx" in done.stdout
     page.open("compare")
     page.find("#shown .uplot", 2)
-    page.find("[aria-label='Copy the comparison as Python']").click()
-    script.write_text(page.find("dialog textarea").get_attribute("value"), "utf-8")
+    page.click("[aria-label='Copy the comparison as Python']")
+    script.write_text(page.attribute("dialog textarea", "value"), "utf-8")
     page.press("Close")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=True)
     assert "Comparison" in done.stdout or "arx" in done.stdout
@@ -550,8 +563,8 @@ def test_drafts_scroll_and_zoom_survive_what_another_page_does(page: Page) -> No
 
     page.until(typed)
     page.browser.execute_script("document.getElementById('side').scrollTop = 200")
-    page.find(".plot").send_keys("+")
-    page.find("[aria-label='Filter [Hz]']").click()
+    page.send(".plot", "+")
+    page.click("[aria-label='Filter [Hz]']")
     page.post("edit", {"unseen": 0.41})
     page.until(
         lambda: page.browser.execute_script("return document.activeElement.getAttribute('aria-label')") == "Filter [Hz]"
@@ -560,11 +573,11 @@ def test_drafts_scroll_and_zoom_survive_what_another_page_does(page: Page) -> No
     assert page.browser.execute_script(value) == "12"
     assert page.browser.execute_script("return document.getElementById('side').scrollTop") >= 200
     page.press("Models")
-    page.until(lambda: page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.41")
+    page.until(lambda: page.attribute("[aria-label='Part kept unseen']", "value") == "0.41")
     page.press("Data")
-    assert page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "12"
+    assert page.attribute("[aria-label='Filter [Hz]']", "value") == "12"
     page.press("Discard")
-    page.until(lambda: page.find("[aria-label='Filter [Hz]']").get_attribute("value") == "")
+    page.until(lambda: page.attribute("[aria-label='Filter [Hz]']", "value") == "")
 
 
 def test_a_page_says_that_the_server_is_gone_and_comes_back_with_it(page: Page, tmp_path: Path) -> None:
@@ -627,7 +640,7 @@ def test_eight_tabs_share_one_stream_of_messages(page: Page) -> None:
     for handle in (first, *others):
         browser.switch_to.window(handle)
         page.find("#fit")
-        assert page.find("[aria-label='Part kept unseen']").get_attribute("value") == "0.4"
+        assert page.attribute("[aria-label='Part kept unseen']", "value") == "0.4"
     for handle in (first, *others):
         browser.switch_to.window(handle)
         browser.close()
@@ -651,8 +664,8 @@ def test_a_refused_change_draws_the_page_anew(page: Page) -> None:
         page.press("Fit")
         page.until(lambda: "has changed meanwhile" in page.find("#message").text, 10)
         field = "[aria-label='Part kept unseen']"
-        page.until(lambda: page.find(field).get_attribute("aria-invalid") == "true", 10)
-        assert page.find(field).get_attribute("value") == "0.2"  # what was typed stays, to be given again
+        page.until(lambda: page.attribute(field, "aria-invalid") == "true", 10)
+        assert page.attribute(field, "value") == "0.2"  # what was typed stays, to be given again
         assert (len(page.state()["runs"]), page.state()["step"]["unseen"]) == (number, 0.45)
     finally:
         tell("Network.setBlockedURLs", {"urls": []})
@@ -705,7 +718,7 @@ def test_arrows_move_a_plot_and_the_others_with_it(page: Page) -> None:
         assert ends == pytest.approx([first - room, last + room] * 2)
 
     for key, first, last in (("+", 0.9975, 2.9925), (Keys.ARROW_RIGHT, 1.49625, 3.49125), ("0", 0, 3.99)):
-        page.find(".plot").send_keys(key)
+        page.send(".plot", key)
         page.shows(partial(drawn, first, last))
     plot = page.find(".u-over")
     ActionChains(page.browser).scroll_from_origin(ScrollOrigin.from_element(plot), 0, -400).perform()
@@ -773,7 +786,7 @@ def test_show_at_a_finding_leads_to_its_mark(page: Page) -> None:
     page.open("data")
     page.find(".uplot", 2)
     page.browser.execute_script(ASKED)
-    page.find("[aria-label='Show gap in the plot']").click()
+    page.click("[aria-label='Show gap in the plot']")
     page.shows(lambda: _equal(page.drawn()["first"] < 15.0 < 15.6 < page.drawn()["last"], True))
     assert page.drawn()["last"] - page.drawn()["first"] < 2.0
     assert page.find(".marks [aria-pressed=true]").text == "gap × 1"
@@ -805,7 +818,7 @@ def test_what_is_compared_prints_on_one_page(page: Page) -> None:
     page.find("#shown table")
     for view, count in (("Free run", 2), ("Bode", 2), ("Parameters", 0)):
         page.press(view)
-        page.until(lambda view=view: page.find("#shown").get_attribute("aria-labelledby") is not None)
+        page.until(lambda view=view: page.attribute("#shown", "aria-labelledby") is not None)
         page.until(
             lambda count=count: len(page.all("#shown .uplot")) >= count and page.all("#shown .legend, #shown table")
         )

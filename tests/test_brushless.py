@@ -1,4 +1,4 @@
-"""Brushless motors, against a drive that is simulated in the frame of its stator."""
+"""Brushless motors, against a drive whose phases are simulated, with switched edges or the mean of its inverter."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 
 import emsid
-from brushless_bench import Drive, Log, driven, logged
 from emsid.errors import DataError, ModelError
 from emsid.exports.firmware import crossover
 from emsid.plants import Brushless, Harmonic, Hold, Signal
-from independent.switched_drive import Drive as Switched
-from independent.switched_drive import logged as on_switched
+from independent.switched_drive import Drive, Log, driven, logged
 from model_examples import DT
 from test_export_c import in_c
 
-DRIVE = Drive()
+DRIVE = Drive(switched=False)
 SIGNALS = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
 COUNTED = {
     "resistance": DRIVE.resistance,
@@ -77,12 +75,12 @@ def test_a_plant_follows_a_drive_that_is_simulated_in_the_stator(drive: Drive) -
     record = log.record()
     error = (simulated(replace(plant_of(drive), steps=8), log, record) - record.output).std(axis=0)
     assert np.all(error < [5e-3, 5e-3, 0.02]), error  # of 12 A and 100 rad/s
-    other = plant_of(drive._replace(dead=0.0, cogging=(0.0, 0.0, 0.0), capacity=1e9))
+    other = plant_of(drive._replace(dead_time=0.0, cogging=(0.0, 0.0, 0.0), capacity=1e9))
     assert np.any((simulated(other, log, record) - record.output).std(axis=0) > [0.1, 0.1, 0.3])
 
 
 def test_halving_the_step_of_a_drive_without_dead_time_quarters_the_error() -> None:
-    drive = DRIVE._replace(dead=0.0)
+    drive = DRIVE._replace(dead_time=0.0)
     log = driven(drive, 3, 0.1, noisy=False)
     record = log.record()
     runs = [simulated(replace(plant_of(drive), steps=steps), log, record)[:, 0] for steps in (4, 8, 16)]
@@ -237,11 +235,10 @@ def test_the_frame_and_the_delay_of_an_inverter_are_found() -> None:
 def test_a_log_with_the_rotor_held_shows_the_winding_and_says_what_it_does_not_show() -> None:
     rng, n = np.random.default_rng(5), 1500
     wanted = np.repeat(rng.uniform(-6, 6, (n // 100, 2)), 100, axis=0)
-    drive = Switched(switched=False)
-    log = on_switched(drive, wanted[:, 0], wanted[:, 1], np.full(n, np.nan), 3, locked=True)
+    log = logged(DRIVE, wanted[:, 0], wanted[:, 1], np.full(n, np.nan), 3, locked=True)
     fit = emsid.fit(emsid.plants.brushless(), log.record("i_d i_q"))
     for name in ("resistance", "inductance_d", "inductance_q"):
-        assert fit[name].value == pytest.approx(getattr(drive, name), rel=0.01)
+        assert fit[name].value == pytest.approx(getattr(DRIVE, name), rel=0.01)
     rows = {row.name: row for row in fit.table}
     assert all(rows[name].status is emsid.plants.Status.KEPT for name in ("flux", "inertia"))
     said = [each.data["parameters"] for each in fit.findings if each.code == "not-identifiable"]
@@ -284,17 +281,17 @@ def test_the_gains_of_the_current_loop_have_the_bandwidth_that_was_asked_for(ban
     found = emsid.controllers.current_control(model, bandwidth=bandwidth / (2 * np.pi))
     assert not found.reduced
     assert found.dt == 1e-4
-    drive = Switched(proportional=found.proportional[axis == "q"], integral=found.integral)
+    drive = Drive(proportional=found.proportional[axis == "q"], integral=found.integral)
     lower, upper = (answered(drive, axis, part * bandwidth) for part in (0.9, 1.1))
     assert lower > np.sqrt(0.5) > upper
 
 
-def answered(drive: Switched, axis: str, frequency: float) -> float:
+def answered(drive: Drive, axis: str, frequency: float) -> float:
     """The amplitude of the current about 8 A over that of a sine of 2 A of its reference, with the rotor held."""
     n = 4000
     t = drive.period * np.arange(n)
     wanted = {"d": np.zeros(n), "q": np.zeros(n)} | {axis: 8.0 + 2.0 * np.sin(frequency * t)}
-    log = on_switched(drive, wanted["d"], wanted["q"], np.full(n, np.nan), 0, added=0.0, locked=True, noisy=False)
+    log = logged(drive, wanted["d"], wanted["q"], np.full(n, np.nan), 0, added=0.0, locked=True, noisy=False)
     waves = np.column_stack([np.sin(frequency * t), np.cos(frequency * t), np.ones(n)])[1000:]
     current = (log.i_d if axis == "d" else log.i_q)[1000:]
     return float(np.hypot(*np.linalg.lstsq(waves, current, rcond=None)[0][:2]) / 2.0)

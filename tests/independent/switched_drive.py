@@ -51,7 +51,7 @@ class Drive(NamedTuple):
     dead_time: float = 0.3e-6
     carrier: float = 5e-5
     ratio: int = 2
-    switched: bool = True  # or the mean of it: a phase loses bus·dead_time/carrier against its current
+    switched: bool = True  # or the mean of it: a phase loses `dead` against its current
     advance: float = 1.5
     proportional: float = 0.12
     integral: float = 120.0
@@ -65,6 +65,11 @@ class Drive(NamedTuple):
     def period(self) -> float:
         """Time between two readings in s."""
         return self.carrier * self.ratio
+
+    @property
+    def dead(self) -> float:
+        """What a phase loses against its current in V, in the mean."""
+        return self.bus * self.dead_time / self.carrier
 
 
 @numba.njit(cache=True)
@@ -179,7 +184,7 @@ def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # ty
 
 
 class Log(NamedTuple):
-    """What the drive logs, at every reading: (N,) each."""
+    """What the drive logs, at every reading: (N,) each; ``before`` are the voltages of the reading before them."""
 
     v_d: Array
     v_q: Array
@@ -191,6 +196,7 @@ class Log(NamedTuple):
     angle: Array
     warmer: Array
     period: float
+    before: Array
 
     def record(
         self, outputs: str = "i_d i_q speed", every: int = 1, inputs: str = "v_d v_q angle", name: str = "drive"
@@ -230,10 +236,11 @@ def logged(
     d, q, speed = (np.concatenate([np.repeat(each[:1], BEFORE), each]) for each in (d, q, speed))
     more = np.concatenate([np.zeros((BEFORE, 2)), more])
     noise = noisy * rng.standard_normal((len(d), 3)) * [NOISE["current"], NOISE["current"], NOISE["angle"]]
-    found = _simulated(drive, d, q, speed, more, noise, locked)[BEFORE:]
+    whole = _simulated(drive, d, q, speed, more, noise, locked)
+    found = whole[BEFORE:]
     speeds = found[:, 4] + noisy * NOISE["speed"] * rng.standard_normal(len(found))
     v_d, v_q, angle, warmer, i_d, i_q, i_a, i_b = found[:, [0, 1, 5, 6, 7, 8, 9, 10]].T
-    return Log(v_d, v_q, i_d, i_q, i_a, i_b, speeds, angle, warmer, drive.period)
+    return Log(v_d, v_q, i_d, i_q, i_a, i_b, speeds, angle, warmer, drive.period, whole[BEFORE - 1, :2])
 
 
 def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0, noisy: bool = True) -> Log:

@@ -62,7 +62,7 @@ REFERENCE = 20.0
 """Temperature in °C at which R_s holds where the temperature of the winding is logged."""
 LONGEST_STEP = 2.5e-5
 """Longest step in s. With twice as long ones, L_q from a second at 10 kHz is 0.6 standard errors too large (the mean
-of eight records of `tests/brushless_bench.py`); the error falls with the square of the step."""
+of eight records of a drive simulated in the frame of its stator); the error falls with the square of the step."""
 FOLLOWING = 2e-3
 """Time constant in s with which the angle follows a measured one: noise of the measured angle must not become noise of
 the torque, which adds up in the speed. Without it, 14 of 18 intervals of the Coulomb friction had the truth."""

@@ -22,23 +22,19 @@ from typing import Any
 import numpy as np
 
 from emsid.controllers.gains import Row
-from emsid.controllers.loops import Array, Margins, frequencies, margins, pi_response
+from emsid.controllers.loops import Margins
 from emsid.controllers.region import check_identified, models_of_region
-from emsid.controllers.tuning import CURRENT_DELAY, LEAST
+from emsid.controllers.tuning import LEAST, highest, margins_of_winding
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import refuse_assumed
-from emsid.exports.firmware import crossover
+from emsid.exports.firmware import LATE, crossover
 from emsid.exports.verb import c_name
 from emsid.io.files import indented_json, write_new
 from emsid.models.verbs import as_model
 
 WINDING = ("resistance", "inductance_d", "inductance_q")
 """The parameters of a winding with two axes."""
-HELD = 0.5
-"""Holding a voltage over a sample delays it by half of it."""
-HALVINGS = 14
-"""Of a range of three decades: 0.04 % of the bandwidth."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,10 @@ def current_control(
     subject: Any = as_model(model)
     values: dict[str, float] = getattr(subject, "parameter_values", dict)()
     if not {*WINDING} <= values.keys():
-        raise ModelError(f"{subject.name} has no current loop of its own here; identify brushless", arguments=("loop",))
+        raise ModelError(
+            f"{subject.name} has no current loop of its own, as it is no brushless motor; give position or speed",
+            arguments=("loop",),
+        )
     step = dt if dt is not None else values["delay"]
     for name, value in (("dt", step), ("bandwidth", bandwidth)):
         if value is not None and not (isfinite(value) and value > 0):
@@ -127,35 +126,30 @@ def current_control(
     refuse_assumed(model if isinstance(model, Fit) else None, "control", assume)
     region = models_of_region(model, seed)
     r, d, q = np.array([[each.parameter_values()[name] for name in WINDING] for each in region]).T
-    late = (CURRENT_DELAY + HELD) * step
+    axes = [margins_of_winding(r, each, step) for each in (d, q)]
+    late = LATE * step
 
-    def tried(wanted: float) -> tuple[float, Margins]:
+    def worst(wanted: float) -> Margins:
         beta = crossover(wanted, late)
-        return beta, _margins(r, d, step, beta).worse(_margins(r, q, step, beta))
+        return axes[0](beta).worse(axes[1](beta))
 
     high = pi / step if bandwidth is None else 2 * pi * bandwidth
-    found = tried(high)
-    if not found[1].hold(LEAST):
-        low, high = np.log(high / 1000.0), np.log(high)
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if tried(float(np.exp(middle)))[1].hold(LEAST) else (low, middle)
-        high = float(np.exp(low))
-        found = tried(high)
-    beta, worst = found
+    if not worst(high).hold(LEAST):
+        high = highest(worst, high)
+    beta = crossover(high, late)
     gains = (beta * float(d[0]), beta * float(q[0])), beta * float(r[0])
     return CurrentLoop(
-        subject.name, step, late, high / (2 * pi), bandwidth, beta, *gains, worst, len(region) - 1, _rows(*gains, beta)
+        subject.name,
+        step,
+        late,
+        high / (2 * pi),
+        bandwidth,
+        beta,
+        *gains,
+        worst(high),
+        len(region) - 1,
+        _rows(*gains, beta),
     )
-
-
-def _margins(resistance: Array, inductance: Array, dt: float, beta: float) -> Margins:
-    """The worst margins of an axis over the region (P,), with gains for its first motor."""
-    w = frequencies(dt)
-    back = np.exp(-1j * w * dt)
-    pole = np.exp(-resistance / inductance * dt)[:, None]
-    winding = (1 - pole) / resistance[:, None] * back / (1 - pole * back) * back**CURRENT_DELAY
-    return margins(winding * pi_response(w, dt, beta * float(inductance[0]), beta * float(resistance[0])))
 
 
 def _rows(proportional: tuple[float, float], integral: float, beta: float) -> dict[str, list[Row]]:
